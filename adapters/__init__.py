@@ -1,0 +1,1 @@
+"""Where policies act: one module per simulator behind one contract."""

@@ -1,0 +1,175 @@
+"""The contract between RoboGauntlet and a simulator. Plug-ins rely on what this module exports.
+
+Conventions, the same in every simulator:
+
+- Frame: the robot's base, x forward, y left, z up; metres and radians.
+- Action, 7 numbers per control step: translation of the tool centre point (m), its rotation as an axis-angle vector
+  in the base frame (rad), gripper (-1 open .. +1 closed).
+- Proprioception, 8 numbers: tool centre point position (m), its axis-angle on the branch around "gripper pointing
+  down" (`adapters.frames.axis_angle`, rad), positions of the two fingers (m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suites.vocabulary import Condition, View
+
+ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
+ACTION_DIM = 7
+PROPRIOCEPTION_DIM = 8
+PICTURE_SIZE = 256
+
+FloatArray = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+class AdapterError(Exception):
+    """Something about a simulator that its user can mend; the message says what and how."""
+
+
+class SimulatorUnavailable(AdapterError):
+    """The simulator is not installed, or cannot render on this machine."""
+
+
+class UnknownTask(AdapterError):
+    """No such task in this simulator."""
+
+
+class UnsupportedCondition(AdapterError):
+    """The adapter cannot bring about this condition."""
+
+
+@dataclass(frozen=True)
+class ActionSpec:
+    """What one control step accepts, in the units of the convention above."""
+
+    max_translation: float
+    """Largest translation per axis and step (m); more is clipped by the adapter."""
+    max_rotation: float
+    """Largest rotation per axis and step (rad); more is clipped by the adapter."""
+    control_hz: float
+    """Control steps per simulated second."""
+    ignored: tuple[str, ...] = ()
+    """Names out of `ACTION_NAMES` that have no effect in this task."""
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower bounds, shape (7,)."""
+        return -self.high
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper bounds, shape (7,)."""
+        return np.array([self.max_translation] * 3 + [self.max_rotation] * 3 + [1.0])
+
+
+@dataclass(frozen=True)
+class ObservationSpec:
+    """What `observe` returns."""
+
+    cameras: tuple[str, ...]
+    image_size: int
+    """Height and width (px)."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a policy may see."""
+
+    images: Mapping[str, Image]
+    """Camera name to an upright RGB image, shape (size, size, 3)."""
+    proprioception: FloatArray
+    """Shape (8,), see the module's conventions."""
+    instruction: str
+    """The goal in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepOutcome:
+    """What one control step led to."""
+
+    reward: float
+    success: bool
+    """The task's own predicate, now; `rollout` decides when it has held for long enough."""
+    terminated: bool = False
+    """The simulation cannot be stepped further."""
+
+
+class Simulation(Protocol):
+    """One open task. Used by one thread of one process."""
+
+    action_spec: ActionSpec
+    observation_spec: ObservationSpec
+
+    def reset(self, seed: int, condition: Condition) -> None:
+        """Start the episode of `seed`. Nothing of an earlier episode is left: equal arguments, equal world.
+
+        Raises:
+            UnsupportedCondition: This adapter cannot bring `condition` about.
+        """
+
+    def observe(self) -> Observation:
+        """Render the world as it is now. The only call that renders for a policy."""
+
+    def step(self, action: FloatArray) -> StepOutcome:
+        """Apply `action` (shape (7,), already within the bounds of `action_spec`) for one control step. Never renders."""
+
+    def privileged_state(self) -> Mapping[str, FloatArray]:
+        """The true state in the base frame, for oracles and checks, never for policies.
+
+        Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,). Objects follow as
+        `<name>_position` and `<name>_quaternion`, goals as `goal_position`.
+        """
+
+    def state_hash(self) -> str:
+        """Hash of the full physical state, see `adapters.frames.hash_state`."""
+
+    def picture(self) -> Image:
+        """The third-person view for people, (256, 256, 3): for videos and reports, never for policies."""
+
+    def render_device(self) -> str:
+        """What draws the images, such as `llvmpipe (LLVM 19.1.7)` or `TinyRenderer`."""
+
+    def close(self) -> None:
+        """Free everything. Safe to call twice."""
+
+
+@dataclass(frozen=True)
+class TaskCard:
+    """A task, as the catalog shows it."""
+
+    instruction: str
+    """The goal in words, as a policy is told it."""
+    horizon: int
+    """Control steps that a competent policy needs with a comfortable margin."""
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """A simulator, as its entry point (group `robogauntlet.simulators`) declares it. Building one imports nothing."""
+
+    name: str
+    title: str
+    """For people, such as `ManiSkill 3 (SAPIEN)`."""
+    tasks: Mapping[str, TaskCard]
+    """Task name (without the simulator) to its card."""
+    modules: tuple[str, ...]
+    """Import names that must be installed."""
+    distributions: tuple[str, ...]
+    """Distributions whose versions belong to the provenance of a result."""
+    open: Callable[[str, View], Simulation]
+    """Opens the task of that name (without the simulator). Imports the simulator, within the calling process.
+
+    Raises SimulatorUnavailable or UnknownTask."""
+    environment: Mapping[str, str] = field(default_factory=dict)
+    """Environment variables that a worker sets, unless set already, before the simulator is imported."""
+    renders: bool = True
+    """False for simulators that draw nothing (the null simulator)."""
+    internal: bool = False
+    """True for simulators that exist to test the orchestrator: not listed unless asked for."""

@@ -1,0 +1,58 @@
+"""Rotations, frames and state hashes that adapters share. Pure functions on NumPy arrays."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from adapters.contract import FloatArray
+
+STATE_QUANTUM = 1e-6
+"""Differences below this (m, rad) do not change a state hash."""
+
+
+def axis_angle(quaternion: FloatArray) -> FloatArray:
+    """Axis-angle vector (3,) of a rotation given as a quaternion xyzw (4,), on the branch around (pi, 0, 0).
+
+    A gripper that points down is a half turn, just where the usual choice (angle <= pi) jumps between v and -v. Here
+    the quaternion's sign is chosen by its x component, so the vector is continuous for every pose within a right
+    angle of pointing down, and its angle lies in [0, 2 pi).
+    """
+    q = np.asarray(quaternion, dtype=np.float64)
+    q = q / np.linalg.norm(q)
+    if q[0] < 0 or (q[0] == 0 and q[3] < 0):
+        q = -q
+    sine = float(np.linalg.norm(q[:3]))
+    if sine < 1e-12:
+        return np.zeros(3)
+    return q[:3] / sine * (2.0 * np.arctan2(sine, q[3]))
+
+
+def relative_pose(
+    base_position: FloatArray, base_quaternion: FloatArray, position: FloatArray, quaternion: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A world pose expressed in a base frame. Positions in metres, quaternions xyzw, in and out."""
+    inverse = Rotation.from_quat(base_quaternion).inv()
+    relative = inverse.apply(np.asarray(position) - np.asarray(base_position))
+    return relative, (inverse * Rotation.from_quat(quaternion)).as_quat()
+
+
+def wxyz_to_xyzw(quaternion: FloatArray) -> FloatArray:
+    """SAPIEN's and MuJoCo's order to ours."""
+    return np.roll(np.asarray(quaternion, dtype=np.float64), -1)
+
+
+def hash_state(arrays: Mapping[str, FloatArray]) -> str:
+    """Hash of named float arrays, quantised to `STATE_QUANTUM`: 16 hexadecimal digits.
+
+    The quantum keeps the last bits, in which processors differ, out of the identity of a world.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        values = np.round(np.asarray(arrays[name], dtype=np.float64).ravel() / STATE_QUANTUM) + 0.0
+        digest.update(name.encode())
+        digest.update(values.astype("<f8").tobytes())
+    return digest.hexdigest()[:16]

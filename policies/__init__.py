@@ -1,0 +1,1 @@
+"""Who acts: controls, scripted oracles and, later, learned policies behind one contract."""

@@ -1,0 +1,151 @@
+"""The contract between RoboGauntlet and a policy. Plug-ins rely on what this module exports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol
+
+import numpy as np
+
+from adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
+from suites.vocabulary import Episode
+
+
+class PolicyError(Exception):
+    """Something about a policy that its user can mend; the message says what and how."""
+
+
+class PolicyMismatch(PolicyError):
+    """What the policy produces or needs is not what the simulation accepts or shows."""
+
+
+class Sees(StrEnum):
+    """What a policy is given when it is asked."""
+
+    NOTHING = "nothing"
+    OBSERVATION = "observation"
+    """Images, proprioception and instruction; costs a rendering."""
+    PRIVILEGED_STATE = "privileged_state"
+    """The true state: oracles only."""
+
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """What a policy needs and produces, checked against the simulation before the first step."""
+
+    sees: Sees
+    chunk_length: int
+    """Actions in each chunk that the policy returns."""
+    action_dim: int = ACTION_DIM
+    cameras: tuple[str, ...] = ()
+    """Cameras without which the policy cannot act."""
+    image_size: int | None = None
+    """Height and width (px) that the policy was made for, or None if any will do."""
+
+
+@dataclass(frozen=True)
+class Query:
+    """One episode's turn to be asked."""
+
+    episode: Episode
+    step: int
+    """Control steps taken so far."""
+    observation: Observation | None = None
+    """Present if the policy sees observations."""
+    privileged_state: Mapping[str, FloatArray] | None = None
+    """Present if the policy sees the privileged state."""
+
+
+@dataclass(frozen=True)
+class Routing:
+    """How a merged policy inferred its task."""
+
+    scores: Mapping[str, float]
+    """Expert name to score, higher is likelier."""
+    choice: str
+    latency_s: float
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A policy's answer to one query."""
+
+    actions: FloatArray
+    """Action chunk, shape (n, 7), n >= 1, in the units of `adapters.contract`."""
+    routing: Routing | None = None
+
+
+class Policy(Protocol):
+    """Acts in any number of episodes at once; an episode's actions depend on that episode alone."""
+
+    spec: PolicySpec
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes. All randomness is keyed by `episode.id`."""
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """Answer each query, in order."""
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Forget these episodes."""
+
+
+class StatelessPolicy:
+    """Base of policies that remember nothing between queries."""
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Nothing to prepare."""
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Nothing to forget."""
+
+
+@dataclass(frozen=True)
+class PolicyKind:
+    """A kind of policy, as its entry point (group `robogauntlet.policies`) declares it. Building one imports nothing heavy."""
+
+    name: str
+    summary: str
+    load: Callable[[Mapping[str, Any]], Policy]
+    """Builds the policy from the options that the suite gives."""
+    digest: Callable[[Mapping[str, Any]], str]
+    """Hash of the policy's content under these options: equal if and only if it acts the same."""
+    tasks: Callable[[], frozenset[str]] | None = None
+    """Tasks it can act in (`simulator/task`), or None for all."""
+    options: Mapping[str, str] = field(default_factory=dict)
+    """Option name to what it means. Anything else in a suite is an error."""
+
+
+def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: ObservationSpec) -> None:
+    """Refuse a policy that does not fit a simulation.
+
+    Raises:
+        PolicyMismatch: With what was expected and what came.
+    """
+    if spec.action_dim != len(action_spec.high):
+        raise PolicyMismatch(f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}")
+    if spec.sees is Sees.OBSERVATION:
+        missing = [camera for camera in spec.cameras if camera not in observation_spec.cameras]
+        if missing:
+            raise PolicyMismatch(f"the policy needs camera {missing[0]}, the suite renders {', '.join(observation_spec.cameras)}")
+        if spec.image_size not in (None, observation_spec.image_size):
+            raise PolicyMismatch(f"the policy was made for {spec.image_size} px images, the suite renders {observation_spec.image_size} px")
+
+
+def check_chunk(actions: FloatArray) -> FloatArray:
+    """A policy's chunk as float64, shape (n, 7).
+
+    Raises:
+        PolicyMismatch: It has another shape, is empty, or holds NaN or infinity.
+    """
+    try:
+        chunk = np.asarray(actions, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise PolicyMismatch(f"expected an action chunk of numbers, shape (n, {ACTION_DIM}); got {type(actions).__name__}: {error}") from None
+    if chunk.ndim != 2 or chunk.shape[1] != ACTION_DIM or len(chunk) == 0:
+        raise PolicyMismatch(f"expected an action chunk of shape (n, {ACTION_DIM}) with n >= 1, got {chunk.shape}")
+    if not np.isfinite(chunk).all():
+        raise PolicyMismatch(f"expected finite actions, got {chunk[~np.isfinite(chunk)][0]} in the chunk")
+    return chunk
