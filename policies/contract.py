@@ -125,13 +125,19 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
         PolicyMismatch: With what was expected and what came.
     """
     if spec.action_dim != len(action_spec.high):
-        raise PolicyMismatch(f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}")
+        raise PolicyMismatch(
+            f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}"
+        )
     if spec.sees is Sees.OBSERVATION:
         missing = [camera for camera in spec.cameras if camera not in observation_spec.cameras]
         if missing:
-            raise PolicyMismatch(f"the policy needs camera {missing[0]}, the suite renders {', '.join(observation_spec.cameras)}")
+            raise PolicyMismatch(
+                f"the policy needs camera {missing[0]}, the suite renders {', '.join(observation_spec.cameras)}"
+            )
         if spec.image_size not in (None, observation_spec.image_size):
-            raise PolicyMismatch(f"the policy was made for {spec.image_size} px images, the suite renders {observation_spec.image_size} px")
+            raise PolicyMismatch(
+                f"the policy was made for {spec.image_size} px images, the suite renders {observation_spec.image_size} px"
+            )
 
 
 def check_chunk(actions: FloatArray) -> FloatArray:
@@ -143,7 +149,9 @@ def check_chunk(actions: FloatArray) -> FloatArray:
     try:
         chunk = np.asarray(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise PolicyMismatch(f"expected an action chunk of numbers, shape (n, {ACTION_DIM}); got {type(actions).__name__}: {error}") from None
+        raise PolicyMismatch(
+            f"expected an action chunk of numbers, shape (n, {ACTION_DIM}); got {type(actions).__name__}: {error}"
+        ) from None
     if chunk.ndim != 2 or chunk.shape[1] != ACTION_DIM or len(chunk) == 0:
         raise PolicyMismatch(f"expected an action chunk of shape (n, {ACTION_DIM}) with n >= 1, got {chunk.shape}")
     if not np.isfinite(chunk).all():

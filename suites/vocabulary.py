@@ -81,13 +81,38 @@ class Episode:
     def pair_id(self) -> str:
         """Hash of everything but the policy: equal for the episodes that a paired comparison sets side by side."""
         return content_hash(
-            {"task": self.task, "seed": self.seed, "condition": asdict(self.condition), "protocol": asdict(self.protocol)}
+            {
+                "task": self.task,
+                "seed": self.seed,
+                "condition": asdict(self.condition),
+                "protocol": asdict(self.protocol),
+            }
         )
 
     @cached_property
     def id(self) -> str:
         """Hash of the policy's content and everything in `pair_id`."""
         return content_hash({"pair": self.pair_id, "policy": self.policy_digest})
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One policy on one task under one condition: the episodes that differ in their seed only."""
+
+    policy: str
+    policy_digest: str
+    task: str
+    protocol: Protocol
+    condition: Condition = Condition()
+
+    @property
+    def simulator(self) -> str:
+        """The part of the task's name before the slash."""
+        return self.task.partition("/")[0]
+
+    def episode(self, seed: int) -> Episode:
+        """The cell's episode of that seed."""
+        return Episode(self.policy, self.policy_digest, self.task, seed, self.protocol, self.condition)
 
 
 def content_hash(content: object, *, length: int = 16) -> str:

@@ -1,0 +1,33 @@
+"""Hashes of what a policy is made of."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping
+from types import ModuleType
+from typing import Any
+
+from policies.contract import PolicyError
+from suites.vocabulary import content_hash
+
+
+def source_digest(*modules: ModuleType) -> str:
+    """Hash of the source text of modules, the same on every machine (line ends are normalised)."""
+    digest = hashlib.sha256()
+    for module in modules:
+        digest.update(module.__name__.encode() + b"\0")
+        digest.update("\n".join(inspect.getsource(module).splitlines()).encode() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+def scripted_digest(name: str, *modules: ModuleType) -> Callable[[Mapping[str, Any]], str]:
+    """A `PolicyKind.digest` for policies that are their source code and their options."""
+
+    def digest(options: Mapping[str, Any]) -> str:
+        try:
+            return content_hash({"policy": name, "source": source_digest(*modules), "options": dict(options)})
+        except (TypeError, ValueError):
+            raise PolicyError(f"policy '{name}': options must be plain numbers, text, lists and mappings") from None
+
+    return digest

@@ -1,0 +1,78 @@
+"""Scripted oracles: they read the true state, act like any policy, and prove that a task can be solved."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from policies.contract import Decision, Policy, PolicyError, PolicyKind, PolicySpec, Query, Sees
+from policies.digests import scripted_digest
+from policies.oracles import motion
+from policies.oracles.motion import Script
+from suites.vocabulary import Episode
+
+_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite")
+
+
+@cache
+def scripts() -> Mapping[str, Callable[[], Script]]:
+    """Full task name to its script. Light: no simulator is imported."""
+    return {
+        task: script for name in _SCRIPT_MODULES for task, script in import_module(f"{__name__}.{name}").SCRIPTS.items()
+    }
+
+
+class OraclePolicy:
+    """Plays each episode by its task's script, asked before every control step."""
+
+    spec = PolicySpec(Sees.PRIVILEGED_STATE, chunk_length=1)
+
+    def __init__(self) -> None:
+        self._playing: dict[str, Script] = {}
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start a script for each episode.
+
+        Raises:
+            PolicyError: A task has no script.
+        """
+        for episode in episodes:
+            if episode.task not in scripts():
+                raise PolicyError(f"the oracle has no script for '{episode.task}'")
+            self._playing[episode.id] = scripts()[episode.task]()
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """A chunk of one action for each query."""
+        return [Decision(self._act(query)) for query in queries]
+
+    def _act(self, query: Query) -> np.ndarray:
+        assert query.privileged_state is not None
+        return self._playing[query.episode.id](query.privileged_state)[None]
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Drop the episodes' scripts."""
+        for episode in episodes:
+            self._playing.pop(episode.id, None)
+
+
+def _load(options: Mapping[str, Any]) -> Policy:
+    return OraclePolicy()
+
+
+def _digest(options: Mapping[str, Any]) -> str:
+    modules = [import_module(f"{__name__}.{name}") for name in _SCRIPT_MODULES]
+    return scripted_digest("oracle", sys.modules[__name__], motion, *modules)(options)
+
+
+ORACLE = PolicyKind(
+    name="oracle",
+    summary="a script per task that reads the true state",
+    load=_load,
+    digest=_digest,
+    tasks=lambda: frozenset(scripts()),
+)

@@ -1,0 +1,21 @@
+"""Scripted oracle for the null simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from adapters.contract import FloatArray
+from policies.oracles.motion import OPEN, Script, State, move
+
+
+class Reach:
+    """Goes straight to the goal."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """One step towards the goal."""
+        return move(state, state["goal_position"], gripper=OPEN, max_step=0.05)
+
+
+SCRIPTS: dict[str, Callable[[], Script]] = {
+    f"null/{task}": Reach for task in ("Reach", "Slow", "Crash", "Hang", "Raise")
+}

@@ -1,0 +1,1 @@
+"""What came out: the record of an episode, the store, statistics, tables and reports."""

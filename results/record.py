@@ -1,0 +1,151 @@
+"""The record of one episode: what the store keeps, the Parquet file holds and every table is made from."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from suites.vocabulary import Episode
+
+
+class Status(StrEnum):
+    """How an episode ended."""
+
+    SUCCESS = "success"
+    """The task's predicate held for `SUCCESS_HOLD` control steps in a row."""
+    FAILURE = "failure"
+    """It did not, within the horizon."""
+    ERROR = "error"
+    """The episode could not be played; it says nothing about the policy."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeResult:
+    """One row. Fields up to `error` are the same wherever and however often the episode is run; the rest is telemetry."""
+
+    episode_id: Annotated[str, "Hash of policy content, task, condition, seed and protocol: one row per id."]
+    pair_id: Annotated[str, "The same hash without the policy: equal for the two sides of a paired comparison."]
+    simulator: Annotated[str, "Simulator that ran it."]
+    task: Annotated[str, "Task as simulator/task."]
+    policy: Annotated[str, "The policy's name in the suite."]
+    policy_digest: Annotated[str, "Hash of the policy's content."]
+    axis: Annotated[str, "Perturbation axis, or clean."]
+    severity: Annotated[int, "Severity on that axis, 0 for clean."]
+    seed: Annotated[int, "Seed of the episode."]
+    horizon: Annotated[int, "Control steps after which the episode is a failure."]
+    replan_every: Annotated[int, "Steps of a chunk executed before the policy is asked again."]
+    cameras: Annotated[str, "Cameras rendered for the policy, separated by commas."]
+    image_size: Annotated[int, "Height and width of each image (px)."]
+    render_profile: Annotated[str, "How much of the scene is drawn: standard or fast."]
+    status: Annotated[str, "success, failure or error; an error is neither of the others."]
+    success_once: Annotated[bool, "The task's predicate was true after at least one step."]
+    steps: Annotated[int, "Control steps executed."]
+    queries: Annotated[int, "Times that the policy was asked."]
+    clipped_steps: Annotated[int, "Steps whose action went beyond the simulator's bounds and was clipped."]
+    reward_sum: Annotated[float, "Sum of the simulator's reward (rounded to 1e-6)."]
+    state_hash: Annotated[str, "Hash of the physical state after reset: equal within a pair."]
+    final_state_hash: Annotated[str, "Hash of the physical state at the end."]
+    actions_hash: Annotated[str, "Hash of the executed actions, in order."]
+    inferred_task: Annotated[str | None, "Expert that a routing policy chose, if it routes."] = None
+    routing_scores: Annotated[str | None, "Router's score per expert as JSON, if it routes."] = None
+    error: Annotated[str | None, "What went wrong, if the status is error."] = None
+
+    attempts: Annotated[int, "Times the episode was begun, this one included."] = 1
+    worker: Annotated[str, "Worker that ran it."] = ""
+    started_at: Annotated[float, "Start (seconds since 1970, UTC)."] = 0.0
+    build_s: Annotated[
+        float, "Time to import the simulator and open the task, charged to the first episode after it (s)."
+    ] = 0.0
+    load_s: Annotated[float, "Time to load the policy, charged to the first episode after it (s)."] = 0.0
+    reset_s: Annotated[float, "Time in reset (s)."] = 0.0
+    physics_s: Annotated[float, "Time in control steps (s)."] = 0.0
+    render_s: Annotated[float, "Time in observing (s)."] = 0.0
+    inference_s: Annotated[float, "Time in the policy (s)."] = 0.0
+    wait_s: Annotated[float, "Time the worker had nothing to do before this episode (s)."] = 0.0
+    wall_s: Annotated[float, "Time from the episode's start to its end, without build, load and wait (s)."] = 0.0
+
+    @classmethod
+    def of(cls, episode: Episode, **outcome: Any) -> EpisodeResult:
+        """A record with the identity of `episode` and the given outcome."""
+        view = episode.protocol.view
+        return cls(
+            episode_id=episode.id,
+            pair_id=episode.pair_id,
+            simulator=episode.simulator,
+            task=episode.task,
+            policy=episode.policy,
+            policy_digest=episode.policy_digest,
+            axis=episode.condition.axis,
+            severity=episode.condition.severity,
+            seed=episode.seed,
+            horizon=episode.protocol.horizon,
+            replan_every=episode.protocol.replan_every,
+            cameras=",".join(view.cameras),
+            image_size=view.image_size,
+            render_profile=str(view.render_profile),
+            **outcome,
+        )
+
+    @classmethod
+    def failed_to_run(cls, episode: Episode, error: str, **telemetry: Any) -> EpisodeResult:
+        """The record of an episode that could not be played."""
+        return cls.of(
+            episode,
+            status=str(Status.ERROR),
+            success_once=False,
+            steps=0,
+            queries=0,
+            clipped_steps=0,
+            reward_sum=0.0,
+            state_hash="",
+            final_state_hash="",
+            actions_hash="",
+            error=error,
+            **telemetry,
+        )
+
+
+TELEMETRY = (
+    "attempts",
+    "worker",
+    "started_at",
+    "build_s",
+    "load_s",
+    "reset_s",
+    "physics_s",
+    "render_s",
+    "inference_s",
+    "wait_s",
+    "wall_s",
+)
+"""Fields that differ from run to run."""
+
+FIELDS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(EpisodeResult))
+OUTCOME: tuple[str, ...] = tuple(name for name in FIELDS if name not in TELEMETRY)
+"""Fields that are the same wherever the episode is run."""
+
+
+def describe_fields() -> dict[str, tuple[type, bool, str]]:
+    """Field name to (type, may be None, sentence)."""
+    described = {}
+    for name, hint in get_type_hints(EpisodeResult, include_extras=True).items():
+        base, sentence = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, "")
+        options = [option for option in get_args(base) if option is not type(None)]
+        described[name] = (options[0] if options else base, bool(options), sentence)
+    return described
+
+
+def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
+    """The values of the `OUTCOME` fields, in order."""
+    return tuple(getattr(result, name) for name in OUTCOME)
+
+
+def rows_hash(rows: Iterable[tuple[Any, ...]]) -> str:
+    """One hash for a set of outcome rows, whatever their order: equal for two runs that found the same."""
+    digests = sorted(hashlib.sha256(json.dumps(row).encode()).digest() for row in rows)
+    return hashlib.sha256(b"".join(digests)).hexdigest()[:16]

@@ -1,0 +1,152 @@
+"""The run folder: what was planned, with what, where, and how far it came. `run.json` beside the store."""
+
+from __future__ import annotations
+
+import os
+from enum import StrEnum
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+RUN_FILE = "run.json"
+STORE_FILE = "episodes.sqlite"
+MEDIA_FOLDER = "media"
+FORMAT = 1
+
+
+class RunStatus(StrEnum):
+    """How far a run came."""
+
+    RUNNING = "running"
+    COMPLETE = "complete"
+    """Every planned episode has a row."""
+    INTERRUPTED = "interrupted"
+    """Stopped from outside (Ctrl-C, a signal); running it again continues."""
+    STOPPED = "stopped"
+    """Ended itself early; `reason` says why."""
+
+
+class RunError(Exception):
+    """A folder that is not a run, or not the run that was asked for; the message says what was expected."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PlannedCell(_Model):
+    """A cell of the plan: one policy on one task under one condition."""
+
+    simulator: str
+    task: str
+    policy: str
+    policy_digest: str
+    axis: str
+    severity: int
+    planned: int
+    """Episodes (seeds) planned."""
+
+
+class Provenance(_Model):
+    """With what the run was made."""
+
+    git_commit: str | None = None
+    git_dirty: bool | None = None
+    """Whether the working tree had uncommitted changes."""
+    python: str = ""
+    platform: str = ""
+    processor: str = ""
+    cores: int = 0
+    packages: dict[str, str] = Field(default_factory=dict)
+    """Distribution to version."""
+
+
+class RunDocument(_Model):
+    """What `run.json` says."""
+
+    format: int = FORMAT
+    run_id: str
+    suite_name: str
+    suite_description: str = ""
+    suite_hash: str
+    """Hash of what is evaluated; equal for suites that plan the same episodes."""
+    suite_text: str
+    """The suite file, word for word."""
+    suite_path: str
+    store_url: str | None = None
+    """URL of the store (password hidden), or None for the file in the run folder."""
+    started_at: float
+    """Start of the first session (seconds since 1970, UTC)."""
+    finished_at: float | None = None
+    """End of the last session."""
+    elapsed_s: float = 0.0
+    """Time spent running, over all sessions (s)."""
+    status: RunStatus = RunStatus.RUNNING
+    reason: str | None = None
+    plan: tuple[PlannedCell, ...]
+    instructions: dict[str, str] = Field(default_factory=dict)
+    """Task to its goal in words."""
+    workers: dict[str, int] = Field(default_factory=dict)
+    """Simulator to its number of workers in the last session."""
+    skipped: dict[str, str] = Field(default_factory=dict)
+    """Simulator to the reason why it could not run here."""
+    render_devices: dict[str, str] = Field(default_factory=dict)
+    """Simulator to what drew its images."""
+    rows_hash: str | None = None
+    """Hash of all stored rows, timing aside."""
+    provenance: Provenance = Provenance()
+
+    @property
+    def planned(self) -> int:
+        """Episodes planned, skipped simulators included."""
+        return sum(cell.planned for cell in self.plan)
+
+
+def read_run(folder: Path) -> RunDocument:
+    """The document of a run folder.
+
+    Raises:
+        RunError: The folder is no run folder, or was written by another version.
+    """
+    path = folder / RUN_FILE
+    if not folder.is_dir():
+        raise RunError(f"{folder}: expected a run folder, there is {'a file' if folder.exists() else 'nothing'}")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise RunError(f"{folder}: expected a run folder, it has no {RUN_FILE}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{path}: cannot be read: {error}") from None
+    try:
+        document = RunDocument.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise RunError(
+            f"{path}: not a run document: {'.'.join(map(str, first['loc'])) or 'the file'}: {first['msg']}"
+        ) from None
+    if document.format != FORMAT:
+        raise RunError(f"{path}: run format {document.format}, this program reads format {FORMAT}")
+    return document
+
+
+def write_run(folder: Path, document: RunDocument) -> None:
+    """Write `run.json` so that a crash leaves either the old or the new one. Raises OSError."""
+    temporary = folder / f".{RUN_FILE}.{os.getpid()}"
+    try:
+        temporary.write_text(document.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        temporary.replace(folder / RUN_FILE)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def store_url(folder: Path, document: RunDocument, url: str | None = None) -> str:
+    """URL of a run's store: the one given, or the file in the run folder.
+
+    Raises:
+        RunError: The rows are in a database whose URL (with its password) has to be given.
+    """
+    if url is not None:
+        return url
+    if document.store_url is not None:
+        raise RunError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
+    return f"sqlite:///{folder / STORE_FILE}"

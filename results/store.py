@@ -1,0 +1,211 @@
+"""The store: SQLite in the run folder, or PostgreSQL by URL. A row is stored once however often its episode ran."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+from results.record import FIELDS, EpisodeResult, describe_fields
+
+SCHEMA_VERSION = 1
+_TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
+
+_metadata = sa.MetaData()
+_schema = sa.Table("robogauntlet_schema", _metadata, sa.Column("version", sa.Integer, primary_key=True))
+_runs = sa.Table(
+    "runs",
+    _metadata,
+    sa.Column("run_id", sa.Text, primary_key=True),
+    sa.Column("started_at", sa.Float(53), nullable=False),
+    sa.Column("document", sa.Text, nullable=False),
+)
+_episodes = sa.Table(
+    "episodes",
+    _metadata,
+    sa.Column("run_id", sa.Text, sa.ForeignKey("runs.run_id"), primary_key=True),
+    *(
+        sa.Column(name, _TYPES[kind], primary_key=name == "episode_id", nullable=nullable)
+        for name, (kind, nullable, _) in describe_fields().items()
+    ),
+)
+
+
+class StoreError(Exception):
+    """The store cannot be opened, read or written; the message says why and what to do."""
+
+
+class Store:
+    """The rows of one run. One process writes; any number may read."""
+
+    def __init__(self, engine: sa.Engine, run_id: str, where: str) -> None:
+        self._engine = engine
+        self._run_id = run_id
+        self._where = where
+
+    @classmethod
+    def open(cls, url: str, run_id: str) -> Store:
+        """Open the store at an SQLAlchemy URL for one run; create its tables where they are missing.
+
+        Raises:
+            StoreError: It cannot be reached, is not a store, or belongs to a newer version.
+        """
+        try:
+            parsed = sa.make_url(url)
+        except sa.exc.ArgumentError:
+            raise StoreError(
+                f"not a store URL: {url}; expected sqlite:///FILE or postgresql+psycopg://HOST/DATABASE"
+            ) from None
+        where = parsed.render_as_string(hide_password=True)
+        if parsed.get_backend_name() not in ("sqlite", "postgresql"):
+            raise StoreError(f"{where}: expected an sqlite or postgresql URL, got {parsed.get_backend_name()}")
+        try:
+            engine = sa.create_engine(parsed)
+        except (ImportError, sa.exc.SQLAlchemyError) as error:
+            raise StoreError(f"{where}: {error}") from None
+        if parsed.get_backend_name() == "sqlite":
+            sa.event.listen(engine, "connect", _tune_sqlite)
+        store = cls(engine, run_id, where)
+        with store._explained():
+            store._prepare()
+        return store
+
+    @classmethod
+    def open_file(cls, path: Path, run_id: str) -> Store:
+        """Open an SQLite store in a file. Raises StoreError."""
+        if path.is_dir():
+            raise StoreError(f"{path}: expected a store file, this is a directory")
+        return cls.open(f"sqlite:///{path}", run_id)
+
+    def _prepare(self) -> None:
+        existing = set(sa.inspect(self._engine).get_table_names())
+        ours = set(_metadata.tables)
+        if existing & ours and _schema.name not in existing:
+            raise StoreError(
+                f"{self._where}: not a RoboGauntlet store: it has a table {min(existing & ours)} of another program"
+            )
+        if _schema.name in existing:
+            with self._engine.connect() as connection:
+                version = connection.scalar(sa.select(sa.func.max(_schema.c.version)))
+            if version != SCHEMA_VERSION:
+                raise StoreError(f"{self._where}: store version {version}, this program reads version {SCHEMA_VERSION}")
+            return
+        with self._engine.begin() as connection:
+            _metadata.create_all(connection)
+            connection.execute(_schema.insert().values(version=SCHEMA_VERSION))
+
+    def begin_run(self, document: dict[str, Any]) -> None:
+        """Record the run itself, unless it is there already."""
+        with self._explained(), self._engine.begin() as connection:
+            row = {"run_id": self._run_id, "started_at": time.time(), "document": json.dumps(document)}
+            connection.execute(self._insert(_runs), [row])
+
+    def add(self, results: Sequence[EpisodeResult]) -> int:
+        """Store rows that are not there yet, in one transaction; return how many were new.
+
+        Raises:
+            StoreError: The disk is full, the folder is read-only, the server is gone. Nothing of the batch is stored.
+        """
+        if not results:
+            return 0
+        rows = [{"run_id": self._run_id, **{name: getattr(r, name) for name in FIELDS}} for r in results]
+        with self._explained(), self._engine.begin() as connection:
+            return int(connection.execute(self._insert(_episodes), rows).rowcount)
+
+    def done_seeds(self) -> dict[tuple[str, str, str, int], set[int]]:
+        """Stored seeds by (policy digest, task, axis, severity)."""
+        e = _episodes.c
+        query = sa.select(e.policy_digest, e.task, e.axis, e.severity, e.seed).where(e.run_id == self._run_id)
+        done: dict[tuple[str, str, str, int], set[int]] = {}
+        with self._explained(), self._engine.connect() as connection:
+            for digest, task, axis, severity, seed in connection.execution_options(yield_per=10_000).execute(query):
+                done.setdefault((digest, task, axis, severity), set()).add(seed)
+        return done
+
+    def status_counts(self) -> dict[tuple[str, str], int]:
+        """Stored rows by (simulator, status)."""
+        e = _episodes.c
+        query = (
+            sa.select(e.simulator, e.status, sa.func.count())
+            .where(e.run_id == self._run_id)
+            .group_by(e.simulator, e.status)
+        )
+        with self._explained(), self._engine.connect() as connection:
+            return {(simulator, status): count for simulator, status, count in connection.execute(query)}
+
+    def results(self) -> Iterator[EpisodeResult]:
+        """Every row, ordered by simulator, task, policy, condition and seed."""
+        e = _episodes.c
+        query = (
+            sa.select(*(e[name] for name in FIELDS))
+            .where(e.run_id == self._run_id)
+            .order_by(e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
+        )
+        with self._explained(), self._engine.connect() as connection:
+            for row in connection.execution_options(yield_per=10_000).execute(query):
+                yield EpisodeResult(**dict(zip(FIELDS, row, strict=True)))
+
+    def find(self, episode_id: str) -> EpisodeResult | None:
+        """The row of that id, or of the one id that starts like it."""
+        e = _episodes.c
+        query = (
+            sa.select(*(e[name] for name in FIELDS))
+            .where(e.run_id == self._run_id, e.episode_id.startswith(episode_id, autoescape=True))
+            .limit(2)
+        )
+        with self._explained(), self._engine.connect() as connection:
+            rows = connection.execute(query).all()
+        if len(rows) > 1:
+            raise StoreError(f"{episode_id}: more than one episode id starts like this; give more digits")
+        return EpisodeResult(**dict(zip(FIELDS, rows[0], strict=True))) if rows else None
+
+    def forget_errors(self) -> int:
+        """Remove error rows, so that the run does them again; return how many."""
+        e = _episodes.c
+        with self._explained(), self._engine.begin() as connection:
+            statement = sa.delete(_episodes).where(e.run_id == self._run_id, e.status == "error")
+            return int(connection.execute(statement).rowcount)
+
+    def close(self) -> None:
+        """Free the connections."""
+        self._engine.dispose()
+
+    def _insert(self, table: sa.Table) -> Any:
+        dialect = postgresql if self._engine.dialect.name == "postgresql" else sqlite
+        return dialect.insert(table).on_conflict_do_nothing()
+
+    def _explained(self) -> _Explained:
+        return _Explained(self._where)
+
+
+@dataclasses.dataclass
+class _Explained:
+    """Turns database errors into a StoreError of one line."""
+
+    where: str
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, sa.exc.DBAPIError):
+            reason = str(error.orig).splitlines()[0]
+            if "not a database" in reason:
+                reason = "expected a store, this file is something else"
+            raise StoreError(f"{self.where}: {reason}") from error
+        if isinstance(error, sa.exc.SQLAlchemyError):
+            raise StoreError(f"{self.where}: {str(error).splitlines()[0]}") from error
+
+
+def _tune_sqlite(connection: Any, _record: Any) -> None:
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode=WAL")
+    cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.execute("PRAGMA busy_timeout=30000")
+    cursor.close()

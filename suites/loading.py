@@ -1,0 +1,203 @@
+"""Reads suite files. Every mistake is reported at once, each with file, line and the nearest valid name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from suites.schema import ConditionEntry, KnownNames, PolicyEntry, Seeds, Suite, check_names
+
+MAX_BYTES = 1_000_000
+Place = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake in a suite file."""
+
+    path: str
+    line: int | None
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
+
+
+class SuiteError(Exception):
+    """A suite file that cannot be run. Its text has one line per problem."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        self.problems = sorted(problems, key=lambda p: p.line or 0)
+        super().__init__("\n".join(map(str, self.problems)))
+
+
+def load_suite(path: Path, names: KnownNames) -> Suite:
+    """Read and validate a suite file.
+
+    Args:
+        path: A YAML file.
+        names: The names that exist.
+
+    Returns:
+        The suite, its task patterns expanded.
+
+    Raises:
+        SuiteError: Holds every problem found.
+    """
+    text = _read(path)
+    data, lines = _parse(path, text)
+    try:
+        suite = Suite.model_validate(data)
+    except ValidationError as error:
+        problems = [Problem(str(path), _line(lines, e["loc"]), _say(e, data)) for e in error.errors()]
+        raise SuiteError(_unique(problems)) from None
+    problems = [Problem(str(path), _line(lines, place), message) for place, message in check_names(suite, names)]
+    if problems:
+        raise SuiteError(_unique(problems))
+    return suite.with_names(names)
+
+
+def _read(path: Path) -> str:
+    def refuse(message: str) -> SuiteError:
+        return SuiteError([Problem(str(path), None, message)])
+
+    if path.is_dir():
+        raise refuse("expected a suite file, this is a directory")
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        near = get_close_matches(path.stem, [p.stem for p in path.parent.glob("*.yaml")], n=1)
+        raise refuse(f"no such file{f'; did you mean {path.parent / near[0]}.yaml?' if near else ''}") from None
+    except OSError as error:
+        raise refuse(f"cannot be read: {error.strerror}") from None
+    if len(raw) > MAX_BYTES:
+        raise refuse(f"expected a suite file of at most {MAX_BYTES} bytes, this has {len(raw)}")
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise refuse(f"expected UTF-8 text, found byte 0x{raw[error.start]:02x} at offset {error.start}") from None
+
+
+def _parse(path: Path, text: str) -> tuple[dict[str, Any], dict[Place, int]]:
+    """The file's data, and the line on which each place in it stands."""
+
+    def refuse(mark: Any, message: str) -> SuiteError:
+        return SuiteError([Problem(str(path), mark.line + 1 if mark else None, message)])
+
+    loader = yaml.SafeLoader(text)
+    try:
+        node = loader.get_single_node()
+        lines: dict[Place, int] = {}
+        problems: list[Problem] = []
+        if node is not None:
+            _index(node, (), lines, problems, str(path), frozenset())
+        if problems:
+            raise SuiteError(problems)
+        data = loader.construct_document(node) if node is not None else None
+    except yaml.constructor.ConstructorError as error:
+        tag = str(error.problem).partition("'")[2].partition("'")[0]
+        raise refuse(
+            error.problem_mark, f"expected plain YAML, found the object tag '{tag}'" if tag else str(error.problem)
+        ) from None
+    except yaml.MarkedYAMLError as error:
+        raise refuse(error.problem_mark, f"not YAML: {error.problem}") from None
+    except yaml.YAMLError as error:
+        raise refuse(None, f"not YAML: {str(error).splitlines()[0]}") from None
+    except (ValueError, RecursionError) as error:
+        raise refuse(None, f"not YAML: {error}") from None
+    finally:
+        loader.dispose()
+    if not isinstance(data, dict):
+        raise refuse(None, f"expected a mapping with name, policies, tasks and seeds; found {_kind(data)}")
+    return data, lines
+
+
+def _index(
+    node: yaml.Node, place: Place, lines: dict[Place, int], problems: list[Problem], path: str, above: frozenset[int]
+) -> None:
+    lines.setdefault(place, node.start_mark.line + 1)
+    if id(node) in above:
+        problems.append(Problem(path, node.start_mark.line + 1, "an alias that contains itself"))
+        return
+    above |= {id(node)}
+    if isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, value in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else str(key.tag)
+            if name in seen:
+                problems.append(Problem(path, key.start_mark.line + 1, f"duplicate key '{name}'"))
+            seen.add(name)
+            lines[(*place, name)] = key.start_mark.line + 1
+            _index(value, (*place, name), lines, problems, path, above)
+    elif isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            _index(item, (*place, i), lines, problems, path, above)
+
+
+def _line(lines: dict[Place, int], place: Place) -> int | None:
+    """The line of the longest prefix of `place` that stands in the file."""
+    for length in range(len(place), -1, -1):
+        if place[:length] in lines:
+            return lines[place[:length]]
+    return None
+
+
+def _say(error: Any, data: dict[str, Any]) -> str:
+    place = tuple(
+        part
+        for part in error["loc"]
+        if not (isinstance(part, str) and ("[" in part or part in ("int", "constrained-int")))
+    )
+    where = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
+    came = error.get("input")
+    match error["type"]:
+        case "missing":
+            return f"missing key '{place[-1]}'"
+        case "extra_forbidden":
+            near = get_close_matches(str(place[-1]), list(_fields(place)), n=1, cutoff=0.5)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(_fields(place))}"
+            return f"unknown key '{place[-1]}'{hint}"
+        case "too_short":
+            return f"{where}: expected at least one entry, found an empty list"
+        case "greater_than_equal" | "greater_than" | "less_than_equal" | "less_than":
+            return f"{where}: {error['msg'].replace('Input should be', 'expected a value')}, found {came!r}"
+        case "enum" | "literal_error":
+            return f"{where}: expected {error['ctx']['expected']}, found {came!r}"
+        case "string_pattern_mismatch":
+            return (
+                f"{where}: expected letters, digits, '.', '_' or '-', starting with a letter or digit; found {came!r}"
+            )
+        case _:
+            expected = error["msg"].replace("Input should be", "expected").replace("Value error, ", "")
+            return f"{where}: {expected}, found {_kind(came)}"
+
+
+def _fields(place: Place) -> list[str]:
+    models: dict[str, type[BaseModel]] = {"policies": PolicyEntry, "conditions": ConditionEntry, "seeds": Seeds}
+    model = models.get(str(place[0]), Suite) if len(place) > 1 else Suite
+    return list(model.model_fields)
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    names = {
+        dict: "a mapping",
+        list: "a list",
+        str: "text",
+        bool: "true/false",
+        int: "a whole number",
+        float: "a number",
+    }
+    name = names.get(type(value), type(value).__name__)
+    return name if isinstance(value, dict | list) else f"{name} ({value!r})"
+
+
+def _unique(problems: list[Problem]) -> list[Problem]:
+    """Each problem once: a value that fits neither side of a union is reported by both."""
+    return list(dict.fromkeys(problems))

@@ -1,0 +1,262 @@
+"""The suite: what a suite file says, validated. Which names exist is told by a `KnownNames`, so nothing is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from suites.vocabulary import CAMERAS, CLEAN, Cell, Condition, Protocol, RenderProfile, View, content_hash
+
+Count = Annotated[int, Field(strict=True, ge=1)]
+Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+
+
+@dataclass(frozen=True)
+class KnownTask:
+    """A task that some adapter offers."""
+
+    horizon: int
+
+
+@dataclass(frozen=True)
+class KnownPolicy:
+    """A kind of policy that is installed."""
+
+    options: frozenset[str] = frozenset()
+    tasks: frozenset[str] | None = None
+    """Tasks it can act in, or None for all."""
+
+
+@dataclass(frozen=True)
+class KnownNames:
+    """The names that a suite may use."""
+
+    tasks: Mapping[str, KnownTask]
+    """`simulator/task` to what is known of it."""
+    policies: Mapping[str, KnownPolicy]
+    axes: Mapping[str, int] = field(default_factory=dict)
+    """Perturbation axis to its highest severity."""
+
+    @property
+    def simulators(self) -> list[str]:
+        """Names of the simulators, sorted."""
+        return sorted({task.partition("/")[0] for task in self.tasks})
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PolicyEntry(_Model):
+    """A policy of the suite: a kind, the options it is built with, and the name under which it is reported."""
+
+    name: Name
+    kind: str
+    options: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {"name": value, "kind": value}
+        if isinstance(value, dict) and isinstance(value.get("kind"), str):
+            return {"name": value["kind"], **value}
+        return value
+
+
+class ConditionEntry(_Model):
+    """A perturbation axis with the severities to run, or `clean`."""
+
+    axis: str
+    severities: tuple[Annotated[int, Field(strict=True, ge=0, le=5)], ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        return {"axis": value, "severities": [0]} if value == CLEAN else value
+
+    def conditions(self) -> list[Condition]:
+        """One condition per severity."""
+        return [Condition(self.axis, severity) for severity in self.severities]
+
+
+class Seeds(_Model):
+    """A block of consecutive seeds."""
+
+    start: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
+    count: Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
+
+    def __iter__(self) -> Any:
+        return iter(range(self.start, self.start + self.count))
+
+
+class Suite(_Model):
+    """Tasks x policies x conditions x seeds, plus how to run and judge them."""
+
+    name: Name
+    description: str = ""
+    policies: tuple[PolicyEntry, ...] = Field(min_length=1)
+    tasks: tuple[str, ...] = Field(min_length=1)
+    """`simulator/task`; a pattern such as `maniskill/*` stands for all tasks that match."""
+    conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
+    seeds: Seeds
+
+    replan_every: Count = 8
+    """Steps of an action chunk executed before the policy is asked again."""
+    cameras: tuple[str, ...] = Field(default=CAMERAS, min_length=1)
+    image_size: Annotated[int, Field(strict=True, ge=16, le=1024)] = 96
+    render_profile: RenderProfile = RenderProfile.STANDARD
+    horizon: Count | None = None
+    """Control steps per episode, or each task's own."""
+
+    workers: Count | dict[str, Count] = 1
+    """Worker processes per simulator."""
+    max_attempts: Count = 3
+    """Times that an episode may end its worker before it is recorded as an error."""
+    episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
+    error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Share of errors among the planned episodes at which the run ends early."""
+
+    @field_validator("workers", mode="before")
+    @classmethod
+    def _no_boolean_workers(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("expected a whole number or a mapping from simulator to whole number")
+        return value
+
+    def worker_count(self, simulator: str) -> int:
+        """Worker processes for that simulator."""
+        return self.workers if isinstance(self.workers, int) else self.workers.get(simulator, 1)
+
+    def with_names(self, names: KnownNames) -> Suite:
+        """The suite with its task patterns replaced by the tasks they stand for."""
+        return self.model_copy(update={"tasks": tuple(expand_tasks(self.tasks, names.tasks))})
+
+    def all_conditions(self) -> list[Condition]:
+        """Every condition, in the order of the file."""
+        return [condition for entry in self.conditions for condition in entry.conditions()]
+
+    def cells(self, names: KnownNames, digests: Mapping[str, str]) -> list[Cell]:
+        """Every (policy, task, condition), tasks outermost so that neighbours share an open simulation.
+
+        Args:
+            names: Gives each task's horizon.
+            digests: Policy name to the hash of its content.
+        """
+        view = View(self.cameras, self.image_size, self.render_profile)
+        return [
+            Cell(
+                policy=policy.name,
+                policy_digest=digests[policy.name],
+                task=task,
+                protocol=Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view),
+                condition=condition,
+            )
+            for task in self.tasks
+            for condition in self.all_conditions()
+            for policy in self.policies
+        ]
+
+    def content_hash(self, digests: Mapping[str, str], names: KnownNames) -> str:
+        """Hash of what is evaluated: the same for suites that plan the same episodes, however they are run."""
+        cells = sorted(cell.episode(0).id for cell in self.cells(names, digests))
+        return content_hash({"cells": cells, "seeds": [self.seeds.start, self.seeds.count]})
+
+
+def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
+    """The task names that the patterns stand for, in their order; a plain name stands for itself."""
+    expanded: list[str] = []
+    for pattern in patterns:
+        if any(sign in pattern for sign in "*?["):
+            expanded += [task for task in known if fnmatchcase(task, pattern)]
+        else:
+            expanded.append(pattern)
+    return expanded
+
+
+def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, ...], str]]:
+    """Every name in the suite that does not exist, and every contradiction: (place in the file, message)."""
+    problems: list[tuple[tuple[str | int, ...], str]] = []
+    add = problems.append
+
+    seen_policies: dict[str, int] = {}
+    for i, policy in enumerate(suite.policies):
+        place = ("policies", i)
+        known = names.policies.get(policy.kind)
+        if known is None:
+            add((place, f"unknown policy '{policy.kind}'{_nearest(policy.kind, names.policies)}"))
+        else:
+            for option in policy.options:
+                if option not in known.options:
+                    add((place, f"policy '{policy.kind}' has no option '{option}'{_nearest(option, known.options)}"))
+        if policy.name in seen_policies:
+            add(
+                (
+                    place,
+                    f"duplicate policy '{policy.name}', already at entry {seen_policies[policy.name] + 1}; give it another `name`",
+                )
+            )
+        seen_policies.setdefault(policy.name, i)
+
+    seen_tasks: set[str] = set()
+    for i, pattern in enumerate(suite.tasks):
+        place = ("tasks", i)
+        matches = [task for task in expand_tasks([pattern], names.tasks) if task in names.tasks]
+        if not matches:
+            add((place, _unknown_task(pattern, names)))
+        for task in matches:
+            if task in seen_tasks:
+                add((place, f"duplicate task '{task}'"))
+            seen_tasks.add(task)
+            for policy in suite.policies:
+                known = names.policies.get(policy.kind)
+                if known and known.tasks is not None and task not in known.tasks:
+                    add((place, f"policy '{policy.name}' cannot act in '{task}'"))
+
+    seen_conditions: set[Condition] = set()
+    for i, entry in enumerate(suite.conditions):
+        place = ("conditions", i)
+        if entry.axis != CLEAN and entry.axis not in names.axes:
+            add((place, f"unknown condition '{entry.axis}'{_nearest(entry.axis, [CLEAN, *names.axes])}"))
+        for condition in entry.conditions():
+            if entry.axis == CLEAN and condition.severity:
+                add((place, "clean has severity 0 only"))
+            if condition in seen_conditions:
+                add((place, f"duplicate condition '{condition}'"))
+            seen_conditions.add(condition)
+
+    for i, camera in enumerate(suite.cameras):
+        if camera not in CAMERAS:
+            add((("cameras", i), f"unknown camera '{camera}'{_nearest(camera, CAMERAS)}"))
+        elif camera in suite.cameras[:i]:
+            add((("cameras", i), f"duplicate camera '{camera}'"))
+    if isinstance(suite.workers, dict):
+        for simulator in suite.workers:
+            if simulator not in names.simulators:
+                add((("workers", simulator), f"unknown simulator '{simulator}'{_nearest(simulator, names.simulators)}"))
+    return problems
+
+
+def _unknown_task(pattern: str, names: KnownNames) -> str:
+    simulator, slash, _ = pattern.partition("/")
+    if not slash:
+        return f"expected simulator/task, got '{pattern}'{_nearest(pattern, names.tasks)}"
+    if simulator not in names.simulators:
+        return f"unknown simulator '{simulator}' in '{pattern}'{_nearest(simulator, names.simulators)}"
+    return f"unknown task '{pattern}'{_nearest(pattern, names.tasks)}"
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    """`; did you mean X?`, or the choice where nothing is near."""
+    known = sorted(known)
+    near = (
+        get_close_matches(name, known, n=1, cutoff=0.5) or [k for k in known if k.split("/")[-1].startswith(name)][:1]
+    )
+    if near:
+        return f"; did you mean '{near[0]}'?"
+    return f"; known: {', '.join(known[:12])}" if known else "; there are none"
