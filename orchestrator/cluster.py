@@ -16,7 +16,7 @@ _LOCAL_ENVIRONMENT = {
 
 @contextlib.contextmanager
 def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
-    """Ray, for the duration of the block.
+    """Ray, for the duration of the block. One that this process has started already is used and left running.
 
     Args:
         address: Of a cluster to join, or None to start Ray on this machine, reachable from this machine only.
@@ -27,6 +27,9 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             os.environ.setdefault(name, value)
     import ray
 
+    if ray.is_initialized():
+        yield
+        return
     logging.getLogger("ray").setLevel(logging.ERROR)
     if address is None:
         cores = max(os.cpu_count() or 1, workers)

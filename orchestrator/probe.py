@@ -1,4 +1,4 @@
-"""Asks a simulator, in a process of its own, whether it works here: a driver that crashes takes only the probe along."""
+"""Asks a simulator, in a process of its own, whether it works here: a driver that crashes takes only that along."""
 
 from __future__ import annotations
 

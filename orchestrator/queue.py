@@ -100,7 +100,7 @@ class WorkQueue:
             attempts = lease.attempt if was_alone else 0
             if attempts >= self._max_attempts:
                 episode = lease.cell.episode(seed)
-                error = f"WorkerDied: {reason}, {attempts} times"
+                error = f"WorkerDied: {reason} (attempts: {attempts})"
                 given_up.append(EpisodeResult.failed_to_run(episode, error, attempts=attempts))
             else:
                 self._of[lease.cell].alone.append((seed, attempts))

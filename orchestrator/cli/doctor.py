@@ -22,9 +22,8 @@ LOW_DISK_GB = 2.0
 def doctor() -> None:
     """Open every simulator and draw a frame; say what works, and how to mend what does not."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    out.print(
-        f"Python {platform.python_version()}, Ray {metadata.version('ray')}, {os.cpu_count()} cores, {memory:.0f} GiB memory"
-    )
+    ray = metadata.version("ray")
+    out.print(f"Python {platform.python_version()}, Ray {ray}, {os.cpu_count()} cores, {memory:.0f} GiB memory")
     names = [name for name, simulator in catalog.simulators().items() if not simulator.internal]
     with out.status("opening the simulators"):
         findings = probe(names)

@@ -12,7 +12,10 @@ from policies import catalog as policies
 
 def list_names() -> None:
     """List simulators, tasks, policies and shipped suites."""
-    tasks = Table("task", "instruction", "horizon", "simulator", box=None, pad_edge=False)
+    tasks = Table(box=None, pad_edge=False)
+    tasks.add_column("task", no_wrap=True)
+    for column in ("instruction", "horizon", "simulator"):
+        tasks.add_column(column)
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue

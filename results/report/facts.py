@@ -69,7 +69,10 @@ def provenance(document: RunDocument, tables: Tables) -> list[tuple[str, str]]:
         ("store", document.store_url or "file in the run folder"),
         *((f"{name} drawn by", device) for name, device in document.render_devices.items()),
         *((f"{name} workers", str(count)) for name, count in document.workers.items()),
-        ("machine", ", ".join(filter(None, (made.processor, f"{made.cores} cores" if made.cores else "", made.platform)))),
+        (
+            "machine",
+            ", ".join(filter(None, (made.processor, f"{made.cores} cores" if made.cores else "", made.platform))),
+        ),
         ("Python", made.python),
     ]
     return [(name, value or "unknown") for name, value in facts]

@@ -107,7 +107,7 @@ def test_an_episode_that_ends_its_worker_alone_too_often_is_given_up_with_its_re
     lease = queue.lease(None)
     (given_up,) = queue.lost(lease, lease.seeds, "it died")
     assert given_up.status == "error"
-    assert given_up.error == "WorkerDied: it died, 3 times"
+    assert given_up.error == "WorkerDied: it died (attempts: 3)"
     assert queue.lease(None) is None
 
 
