@@ -47,9 +47,9 @@ from adapters.frames import axis_angle, hash_state
 from suites.vocabulary import Condition, RenderProfile, View
 
 TASKS = {
-    "PandaReach-v3": TaskCard("reach the red ball with the closed gripper", horizon=30),
+    "PandaReach-v3": TaskCard("reach the red ball with the closed gripper", horizon=20),
     "PandaPush-v3": TaskCard("push the green cube onto the red goal", horizon=100),
-    "PandaPickAndPlace-v3": TaskCard("pick up the green cube and carry it to the red goal", horizon=100),
+    "PandaPickAndPlace-v3": TaskCard("pick up the green cube and carry it to the red goal", horizon=60),
 }
 MODULES = ("pybullet", "panda_gym")
 

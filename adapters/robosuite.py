@@ -3,8 +3,8 @@
 What is particular here:
 
 - The controller is OSC_POSE with delta input in the base frame, and each goal is set from the pose achieved, not from
-  the last goal. So a translation or rotation is where the arm is pulled to, and within one control step it covers about
-  a third of the way (held, 0.05 m a step become 0.015 m a step).
+  the last goal. So an action is an offset that the arm is pulled towards, and one control step covers about a quarter
+  of it (0.01 m of every 0.05 m commanded, measured). A lone rotation drags the tool centre point along by centimetres.
 - The gripper looks only at the sign of its command: it moves by a fixed amount, and stays where it is at exactly 0.
 - The size of Lift's cube is drawn once while the model is built, always from `BUILD_SEED`; robosuite's `hard_reset`
   would draw it anew in each episode, at a second or more per reset.
@@ -49,9 +49,9 @@ BUILD_SEED = 0
 CAMERA_NAMES = {"third_person": "agentview", "wrist": "robot0_eye_in_hand"}
 
 TASKS = {
-    "Lift": TaskCard("lift the red cube off the table", horizon=100),
-    "Stack": TaskCard("put the red cube on the green cube", horizon=200),
-    "Door": TaskCard("turn the handle down and pull the door open", horizon=250),
+    "Lift": TaskCard("lift the red cube off the table", horizon=80),
+    "Stack": TaskCard("put the red cube on the green cube", horizon=180),
+    "Door": TaskCard("turn the handle down and pull the door open", horizon=180),
 }
 
 
@@ -129,7 +129,7 @@ class RobosuiteSimulation:
             raise no_rendering(error) from error
 
     def reset(self, seed: int, condition: Condition) -> None:
-        """Start the episode of `seed`: placement of the objects and noise on the arm's joints are drawn from it alone."""
+        """Start the episode of `seed`, from which the objects' placement and the arm's joint noise are drawn."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"robosuite cannot bring about {condition}: this adapter knows clean only")
         generator = np.random.default_rng(seed)
@@ -163,9 +163,9 @@ class RobosuiteSimulation:
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """The true state: `tcp_*` and `finger_positions`, then by task.
 
-        Lift: `cube_*`. Stack: `cubeA_*` (red, to be put on) and `cubeB_*` (green). Door: `door_*` and `latch_*` (the two
-        bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above 0.3)
-        and `latch_angle` (1,) (0 at rest), rad.
+        Lift: `cube_*`. Stack: `cubeA_*` (red, to be put on) and `cubeB_*` (green). Door: `door_*` and `latch_*` (the
+        two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
+        0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad.
         """
         self._refresh()
         position, quaternion = self._tool_pose()
@@ -272,8 +272,8 @@ def import_simulator() -> tuple[Any, Any]:
 def no_rendering(error: Exception) -> SimulatorUnavailable:
     """The error to raise when MuJoCo cannot draw."""
     return SimulatorUnavailable(
-        f"MuJoCo cannot render with MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}): install Mesa's libEGL, or "
-        "libOSMesa and set MUJOCO_GL=osmesa"
+        f"MuJoCo cannot render with MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}): install Mesa's libEGL, or libOSMesa "
+        "with MUJOCO_GL=osmesa; it must be set before mujoco is first imported"
     )
 
 

@@ -33,7 +33,7 @@ class Push:
     """Distance from the cube's centre at which the fingers come down (m)."""
     TOUCH = 0.03
     """Distance from the cube's centre at which the fingers touch it (m)."""
-    CENTRED = 0.01
+    CENTRED = 0.014
     """Sideways distance from the line to the goal beyond which the fingers draw back instead of pushing on (m)."""
     REACH = 0.79
     """Horizontal distance from the base that the arm reaches beside the cube (m)."""
@@ -50,14 +50,14 @@ class Push:
         low = tool[2] < cube[2] + HOVER / 3
         if low and ahead < -self.TOUCH / 2 and abs(aside) < max(self.TOUCH, -ahead):
             way = remaining + max(-ahead - self.TOUCH, 0.0)
-            advance = min(way, GENTLE * max(1.0 - abs(aside) / self.CENTRED, -1.0))
-            target = tool + forward * advance - sideways * aside
+            eagerness = np.clip(2.0 - 2.0 * abs(aside) / self.CENTRED, -1.0, 1.0)
+            target = tool + forward * min(way, GENTLE * eagerness) - sideways * 1.5 * aside
             target[2] = cube[2]
             return move(state, target, gripper=CLOSED, max_step=FAST)
 
         behind = cube - forward * self.BEHIND
         behind[XY] = limit(behind[XY], self.REACH)
-        if distance(state, behind, axes=XY) < self.CENTRED * 1.5:
+        if distance(state, behind, axes=XY) < self.CENTRED:
             return move(state, behind, gripper=CLOSED, max_step=GENTLE)
         return travel(state, behind + UP * HOVER, gripper=CLOSED)
 
