@@ -9,8 +9,9 @@ What is panda-gym's and what is ours:
   painted red in both render profiles. `standard` draws shadows as panda-gym does, `fast` does not; there is neither
   reflection nor multisampling to switch off. Empty background is white.
 - The controller keeps the gripper pointing straight down, so rotations are ignored; in Reach and Push the fingers are
-  held closed, so the gripper is ignored too. A translation is the displacement that the joint motors are given as
-  their target; in one control step they cover 40 to 100 % of it, depending on the pose.
+  held closed, so the gripper is ignored too. The joint motors cover about `SHARE` of the displacement that they
+  are given as their target in one control step (40 to 120 %, depending on pose and speed, measured). The adapter gives
+  them that much more, so that the tool centre point moves by about the action.
 - Poses of links are those of the last of the 20 physics steps in a control step, before its integration (2 ms old), as
   everywhere in panda-gym. Asking PyBullet to recompute them would change what the controller does next.
 """
@@ -53,8 +54,10 @@ TASKS = {
 }
 MODULES = ("pybullet", "panda_gym")
 
-MAX_TRANSLATION = 0.05
-"""What panda-gym makes of a full translation command (m)."""
+SHARE = 0.6
+"""Part of a commanded displacement that is covered in one control step, over the workspace."""
+MAX_TRANSLATION = 0.05 * SHARE
+"""What comes of a full translation command (m): panda-gym makes a displacement of 0.05 m of it."""
 WIDTH_PER_COMMAND = 0.2
 """What panda-gym makes of a full gripper command: change of the distance between the fingers (m)."""
 MAX_WIDTH = 0.08

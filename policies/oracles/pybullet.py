@@ -9,9 +9,10 @@ import numpy as np
 from adapters.contract import FloatArray
 from policies.oracles.motion import CLOSED, OPEN, Script, State, distance, limit, move
 
-FAST, GENTLE = 0.04, 0.02
-"""Longest commanded translation in one step (m): in free space, and beside or with the cube."""
-GAIN = 0.7
+FAST, GENTLE = 0.024, 0.012
+"""Longest translation in one step (m): in free space, and beside or with the cube."""
+CLOSE_GAIN, GAIN = 0.6, 0.42
+"""Share of the remaining way in one step: beside or with the cube, and in free space."""
 HOVER = 0.06
 """Height of the tool above the cube's centre at which it may travel (m)."""
 XY = slice(0, 2)
@@ -33,7 +34,7 @@ class Push:
     """Distance from the cube's centre at which the fingers come down (m)."""
     TOUCH = 0.03
     """Distance from the cube's centre at which the fingers touch it (m)."""
-    CENTRED = 0.014
+    CENTRED = 0.01
     """Sideways distance from the line to the goal beyond which the fingers draw back instead of pushing on (m)."""
     REACH = 0.79
     """Horizontal distance from the base that the arm reaches beside the cube (m)."""
@@ -49,16 +50,16 @@ class Push:
 
         low = tool[2] < cube[2] + HOVER / 3
         if low and ahead < -self.TOUCH / 2 and abs(aside) < max(self.TOUCH, -ahead):
-            way = remaining + max(-ahead - self.TOUCH, 0.0)
+            way = CLOSE_GAIN * (remaining + max(-ahead - self.TOUCH, 0.0))
             eagerness = np.clip(2.0 - 2.0 * abs(aside) / self.CENTRED, -1.0, 1.0)
-            target = tool + forward * min(way, GENTLE * eagerness) - sideways * 1.5 * aside
-            target[2] = cube[2]
+            target = tool + forward * min(way, GENTLE * eagerness) - sideways * 1.5 * CLOSE_GAIN * aside
+            target[2] += CLOSE_GAIN * (cube[2] - tool[2])
             return move(state, target, gripper=CLOSED, max_step=FAST)
 
         behind = cube - forward * self.BEHIND
         behind[XY] = limit(behind[XY], self.REACH)
         if distance(state, behind, axes=XY) < self.CENTRED:
-            return move(state, behind, gripper=CLOSED, max_step=GENTLE)
+            return move(state, behind, gripper=CLOSED, max_step=GENTLE, gain=CLOSE_GAIN)
         return travel(state, behind + UP * HOVER, gripper=CLOSED)
 
 
@@ -83,11 +84,11 @@ class PickAndPlace:
         closing = width < 0.07
         if distance(state, cube) < (self.SLIPPED if closing and width > 0.03 else self.WITHIN):
             if width > self.HELD_WIDTH:
-                return move(state, cube, gripper=CLOSED, max_step=GENTLE)
+                return move(state, cube, gripper=CLOSED, max_step=GENTLE, gain=CLOSE_GAIN)
             rise = np.clip(np.linalg.norm((goal - cube)[XY]) - self.ARC / 2, 0.0, self.ARC)
             return move(state, goal + UP * rise + tool - cube, gripper=CLOSED, max_step=FAST, gain=GAIN)
         if distance(state, cube, axes=XY) < self.ALIGNED:
-            return move(state, cube, gripper=OPEN, max_step=GENTLE)
+            return move(state, cube, gripper=OPEN, max_step=GENTLE, gain=CLOSE_GAIN)
         return travel(state, cube + UP * HOVER, gripper=OPEN)
 
 

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import FloatArray
 from policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
 
-MAX_STEP = 0.05
-"""Command per step (m): the controller covers about a quarter of it."""
-MAX_TURN = 0.5
+MAX_STEP, MAX_TURN = 0.0153, 0.153
+"""Longest motion in one step (m, rad): what the controller can do."""
+GAIN = 0.306
+"""Share of the remaining way in one step: the most that this controller follows without overshooting."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -108,7 +109,7 @@ class Door:
 
 def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> FloatArray:
     """One action towards a pose, at the pace of these oracles."""
-    return move(state, target, gripper=gripper, max_step=MAX_STEP, rotation=rotation, max_turn=MAX_TURN)
+    return move(state, target, gripper=gripper, max_step=MAX_STEP, gain=GAIN, rotation=rotation, max_turn=MAX_TURN)
 
 
 def distance_to(state: State, point: FloatArray) -> float:

@@ -132,46 +132,46 @@ def test_an_observation_is_the_callers_own(opened):
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_a_translation_moves_the_tool_centre_point_that_way_in_metres(opened, axis, sign):
+def test_a_translation_in_steady_motion_moves_the_tool_by_so_many_metres(opened, axis, sign):
     _, simulation = opened
     simulation.reset(0, CLEAN)
     for _ in range(3):  # up and away from the table first
         simulation.step(np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, -1.0]))
     for _ in range(6):
         simulation.step(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]))
-    start = simulation.privileged_state()["tcp_position"].copy()
     action = np.zeros(7)
     action[axis], action[6] = sign * 0.01, -1.0
-    for _ in range(6):
+    for _ in range(4):
         simulation.step(action)
-    for _ in range(8):
-        simulation.step(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]))
+    start = simulation.privileged_state()["tcp_position"].copy()
+    for _ in range(5):
+        simulation.step(action)
     moved = simulation.privileged_state()["tcp_position"] - start
-    assert sign * moved[axis] == pytest.approx(0.06, rel=0.4)
-    assert np.abs(np.delete(moved, axis)).max() < 0.012
+    assert sign * moved[axis] == pytest.approx(0.05, rel=0.25)
+    assert np.abs(np.delete(moved, axis)).max() < 0.01
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_a_rotation_turns_the_tool_that_way_in_radians_or_is_declared_ignored(opened, axis):
+def test_a_rotation_in_steady_motion_turns_the_tool_by_so_many_radians_or_is_declared_ignored(opened, axis):
     from scipy.spatial.transform import Rotation
 
     _, simulation = opened
     simulation.reset(0, CLEAN)
     for _ in range(3):
         simulation.step(np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, -1.0]))
-    start = Rotation.from_quat(simulation.privileged_state()["tcp_quaternion"])
     action = np.zeros(7)
-    action[3 + axis], action[6] = 0.04, -1.0
-    for _ in range(6):
+    action[3 + axis], action[6] = 0.03, -1.0
+    for _ in range(4):
         simulation.step(action)
-    for _ in range(8):
-        simulation.step(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]))
+    start = Rotation.from_quat(simulation.privileged_state()["tcp_quaternion"])
+    for _ in range(5):
+        simulation.step(action)
     turned = (Rotation.from_quat(simulation.privileged_state()["tcp_quaternion"]) * start.inv()).as_rotvec()
     if ("rx", "ry", "rz")[axis] in simulation.action_spec.ignored:
         assert np.abs(turned).max() < 0.08
     else:
-        assert turned[axis] == pytest.approx(0.24, rel=0.5)
-        assert np.abs(np.delete(turned, axis)).max() < 0.1
+        assert turned[axis] == pytest.approx(0.15, rel=0.25)
+        assert np.abs(np.delete(turned, axis)).max() < 0.04
 
 
 def test_plus_one_closes_the_gripper_or_is_declared_ignored(opened):

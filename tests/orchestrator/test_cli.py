@@ -1,0 +1,201 @@
+"""The command line as a person types it: exit codes, one clear line per mistake, and what a signal leaves behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from orchestrator.cli.shared import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+
+ROOT = Path(__file__).parents[2]
+GAUNTLET = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+SUITE = """
+name: nulls
+policies: [oracle, random]
+tasks: [null/Slow]
+seeds: {count: 60}
+workers: 2
+"""
+
+
+def gauntlet(*arguments, cwd=ROOT, timeout=120):
+    command = [*GAUNTLET, *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=timeout, cwd=cwd, env=environment, check=False
+    )
+
+
+@pytest.fixture
+def suite(tmp_path):
+    path = tmp_path / "suite.yaml"
+    path.write_text(SUITE)
+    return path
+
+
+def test_help_names_every_verb():
+    done = gauntlet("--help")
+    assert done.returncode == 0
+    for verb in ("run", "plan", "validate", "list", "doctor", "report", "replay"):
+        assert f"\n  {verb} " in done.stdout or f" {verb} " in done.stdout
+
+
+def test_list_names_simulators_tasks_policies_and_suites():
+    said = gauntlet("list").stdout
+    for name in ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift", "oracle", "tabletop"):
+        assert name in said
+    assert "null/" not in said
+
+
+def test_validate_finds_every_mistake_in_every_file(tmp_path, suite):
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(SUITE.replace("null/Slow", "null/Slo").replace("oracle", "oracel"))
+    done = gauntlet("validate", suite, wrong)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert f"{suite}: sound, 120 episodes" in done.stdout
+    assert done.stderr.splitlines() == [
+        f"gauntlet: {wrong}:3: unknown policy 'oracel'; did you mean 'oracle'?",
+        f"gauntlet: {wrong}:4: unknown task 'null/Slo'; did you mean 'null/Slow'?",
+    ]
+
+
+def test_plan_counts_without_starting_anything(tmp_path, suite):
+    done = gauntlet("plan", suite, cwd=tmp_path)
+    assert done.returncode == 0
+    assert "nulls: 120 episodes, 120 to play" in done.stdout
+    assert {path.name for path in tmp_path.iterdir()} == {"suite.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("run", "no-such-suite"), "no-such-suite: no such file"),
+        (("run", "."), ".: expected a suite file, this is a directory"),
+        (("run", "SUITE", "--require", "robosuite"), "robosuite: the suite does not use this simulator"),
+        (("run", "SUITE", "--store", "nonsense"), "not a store URL: nonsense; expected sqlite:///FILE or postgresql"),
+        (
+            ("run", "SUITE", "--store", "mysql://host/db"),
+            "mysql://host/db: expected an sqlite or postgresql URL, got mysql",
+        ),
+        (("report", "no-such-folder"), "no-such-folder: expected a run folder, there is nothing"),
+        (("report", "."), ".: expected a run folder, it has no run.json"),
+        (("report",), "no run under runs/; name one"),
+        (("replay", "0123", "--run", "no-such-folder"), "no-such-folder: expected a run folder, there is nothing"),
+    ],
+)
+def test_bad_input_is_one_line_with_exit_code_2_and_nothing_is_written(tmp_path, suite, arguments, expected):
+    before = sorted(tmp_path.rglob("*"))
+    done = gauntlet(*(str(suite) if a == "SUITE" else a for a in arguments), cwd=tmp_path)
+    assert done.returncode == EXIT_BAD_INPUT
+    (line,) = [line for line in done.stderr.splitlines() if line]
+    assert line.startswith(f"gauntlet: {expected}")
+    assert "Traceback" not in done.stderr
+    left = [path for path in tmp_path.rglob("*") if path not in before and path.is_file() and path.name != ".lock"]
+    assert left == []
+
+
+def test_a_misspelt_shipped_suite_is_told_with_the_nearest(tmp_path):
+    (tmp_path / "demo.yaml").write_text(SUITE)
+    done = gauntlet("validate", "demmo.yaml", cwd=tmp_path)
+    assert done.stderr.strip() == "gauntlet: demmo.yaml: no such file; did you mean demo.yaml?"
+
+
+@pytest.mark.ray
+def test_run_replay_and_report(tmp_path, suite):
+    suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "5"))
+    folder = tmp_path / "run"
+    done = gauntlet("run", suite, "--out", folder)
+    assert done.returncode == 0, done.stderr
+    assert "10 of 10 episodes" in done.stdout
+    assert f"report: {folder / 'report.html'}" in done.stdout
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["total"]["successes"] == 5
+
+    import pandas as pd
+
+    rows = pd.read_parquet(folder / "episodes.parquet")
+    wanted = rows[(rows.policy == "oracle") & (rows.seed == 3)].episode_id.item()
+    done = gauntlet("replay", wanted[:10], "--run", folder)
+    assert done.returncode == 0, done.stderr
+    assert "the same as stored" in done.stdout
+    assert (folder / "media/videos" / f"{wanted}.mp4").stat().st_size > 500
+    assert gauntlet("replay", "ffffffffffff", "--run", folder).returncode == EXIT_BAD_INPUT
+
+    (folder / "report.html").unlink()
+    assert gauntlet("report", folder).returncode == 0
+    assert (folder / "report.html").exists()
+
+    said = gauntlet("plan", suite, "--out", folder).stdout
+    assert "10 episodes, 0 to play" in said
+
+
+@pytest.mark.ray
+def test_a_replay_that_differs_is_told_with_what_differs(tmp_path, suite):
+    import sqlite3
+
+    suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "2"))
+    folder = tmp_path / "run"
+    gauntlet("run", suite, "--out", folder, "--no-media")
+    with sqlite3.connect(folder / "episodes.sqlite") as database:
+        (wanted,) = database.execute("select episode_id from episodes where policy = 'oracle' and seed = 1").fetchone()
+        database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
+    done = gauntlet("replay", wanted, "--run", folder)
+    assert done.returncode == 1
+    assert "gauntlet: steps: stored 999, now" in done.stderr
+
+
+def start(suite, folder):
+    command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and count(folder) < 10:
+        time.sleep(0.05)
+    assert count(folder) >= 10
+    return process
+
+
+def count(folder):
+    import sqlite3
+
+    try:
+        with sqlite3.connect(f"file:{folder / 'episodes.sqlite'}?mode=ro", uri=True, timeout=5) as database:
+            return database.execute("select count(*) from episodes").fetchone()[0]
+    except sqlite3.Error:
+        return 0
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp_path, suite, number):
+    folder = tmp_path / "run"
+    process = start(suite, folder)
+    process.send_signal(number)
+    _, complaints = process.communicate(timeout=30)
+    assert process.returncode == EXIT_INTERRUPTED
+    assert f"interrupted; continue with: gauntlet run {suite} --out {folder}" in complaints
+    assert "Traceback" not in complaints
+    assert (folder / "report.html").exists()
+    assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
+
+
+@pytest.mark.ray
+def test_a_scheduler_killed_in_mid_run_loses_no_stored_row_and_doubles_none(tmp_path, suite):
+    folder, undisturbed = tmp_path / "run", tmp_path / "undisturbed"
+    process = start(suite, folder)
+    process.kill()
+    process.communicate(timeout=30)
+    there = count(folder)
+    assert 10 <= there < 120
+    done = gauntlet("run", suite, "--out", folder, "--no-media")
+    assert done.returncode == 0, done.stderr
+    assert f"continuing: {there} of 120 episodes are done already" in done.stdout
+    assert count(folder) == 120
+    gauntlet("run", suite, "--out", undisturbed, "--no-media")
+    hashes = [json.loads((path / "run.json").read_text())["rows_hash"] for path in (folder, undisturbed)]
+    assert hashes[0] == hashes[1]
