@@ -26,7 +26,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeResult:
-    """One row. Fields up to `error` are the same wherever and however often the episode is run; the rest is telemetry."""
+    """One row. Fields up to `error` are the same wherever and however often it is run; the rest is telemetry."""
 
     episode_id: Annotated[str, "Hash of policy content, task, condition, seed and protocol: one row per id."]
     pair_id: Annotated[str, "The same hash without the policy: equal for the two sides of a paired comparison."]

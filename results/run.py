@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from enum import StrEnum
 from pathlib import Path
+from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -149,4 +150,4 @@ def store_url(folder: Path, document: RunDocument, url: str | None = None) -> st
         return url
     if document.store_url is not None:
         raise RunError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
-    return f"sqlite:///{folder / STORE_FILE}"
+    return f"sqlite:///{quote(str(folder / STORE_FILE))}"

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
@@ -81,7 +82,7 @@ class Store:
         """Open an SQLite store in a file. Raises StoreError."""
         if path.is_dir():
             raise StoreError(f"{path}: expected a store file, this is a directory")
-        return cls.open(f"sqlite:///{path}", run_id)
+        return cls.open(file_url(path), run_id)
 
     def _prepare(self) -> None:
         existing = set(sa.inspect(self._engine).get_table_names())
@@ -93,9 +94,11 @@ class Store:
         if _schema.name in existing:
             with self._engine.connect() as connection:
                 version = connection.scalar(sa.select(sa.func.max(_schema.c.version)))
-            if version != SCHEMA_VERSION:
+            if version == SCHEMA_VERSION:
+                return
+            if version is not None:
                 raise StoreError(f"{self._where}: store version {version}, this program reads version {SCHEMA_VERSION}")
-            return
+            # No version: SQLite commits each CREATE TABLE by itself, and whoever began was killed between two of them.
         with self._engine.begin() as connection:
             _metadata.create_all(connection)
             connection.execute(_schema.insert().values(version=SCHEMA_VERSION))
@@ -141,6 +144,12 @@ class Store:
 
     def results(self) -> Iterator[EpisodeResult]:
         """Every row, ordered by simulator, task, policy, condition and seed."""
+        for batch in self.batches():
+            for row in batch:
+                yield EpisodeResult(**dict(zip(FIELDS, row, strict=True)))
+
+    def batches(self, size: int = 10_000) -> Iterator[Sequence[Sequence[Any]]]:
+        """The rows of `results` as plain values in the order of `FIELDS`, at most `size` at a time."""
         e = _episodes.c
         query = (
             sa.select(*(e[name] for name in FIELDS))
@@ -148,8 +157,7 @@ class Store:
             .order_by(e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
         )
         with self._explained(), self._engine.connect() as connection:
-            for row in connection.execution_options(yield_per=10_000).execute(query):
-                yield EpisodeResult(**dict(zip(FIELDS, row, strict=True)))
+            yield from connection.execution_options(yield_per=size).execute(query).partitions()
 
     def find(self, episode_id: str) -> EpisodeResult | None:
         """The row of that id, or of the one id that starts like it."""
@@ -182,6 +190,11 @@ class Store:
 
     def _explained(self) -> _Explained:
         return _Explained(self._where)
+
+
+def file_url(path: Path) -> str:
+    """URL of an SQLite store in a file, whatever characters its name has."""
+    return f"sqlite:///{quote(str(path))}"
 
 
 @dataclasses.dataclass
