@@ -119,6 +119,11 @@ class NotRun:
     missing: int
     reason: str
 
+    @property
+    def condition(self) -> Condition:
+        """The axis and severity."""
+        return Condition(self.axis, self.severity)
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorGroup:
@@ -308,8 +313,7 @@ def _tally(line: dict[str, Any], verdicts: int, interval: Interval | None) -> Ta
 
 def _cell_rows(cells: pd.DataFrame) -> list[CellRow]:
     names = cells[["simulator", "task", "policy", "policy_digest", "axis", "severity"]]
-    keys = names.itertuples(index=False, name=None)
-    return [CellRow(*key, tally) for key, tally in zip(keys, _tallies(cells), strict=True)]
+    return [CellRow(**key, tally=tally) for key, tally in zip(names.to_dict("records"), _tallies(cells), strict=True)]
 
 
 def _aggregates(cells: pd.DataFrame, by: list[str]) -> list[Aggregate]:
@@ -338,8 +342,8 @@ def _aggregates(cells: pd.DataFrame, by: list[str]) -> list[Aggregate]:
 def _not_run(document: RunDocument, cells: pd.DataFrame) -> list[NotRun]:
     otherwise = f"run {document.status}" + (f": {document.reason}" if document.reason else "")
     columns = ["simulator", "task", "policy", "axis", "severity", "missing"]
-    lines = cells.loc[cells["missing"] > 0, columns].itertuples(index=False, name=None)
-    return [NotRun(*line, document.skipped.get(line[0], otherwise)) for line in lines]
+    lines = cells.loc[cells["missing"] > 0, columns].to_dict("records")
+    return [NotRun(**line, reason=document.skipped.get(line["simulator"], otherwise)) for line in lines]
 
 
 def _error_groups(frame: pd.DataFrame) -> tuple[ErrorGroup, ...]:

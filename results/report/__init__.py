@@ -1,0 +1,7 @@
+"""The report of a run: `report.html`, `report.md`, `summary.json` and `episodes.parquet`."""
+
+from results.report.summary import Summary
+from results.report.text import TextTable, summary_table
+from results.report.writing import ReportPaths, write_report
+
+__all__ = ["ReportPaths", "Summary", "TextTable", "summary_table", "write_report"]

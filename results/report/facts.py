@@ -1,0 +1,93 @@
+"""What a report says besides its tables: the verdict, the provenance, and one sentence per term."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from results.report import text
+from results.run import RunDocument, RunStatus
+from results.tables import NotRun, Tables
+from suites.vocabulary import SUCCESS_HOLD
+
+SENTENCES = {
+    "success": f"An episode is a success if the task's own predicate holds for {SUCCESS_HOLD} control steps in a row "
+    "within the horizon, and a failure if not. Success once asks for a single step only.",
+    "rate": "The rate is successes / (successes + failures).",
+    "interval": "Behind it in brackets is Wilson's 95 % interval: 19 of 20 such intervals contain the true rate.",
+    "pooled": "A rate over several tasks is pooled, every episode weighing the same; in the mean of tasks, every task "
+    "weighs the same.",
+    "error": "An error is an episode that could not be played. It is never counted as a failure and is in no rate.",
+    "bounds": "Bounds say what the rate would be if all errors and missing episodes had failed, or all had succeeded.",
+    "done": "Done means that the episode has a row, whether success, failure or error; missing means that it has none.",
+    "condition": "A condition is clean, or a perturbation axis at a severity from 1 (mild) to 5 (extreme).",
+    "busy": "Busy is the share of worker time after start-up that went into simulator or policy: "
+    "(reset + physics + render + inference) / (wall + wait).",
+    "phases": "Build: importing the simulator and opening the task. Load: loading the policy. Render: observing. "
+    "Rest: time of an episode in no other phase. Wait: a worker with nothing to do.",
+    "skipped": "A skipped simulator could not run on this machine; its episodes count as missing.",
+}
+"""One explanation per term, shown where it first appears."""
+
+_STATUS = {
+    RunStatus.COMPLETE: "Complete",
+    RunStatus.RUNNING: "Still running",
+    RunStatus.INTERRUPTED: "Interrupted",
+    RunStatus.STOPPED: "Stopped early",
+}
+
+
+def status_word(document: RunDocument) -> str:
+    """How far the run came, in a word or two."""
+    return _STATUS[document.status]
+
+
+def verdict(document: RunDocument, tables: Tables) -> str:
+    """The run in one sentence: status, episodes done of planned, errors, time."""
+    total = tables.total
+    reason = f" ({document.reason})" if document.reason else ""
+    parts = [f"{total.done:,} of {text.counted(total.planned, 'episode')} done"]
+    parts.append(text.counted(total.errors, "error") if total.errors else "no errors")
+    if document.elapsed_s:
+        parts.append(text.seconds(document.elapsed_s))
+    return f"{status_word(document)}{reason}: {', '.join(parts)}."
+
+
+def provenance(document: RunDocument, tables: Tables) -> list[tuple[str, str]]:
+    """With what, where and when the run was made, as (name, value)."""
+    made = document.provenance
+    dirty = {None: "", True: " with uncommitted changes", False: " (clean)"}[made.git_dirty]
+    facts = [
+        ("run", document.run_id),
+        ("suite", f"{document.suite_name} ({document.suite_path})"),
+        ("suite hash", document.suite_hash),
+        ("rows hash", document.rows_hash or "not computed"),
+        *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in tables.cells}.items()),
+        ("git commit", f"{made.git_commit}{dirty}" if made.git_commit else "unknown"),
+        ("started", _moment(document.started_at)),
+        ("ended", _moment(document.finished_at)),
+        ("time running", text.seconds(document.elapsed_s)),
+        ("store", document.store_url or "file in the run folder"),
+        *((f"{name} drawn by", device) for name, device in document.render_devices.items()),
+        *((f"{name} workers", str(count)) for name, count in document.workers.items()),
+        ("machine", ", ".join(filter(None, (made.processor, f"{made.cores} cores" if made.cores else "", made.platform)))),
+        ("Python", made.python),
+    ]
+    return [(name, value or "unknown") for name, value in facts]
+
+
+def gaps(tables: Tables) -> tuple[NotRun, ...]:
+    """Cells with missing episodes, those of skipped simulators aside."""
+    skipped = {simulator for simulator, _ in tables.skipped}
+    return tuple(gap for gap in tables.not_run if gap.simulator not in skipped)
+
+
+def skipped_episodes(tables: Tables) -> dict[str, int]:
+    """Skipped simulator to its missing episodes."""
+    return {
+        simulator: sum(gap.missing for gap in tables.not_run if gap.simulator == simulator)
+        for simulator, _ in tables.skipped
+    }
+
+
+def _moment(seconds: float | None) -> str:
+    return "not yet" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")

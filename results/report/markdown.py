@@ -1,0 +1,66 @@
+"""`report.md`: the numbers of the report as text, for a terminal, a pull request or a diff."""
+
+from __future__ import annotations
+
+from results.report import facts, text
+from results.report.facts import SENTENCES
+from results.report.summary import ERROR_GROUPS
+from results.report.text import TextTable, escape, markdown
+from results.run import RunDocument
+from results.tables import Tables
+
+
+def render_markdown(document: RunDocument, tables: Tables) -> str:
+    """The whole report as GitHub Markdown."""
+    parts = [f"# {escape(document.suite_name)}", escape(facts.verdict(document, tables))]
+    if document.suite_description:
+        parts.append(escape(document.suite_description))
+    if not tables.total.done:
+        parts.append("**This run has no rows yet**, so there is no rate to show.")
+    parts += ["## Success rates", _says("success", "rate", "interval", "pooled"), markdown(text.summary_table(tables))]
+    for simulator in tables.simulators:
+        parts += [f"### {escape(simulator)}", markdown(text.task_table(tables, simulator))]
+    parts.append(_says("done", "error", "bounds"))
+    parts += _not_run(tables) + _errors(tables) + _timing(tables)
+    rows = tuple(facts.provenance(document, tables))
+    parts += ["## Provenance", markdown(TextTable(("what", "value"), rows, 2))]
+    packages = tuple(sorted(document.provenance.packages.items()))
+    if packages:
+        parts.append(markdown(TextTable(("package", "version"), packages, 2)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _says(*terms: str) -> str:
+    return " ".join(escape(SENTENCES[term]) for term in terms)
+
+
+def _not_run(tables: Tables) -> list[str]:
+    if not tables.not_run and not tables.skipped:
+        return ["## What was not run", "Nothing: every planned episode has a row."]
+    parts = ["## What was not run"]
+    episodes = facts.skipped_episodes(tables)
+    for simulator, reason in tables.skipped:
+        number = text.counted(episodes[simulator], "episode")
+        parts.append(f"- {escape(simulator)} was skipped ({number}): {escape(reason)}")
+    rows = tuple((g.task, g.policy, str(g.condition), g.reason, text.count(g.missing)) for g in facts.gaps(tables))
+    return (
+        [*parts, markdown(TextTable(("task", "policy", "condition", "reason", "missing"), rows, 4))] if rows else parts
+    )
+
+
+def _errors(tables: Tables) -> list[str]:
+    if not tables.errors:
+        return []
+    rows = tuple(
+        (group.message, ", ".join(group.tasks), ", ".join(group.examples), text.count(group.count))
+        for group in tables.errors[:ERROR_GROUPS]
+    )
+    more = len(tables.errors) - len(rows)
+    parts = ["## Errors", _says("error"), markdown(TextTable(("message", "tasks", "episodes", "count"), rows, 3))]
+    return [*parts, f"{more:,} more messages are in `episodes.parquet`."] if more else parts
+
+
+def _timing(tables: Tables) -> list[str]:
+    if not tables.timing:
+        return []
+    return ["## Where the time went", _says("phases", "busy"), markdown(text.timing_table(tables.timing))]

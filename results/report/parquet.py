@@ -1,0 +1,57 @@
+"""`episodes.parquet`: every row with every field, each column carrying its sentence. Written and read in pieces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from results.record import FIELDS, describe_fields
+from results.run import RunDocument
+from results.store import Store
+from results.tables import CATEGORIES, COLUMNS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
+BATCH = 50_000
+"""Rows in memory at a time."""
+
+
+def schema(document: RunDocument) -> pa.Schema:
+    """Columns of the file: the fields of `EpisodeResult` in order, each with its sentence as `description`."""
+    import pyarrow as pa
+
+    types = {str: pa.string(), int: pa.int64(), float: pa.float64(), bool: pa.bool_()}
+    fields = [
+        pa.field(name, types[kind], nullable=nullable, metadata={"description": sentence})
+        for name, (kind, nullable, sentence) in describe_fields().items()
+    ]
+    about = {"run_id": document.run_id, "suite_name": document.suite_name, "suite_hash": document.suite_hash}
+    return pa.schema(fields, metadata=about)
+
+
+def write_parquet(path: Path, document: RunDocument, store: Store) -> None:
+    """Write all rows of a store.
+
+    Raises:
+        StoreError: The store cannot be read.
+        OSError: The file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = schema(document)
+    with pq.ParquetWriter(path, columns, compression="zstd") as writer:
+        for rows in store.batches(BATCH):
+            values = zip(*rows, strict=True)
+            arrays = [pa.array(column, type=field.type) for column, field in zip(values, columns, strict=True)]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=columns))
+
+
+def read_frame(path: Path) -> pd.DataFrame:
+    """The columns `COLUMNS` of an `episodes.parquet`, texts with few values as categories."""
+    import pyarrow.parquet as pq
+
+    assert set(COLUMNS) <= set(FIELDS)
+    return pq.read_table(path, columns=list(COLUMNS), read_dictionary=list(CATEGORIES)).to_pandas()

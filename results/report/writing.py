@@ -1,0 +1,92 @@
+"""Writes the four files of a report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from results.report.markdown import render_markdown
+from results.report.media import choose_videos
+from results.report.page import render_page
+from results.report.parquet import read_frame, write_parquet
+from results.report.summary import build_summary
+from results.run import RunDocument, read_run
+from results.run import store_url as url_of
+from results.store import Store
+from results.tables import build_tables
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPaths:
+    """The files of a report, in the run folder."""
+
+    html: Path
+    """For people: one file, with pictures and videos inside."""
+    markdown: Path
+    """The same numbers as text."""
+    summary: Path
+    """The same numbers for programs, see `Summary`."""
+    episodes: Path
+    """Every row, Parquet."""
+
+    @classmethod
+    def of(cls, folder: Path) -> ReportPaths:
+        """Where the report of a run folder is, or will be."""
+        return cls(folder / "report.html", folder / "report.md", folder / "summary.json", folder / "episodes.parquet")
+
+
+def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
+    """Write the report of a run, complete or not, into its folder.
+
+    Rows are read from the store once, into `episodes.parquet`; everything else is made from that file, so that the four
+    files of a report agree even while the run goes on. Each is replaced as a whole or left as it was.
+
+    Args:
+        folder: The run folder.
+        store_url: URL of the store, where it is not the file in the folder.
+
+    Raises:
+        RunError: The folder is no run, or its rows are in a database whose URL was not given.
+        StoreError: The store cannot be read.
+        OSError: A file cannot be written.
+    """
+    document = read_run(folder)
+    paths = ReportPaths.of(folder)
+    with _replacing(paths.episodes) as file:
+        _write_rows(file, document, url_of(folder, document, store_url))
+        frame = read_frame(file)
+    tables = build_tables(document, frame)
+    videos = choose_videos(folder, frame)
+    del frame
+    _write_text(paths.summary, build_summary(document, tables).model_dump_json(indent=1) + "\n")
+    _write_text(paths.markdown, render_markdown(document, tables))
+    _write_text(paths.html, render_page(folder, document, tables, videos))
+    return paths
+
+
+def _write_rows(file: Path, document: RunDocument, url: str) -> None:
+    store = Store.open(url, document.run_id)
+    try:
+        write_parquet(file, document, store)
+    finally:
+        store.close()
+
+
+def _write_text(path: Path, text: str) -> None:
+    with _replacing(path) as file:
+        # A lone surrogate in an error message must not cost the report.
+        file.write_text(text, encoding="utf-8", errors="replace")
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A temporary file that takes the place of `path` when all went well."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

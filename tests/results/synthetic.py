@@ -1,0 +1,96 @@
+"""Runs that nobody ran: plans, rows and stores for the tests of results/."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+from results.record import EpisodeResult
+from results.run import PlannedCell, RunDocument, RunStatus, store_url, write_run
+from results.store import Store
+from suites.vocabulary import Cell, Condition, Protocol, content_hash
+
+TASKS = ("maniskill/PushCube-v1", "maniskill/PickCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
+CLEAN = (Condition(),)
+
+
+def cells(policies=("oracle", "random"), tasks=TASKS, conditions=CLEAN):
+    return [
+        Cell(policy, content_hash(policy), task, Protocol(horizon=100), condition)
+        for task in tasks
+        for condition in conditions
+        for policy in policies
+    ]
+
+
+def document(planned=10, of=None, **changes):
+    plan = tuple(
+        PlannedCell(
+            simulator=cell.simulator,
+            task=cell.task,
+            policy=cell.policy,
+            policy_digest=cell.policy_digest,
+            axis=cell.condition.axis,
+            severity=cell.condition.severity,
+            planned=planned,
+        )
+        for cell in (cells() if of is None else of)
+    )
+    values = {
+        "run_id": "run-1",
+        "suite_name": "synthetic",
+        "suite_hash": "0123456789abcdef",
+        "suite_text": "name: synthetic\n",
+        "suite_path": "suites/synthetic.yaml",
+        "started_at": 1_760_000_000.0,
+        "elapsed_s": 120.0,
+        "status": RunStatus.COMPLETE,
+    }
+    return RunDocument(**{**values, "plan": plan, **changes})
+
+
+def row(cell, seed, status="success", **changes):
+    if status == "error":
+        return EpisodeResult.failed_to_run(
+            cell.episode(seed), changes.pop("error", "WorkerDied: signal 9"), **{"worker": "w0", **changes}
+        )
+    values = {
+        "status": status,
+        "success_once": status == "success",
+        "steps": 40 if status == "success" else 100,
+        "queries": 5,
+        "clipped_steps": 0,
+        "reward_sum": 1.5,
+        "state_hash": content_hash([cell.task, seed]),
+        "final_state_hash": content_hash([cell.task, seed, "end"]),
+        "actions_hash": content_hash([cell.policy, seed]),
+        "worker": f"{cell.simulator}-0",
+        "started_at": 1_760_000_000.0 + seed,
+        "reset_s": 0.25,
+        "physics_s": 0.5,
+        "render_s": 1.0,
+        "inference_s": 0.125,
+        "wait_s": 0.125,
+        "wall_s": 2.0,
+    }
+    return EpisodeResult.of(cell.episode(seed), **{**values, **changes})
+
+
+def rows(of=None, planned=10, errors=0, seed=0):
+    """A row per planned episode; the first `errors` of each cell are errors."""
+    generator = random.Random(seed)
+    made = []
+    for cell in cells() if of is None else of:
+        for number in range(planned):
+            status = "error" if number < errors else generator.choice(["success", "failure"])
+            made.append(row(cell, number, status))
+    return made
+
+
+def run_folder(folder: Path, run: RunDocument, results) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    write_run(folder, run)
+    store = Store.open(store_url(folder, run), run.run_id)
+    store.add(list(results))
+    store.close()
+    return folder
