@@ -38,8 +38,11 @@ def span(interval: Interval | None) -> str:
 
 
 def bounds(value: RateBounds | None) -> str:
-    """Bounds of a rate: `80–84 %`."""
-    return NOTHING if value is None else f"{100 * value.low:.0f}–{100 * value.high:.0f} %"
+    """Bounds of a rate: `80–84 %`, with a digit more where they are close."""
+    if value is None:
+        return NOTHING
+    digits = 0 if value.high - value.low >= 0.015 else 1
+    return f"{100 * value.low:.{digits}f}–{100 * value.high:.{digits}f} %"
 
 
 def seconds(value: float | None) -> str:
