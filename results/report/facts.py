@@ -10,8 +10,8 @@ from results.tables import NotRun, Tables
 from suites.vocabulary import SUCCESS_HOLD
 
 SENTENCES = {
-    "success": f"The task's own predicate held for {SUCCESS_HOLD} control steps in a row within the horizon; if not, the "
-    "episode is a failure. Success once asks for a single step only.",
+    "success": f"The task's own predicate held for {SUCCESS_HOLD} control steps in a row within the horizon; if not, "
+    "the episode is a failure. Success once asks for a single step only.",
     "rate": "Successes / (successes + failures).",
     "interval": "Wilson's, 95 %, in brackets behind the rate: 19 of 20 such intervals contain the true rate.",
     "pooled": "Over several tasks, every episode weighs the same; in the mean of tasks, every task weighs the same.",

@@ -106,7 +106,7 @@ def task_table(tables: Tables, simulator: str) -> TextTable:
     several = len(tables.conditions) > 1
     cells = [cell for cell in tables.cells if cell.simulator == simulator]
     header = ("task", "policy", *(("condition",) if several else ()), "planned", "done", "success", "failure", "error")
-    header += ("missing", "rate", "95 % interval", "bounds", "success once", "mean steps", "time per episode")
+    header += ("missing", "rate", "interval", "bounds", "success once", "mean steps", "mean time")
     return TextTable(header, tuple(_task_row(cell, several) for cell in cells), 3 if several else 2)
 
 
@@ -128,7 +128,7 @@ def _task_row(cell: CellRow, several: bool) -> tuple[str, ...]:
 
 def timing_table(timing: Sequence[PhaseTiming]) -> TextTable:
     """Worker time per simulator and phase."""
-    header = ("simulator", "workers", *PHASES, "total", "busy", "episodes per worker-hour")
+    header = ("simulator", "workers", *PHASES, "total", "busy", "episodes per hour of a worker")
     rows = tuple(
         (
             line.simulator,
