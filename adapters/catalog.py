@@ -84,7 +84,8 @@ def missing_reason(simulator: Simulator) -> str | None:
     """Why the simulator cannot be opened here, with the fix, or None if its modules are installed. Imports nothing."""
     missing = [module for module in simulator.modules if find_spec(module) is None]
     if missing:
-        return f"not installed (no module {missing[0]}); install it: pip install -c constraints.txt -e '.[{simulator.name}]'"
+        install = f"pip install -c constraints.txt -e '.[{simulator.name}]'"
+        return f"not installed (no module {missing[0]}); install it: {install}"
     return None
 
 

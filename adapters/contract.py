@@ -118,7 +118,7 @@ class Simulation(Protocol):
         """Render the world as it is now. The only call that renders for a policy."""
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action` (shape (7,), already within the bounds of `action_spec`) for one control step. Never renders."""
+        """Apply `action`, shape (7,), within the bounds of `action_spec`, for one control step. Never renders."""
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """The true state in the base frame, for oracles and checks, never for policies.

@@ -80,7 +80,7 @@ class NullSimulation:
     def observe(self) -> Observation:
         """Blank images whose brightness is the distance to the goal."""
         size = self._view.image_size
-        shade = int(min(255, 100 * np.linalg.norm(self._goal - self._position)))
+        shade = min(255, int(100 * np.linalg.norm(self._goal - self._position)))
         images = {camera: np.full((size, size, 3), shade, np.uint8) for camera in self._view.cameras}
         return Observation(images, np.concatenate([self._position, np.zeros(5)]), "reach the goal")
 

@@ -104,7 +104,7 @@ class StatelessPolicy:
 
 @dataclass(frozen=True)
 class PolicyKind:
-    """A kind of policy, as its entry point (group `robogauntlet.policies`) declares it. Building one imports nothing heavy."""
+    """A kind of policy, as its entry point (group `robogauntlet.policies`) declares it. Building one is cheap."""
 
     name: str
     summary: str
@@ -135,9 +135,8 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
                 f"the policy needs camera {missing[0]}, the suite renders {', '.join(observation_spec.cameras)}"
             )
         if spec.image_size not in (None, observation_spec.image_size):
-            raise PolicyMismatch(
-                f"the policy was made for {spec.image_size} px images, the suite renders {observation_spec.image_size} px"
-            )
+            sizes = f"{spec.image_size} px images, the suite renders {observation_spec.image_size} px"
+            raise PolicyMismatch(f"the policy was made for {sizes}")
 
 
 def check_chunk(actions: FloatArray) -> FloatArray:

@@ -54,7 +54,9 @@ def load_suite(path: Path, names: KnownNames) -> Suite:
     try:
         suite = Suite.model_validate(data)
     except ValidationError as error:
-        problems = [Problem(str(path), _line(lines, e["loc"]), _say(e, data)) for e in error.errors()]
+        problems = [
+            Problem(str(path), _line(lines, _place(e["loc"])), _say(e)) for e in error.errors() if not _is_echo(e)
+        ]
         raise SuiteError(_unique(problems)) from None
     problems = [Problem(str(path), _line(lines, place), message) for place, message in check_names(suite, names)]
     if problems:
@@ -147,12 +149,18 @@ def _line(lines: dict[Place, int], place: Place) -> int | None:
     return None
 
 
-def _say(error: Any, data: dict[str, Any]) -> str:
-    place = tuple(
-        part
-        for part in error["loc"]
-        if not (isinstance(part, str) and ("[" in part or part in ("int", "constrained-int")))
-    )
+def _place(loc: Place) -> Place:
+    """A pydantic location without the names of union branches."""
+    return tuple(part for i, part in enumerate(loc) if not (i and loc[0] == "workers" and part in ("int", "dict")))
+
+
+def _is_echo(error: Any) -> bool:
+    """A list is also called too short when its entries are wrong."""
+    return error["type"] == "too_short" and bool(error["input"])
+
+
+def _say(error: Any) -> str:
+    place = _place(error["loc"])
     where = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
     came = error.get("input")
     match error["type"]:

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from suites.vocabulary import CAMERAS, CLEAN, Cell, Condition, Protocol, RenderProfile, View, content_hash
 
@@ -114,20 +114,16 @@ class Suite(_Model):
     horizon: Count | None = None
     """Control steps per episode, or each task's own."""
 
-    workers: Count | dict[str, Count] = 1
+    workers: Annotated[
+        Annotated[Count, Tag("int")] | Annotated[dict[str, Count], Tag("dict")],
+        Discriminator(lambda value: "dict" if isinstance(value, dict) else "int"),
+    ] = 1
     """Worker processes per simulator."""
     max_attempts: Count = 3
     """Times that an episode may end its worker before it is recorded as an error."""
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Share of errors among the planned episodes at which the run ends early."""
-
-    @field_validator("workers", mode="before")
-    @classmethod
-    def _no_boolean_workers(cls, value: Any) -> Any:
-        if isinstance(value, bool):
-            raise ValueError("expected a whole number or a mapping from simulator to whole number")
-        return value
 
     def worker_count(self, simulator: str) -> int:
         """Worker processes for that simulator."""
@@ -194,13 +190,9 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
             for option in policy.options:
                 if option not in known.options:
                     add((place, f"policy '{policy.kind}' has no option '{option}'{_nearest(option, known.options)}"))
-        if policy.name in seen_policies:
-            add(
-                (
-                    place,
-                    f"duplicate policy '{policy.name}', already at entry {seen_policies[policy.name] + 1}; give it another `name`",
-                )
-            )
+        first = seen_policies.get(policy.name)
+        if first is not None:
+            add((place, f"duplicate policy '{policy.name}', already at entry {first + 1}; give it another `name`"))
         seen_policies.setdefault(policy.name, i)
 
     seen_tasks: set[str] = set()

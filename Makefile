@@ -1,0 +1,50 @@
+# Recurring chores. `make demo` and `make test` need nothing but Python 3.11+, pip and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: help setup demo test test-fast lint bench report clean
+
+help:
+	@echo "make demo       set up, run the demo suite in three simulators, print the table and the report's place"
+	@echo "make test       set up, check style and types, run all tests"
+	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
+	@echo "make lint       ruff and mypy"
+	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
+	@echo "make report     write the newest run's report again"
+	@echo "make setup      virtual environment, pinned packages, rendering drivers"
+
+setup: $(STAMP)
+	@bash scripts/render_drivers.sh
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,postgresql,dev]"
+	@touch $@
+
+demo: setup
+	$(BIN)/gauntlet run demo
+
+test: setup lint
+	@bash scripts/test_tools.sh
+	$(BIN)/python -m pytest -q
+
+test-fast: setup
+	$(BIN)/python -m pytest -q -m "not simulator and not ray and not slow"
+
+lint: setup
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff check --quiet .
+	$(BIN)/mypy --no-error-summary
+
+bench: setup
+	$(BIN)/python -m tests.benchmarks
+
+report: setup
+	$(BIN)/gauntlet report
+
+clean:
+	rm -rf build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,287 @@
+"""PyBullet through panda-gym: a Franka Panda at a table, end-effector control at 25 Hz.
+
+What is panda-gym's and what is ours:
+
+- Robot, tasks, goals, success predicates and the controller are panda-gym's. Its episodes end at the first success;
+  here only the predicate is used.
+- Drawing is ours, since panda-gym's camera makes the 4 cm cube two pixels wide and sets no light. The renderer is
+  PyBullet's TinyRenderer, which draws the translucent goal as opaque: goal and cube would be one green, so the goal is
+  painted red in both render profiles. `standard` draws shadows as panda-gym does, `fast` does not; there is neither
+  reflection nor multisampling to switch off. Empty background is white.
+- The controller keeps the gripper pointing straight down, so rotations are ignored; in Reach and Push the fingers are
+  held closed, so the gripper is ignored too. A translation is the displacement that the joint motors are given as
+  their target; in one control step they cover 40 to 100 % of it, depending on the pose.
+- Poses of links are those of the last of the 20 physics steps in a control step, before its integration (2 ms old), as
+  everywhere in panda-gym. Asking PyBullet to recompute them would change what the controller does next.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import difflib
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from adapters.contract import (
+    PICTURE_SIZE,
+    ActionSpec,
+    FloatArray,
+    Image,
+    Observation,
+    ObservationSpec,
+    Simulator,
+    SimulatorUnavailable,
+    StepOutcome,
+    TaskCard,
+    UnknownTask,
+    UnsupportedCondition,
+)
+from adapters.frames import axis_angle, hash_state
+from suites.vocabulary import Condition, RenderProfile, View
+
+TASKS = {
+    "PandaReach-v3": TaskCard("reach the red ball with the closed gripper", horizon=20),
+    "PandaPush-v3": TaskCard("push the green cube onto the red goal", horizon=100),
+    "PandaPickAndPlace-v3": TaskCard("pick up the green cube and carry it to the red goal", horizon=60),
+}
+MODULES = ("pybullet", "panda_gym")
+
+MAX_TRANSLATION = 0.05
+"""What panda-gym makes of a full translation command (m)."""
+WIDTH_PER_COMMAND = 0.2
+"""What panda-gym makes of a full gripper command: change of the distance between the fingers (m)."""
+MAX_WIDTH = 0.08
+"""Distance between the fingers when open (m)."""
+BASE_IN_WORLD = np.array([-0.6, 0.0, 0.0])
+"""The robot's base stands here, not turned (m)."""
+GOAL_COLOUR = (0.9, 0.1, 0.1, 1.0)
+OUT_OF_REACH = (0.0, 0.0, 5.0)
+FINGERS = (9, 10)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera. Positions in metres, in the base frame, or in the tool's frame for the wrist."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float]
+    fovy: float
+    """Vertical field of view (degrees)."""
+
+
+THIRD_PERSON = Camera(eye=(1.28, 0.36, 0.52), target=(0.57, 0.0, 0.12), up=(0.0, 0.0, 1.0), fovy=36.0)
+"""In front of the robot and to its left, looking at the workspace and back at the arm."""
+WRIST = Camera(eye=(0.08, 0.0, -0.08), target=(0.0, 0.0, 0.04), up=(-1.0, 0.0, 0.0), fovy=75.0)
+"""On the front of the hand, looking down between the fingertips. The tool's z axis points out of the gripper."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """TinyRenderer's one light; the defaults are PyBullet's own."""
+
+    direction: tuple[float, float, float] = (-50.0, 30.0, 100.0)
+    """From the scene to the light."""
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    distance: float = 2.0
+    ambient: float = 0.6
+    diffuse: float = 0.35
+    specular: float = 0.05
+
+
+class PyBulletSimulation:
+    """One panda-gym task in a physics server of its own, see `adapters.contract.Simulation`."""
+
+    def __init__(self, env: Any, card: TaskCard, view: View) -> None:
+        """Take over `env`, an unwrapped panda-gym environment."""
+        self._env, self._card, self._view = env, card, view
+        self._robot, self._task, self._sim = env.robot, env.task, env.sim
+        self._client = env.sim.physics_client
+        self._bodies: Mapping[str, int] = env.sim._bodies_idx
+        self._light = Light()
+        rotations = ("rx", "ry", "rz")
+        self.action_spec = ActionSpec(
+            max_translation=MAX_TRANSLATION,
+            max_rotation=0.0,
+            control_hz=1.0 / env.sim.dt,
+            ignored=(*rotations, "gripper") if env.robot.block_gripper else rotations,
+        )
+        self.observation_spec = ObservationSpec(view.cameras, view.image_size)
+        self._low, self._high = self.action_spec.low, self.action_spec.high
+        self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
+        self._client.changeVisualShape(self._bodies["target"], -1, rgbaColor=GOAL_COLOUR)
+
+    def reset(self, seed: int, condition: Condition) -> None:
+        """Start the episode of `seed`: the world that panda-gym draws from it, and nothing of an earlier one.
+
+        Raises:
+            UnsupportedCondition: `condition` is not clean.
+        """
+        if condition != Condition():
+            raise UnsupportedCondition(f"pybullet cannot bring about {condition}; it offers clean")
+        self._forget_contacts()
+        self._env.reset(seed=seed)
+
+    def _forget_contacts(self) -> None:
+        """Empty the contact caches, which outlive a teleport and warm-start the solver with the last episode's forces.
+
+        One physics step in which nothing touches anything drops them all. The order in which contacts are made again
+        depends on history as well, hence the sorted pairs set at opening. Both together make a reset exact to the bit.
+        """
+        self._robot.reset()
+        if "object" in self._bodies:
+            self._sim.set_base_pose("object", OUT_OF_REACH, (0.0, 0.0, 0.0, 1.0))
+        self._client.stepSimulation()
+
+    def observe(self) -> Observation:
+        """Render the cameras of the view and read the arm."""
+        position, quaternion = self._tool_pose()
+        return Observation(
+            images={name: self._render(name, self._view.image_size) for name in self._view.cameras},
+            proprioception=np.concatenate([position, axis_angle(quaternion), self._finger_positions()]),
+            instruction=self._card.instruction,
+        )
+
+    def step(self, action: FloatArray) -> StepOutcome:
+        """Apply `action` (7,) for one control step. The reward is panda-gym's sparse one: 0 at the goal, else -1."""
+        action = np.clip(action, self._low, self._high)
+        command = action[:3] / MAX_TRANSLATION
+        if not self._robot.block_gripper:
+            width = MAX_WIDTH * (1.0 - action[6]) / 2.0
+            command = np.append(command, (width - self._robot.get_fingers_width()) / WIDTH_PER_COMMAND)
+        self._robot.set_action(command)
+        self._sim.step()
+        achieved, goal = self._task.get_achieved_goal(), self._task.goal
+        return StepOutcome(
+            reward=float(self._task.compute_reward(achieved, goal, {})),
+            success=bool(self._task.is_success(achieved, goal)),
+        )
+
+    def privileged_state(self) -> Mapping[str, FloatArray]:
+        """Tool, fingers, `goal_position` and, except in Reach, `cube_position` and `cube_quaternion`; base frame."""
+        position, quaternion = self._tool_pose()
+        state = {
+            "tcp_position": position,
+            "tcp_quaternion": quaternion,
+            "finger_positions": self._finger_positions(),
+            "goal_position": self._task.goal - BASE_IN_WORLD,
+        }
+        if "object" in self._bodies:
+            cube_position, cube_quaternion = self._client.getBasePositionAndOrientation(self._bodies["object"])
+            state["cube_position"] = np.array(cube_position) - BASE_IN_WORLD
+            state["cube_quaternion"] = np.array(cube_quaternion)
+        return state
+
+    def state_hash(self) -> str:
+        """Hash of the joints, the cube and the goal. Motor targets are no state: every step sets them anew."""
+        return hash_state(self._physical_state())
+
+    def _physical_state(self) -> dict[str, FloatArray]:
+        joints = self._client.getJointStates(self._bodies["panda"], self._robot.joint_indices)
+        state = {"joints": np.array([joint[:2] for joint in joints]), "goal": self._task.goal}
+        if "object" in self._bodies:
+            body = self._bodies["object"]
+            state["cube_pose"] = np.concatenate(self._client.getBasePositionAndOrientation(body))
+            state["cube_velocity"] = np.concatenate(self._client.getBaseVelocity(body))
+        return state
+
+    def picture(self) -> Image:
+        """The third-person view for people, (256, 256, 3), in the view's render profile."""
+        return self._render("third_person", PICTURE_SIZE)
+
+    def render_device(self) -> str:
+        """PyBullet's own rasteriser, on the processor."""
+        return "TinyRenderer"
+
+    def close(self) -> None:
+        """Disconnect from the physics server. Safe to call twice."""
+        self._env.close()
+
+    def _tool_pose(self) -> tuple[FloatArray, FloatArray]:
+        """Position (m, base frame) and quaternion xyzw of the point between the fingertips."""
+        link = self._client.getLinkState(self._bodies["panda"], self._robot.ee_link)
+        return np.array(link[0]) - BASE_IN_WORLD, np.array(link[1])
+
+    def _finger_positions(self) -> FloatArray:
+        return np.array([joint[0] for joint in self._client.getJointStates(self._bodies["panda"], FINGERS)])
+
+    def _render(self, name: str, size: int) -> Image:
+        """An upright RGB image (size, size, 3) of the world as it is now."""
+        camera, origin, rotation = THIRD_PERSON, np.zeros(3), Rotation.identity()
+        if name == "wrist":
+            position, quaternion = self._tool_pose()
+            camera, origin, rotation = WRIST, position, Rotation.from_quat(quaternion)
+        client, light = self._client, self._light
+        # All arguments of the light every time: PyBullet keeps the last value of one that is left out.
+        _, _, pixels, _, _ = client.getCameraImage(
+            width=size,
+            height=size,
+            viewMatrix=client.computeViewMatrix(
+                cameraEyePosition=rotation.apply(camera.eye) + origin + BASE_IN_WORLD,
+                cameraTargetPosition=rotation.apply(camera.target) + origin + BASE_IN_WORLD,
+                cameraUpVector=rotation.apply(camera.up),
+            ),
+            projectionMatrix=client.computeProjectionMatrixFOV(fov=camera.fovy, aspect=1.0, nearVal=0.01, farVal=10.0),
+            lightDirection=light.direction,
+            lightColor=light.colour,
+            lightDistance=light.distance,
+            shadow=self._view.render_profile is RenderProfile.STANDARD,
+            lightAmbientCoeff=light.ambient,
+            lightDiffuseCoeff=light.diffuse,
+            lightSpecularCoeff=light.specular,
+            renderer=client.ER_TINY_RENDERER,
+        )
+        return np.ascontiguousarray(np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)[..., :3])
+
+
+def open(task: str, view: View) -> PyBulletSimulation:
+    """Open a task of panda-gym, seen through `view`.
+
+    Raises:
+        UnknownTask: There is no task of this name.
+        SimulatorUnavailable: pybullet or panda-gym is not installed.
+    """
+    if task not in TASKS:
+        near = difflib.get_close_matches(task, TASKS, n=1)
+        raise UnknownTask(f"pybullet/{task}, did you mean {near[0] if near else ' or '.join(TASKS)}?")
+    with _chatter_to_stderr():
+        try:
+            import gymnasium
+            import panda_gym  # noqa: F401  registers the environments
+        except ImportError as error:
+            raise SimulatorUnavailable(f"{error}; install with: pip install 'robogauntlet[pybullet]'") from error
+        env = gymnasium.make(task, disable_env_checker=True).unwrapped
+    return PyBulletSimulation(env, TASKS[task], view)
+
+
+@contextmanager
+def _chatter_to_stderr() -> Iterator[None]:
+    """Send what PyBullet's C++ prints on connecting to standard error: standard output is for results."""
+    libc = ctypes.CDLL(None)
+    sys.stdout.flush()
+    libc.fflush(None)
+    saved = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        libc.fflush(None)
+        os.dup2(saved, 1)
+        os.close(saved)
+
+
+SIMULATOR = Simulator(
+    name="pybullet",
+    title="PyBullet (panda-gym)",
+    tasks=TASKS,
+    modules=MODULES,
+    distributions=("pybullet", "panda-gym", "gymnasium"),
+    open=open,
+)

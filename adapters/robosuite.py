@@ -1,0 +1,306 @@
+"""robosuite (MuJoCo): the Panda at its table with Lift, Stack and Door, under the benchmark's default controller.
+
+What is particular here:
+
+- The controller is OSC_POSE with delta input in the base frame, and each goal is set from the pose achieved, not from
+  the last goal. So an action is an offset that the arm is pulled towards, and one control step covers about a quarter
+  of it (0.01 m of every 0.05 m commanded, measured). A lone rotation drags the tool centre point along by centimetres.
+- The gripper looks only at the sign of its command: it moves by a fixed amount, and stays where it is at exactly 0.
+- The size of Lift's cube is drawn once while the model is built, always from `BUILD_SEED`; robosuite's `hard_reset`
+  would draw it anew in each episode, at a second or more per reset.
+- `fast` draws no shadows, no reflections and no multisampling. It takes a third to a quarter of the time.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import logging
+import os
+import sys
+from collections.abc import Mapping
+from ctypes.util import find_library
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from adapters.contract import (
+    PICTURE_SIZE,
+    ActionSpec,
+    FloatArray,
+    Image,
+    Observation,
+    ObservationSpec,
+    Simulator,
+    SimulatorUnavailable,
+    StepOutcome,
+    TaskCard,
+    UnknownTask,
+    UnsupportedCondition,
+)
+from adapters.frames import axis_angle, hash_state, relative_pose
+from suites.vocabulary import CLEAN, Condition, RenderProfile, View
+
+CONTROL_HZ = 20.0
+BUILD_SEED = 0
+"""Seeds what robosuite draws while it builds a model."""
+CAMERA_NAMES = {"third_person": "agentview", "wrist": "robot0_eye_in_hand"}
+
+TASKS = {
+    "Lift": TaskCard("lift the red cube off the table", horizon=80),
+    "Stack": TaskCard("put the red cube on the green cube", horizon=180),
+    "Door": TaskCard("turn the handle down and pull the door open", horizon=180),
+}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Names in the MuJoCo model, by the names that `privileged_state` gives them."""
+
+    bodies: Mapping[str, str] = field(default_factory=dict)
+    sites: Mapping[str, str] = field(default_factory=dict)
+    angles: Mapping[str, str] = field(default_factory=dict)
+    """Hinge joints."""
+
+
+PARTS = {
+    "Lift": Parts(bodies={"cube": "cube_main"}),
+    "Stack": Parts(bodies={"cubeA": "cubeA_main", "cubeB": "cubeB_main"}),
+    "Door": Parts(
+        bodies={"door": "Door_door", "latch": "Door_latch"},
+        sites={"handle": "Door_handle"},
+        angles={"hinge_angle": "Door_hinge", "latch_angle": "Door_latch_joint"},
+    ),
+}
+
+
+class RobosuiteSimulation:
+    """One task of robosuite, see `adapters.contract.Simulation`."""
+
+    def __init__(self, task: str, view: View) -> None:
+        """Build the model, a renderer for `view`, and take one step, on which numba compiles the controller.
+
+        Raises:
+            SimulatorUnavailable: robosuite or MuJoCo is missing, or nothing here can render.
+        """
+        robosuite, self._mujoco = import_simulator()
+        self._env = robosuite.make(
+            task,
+            robots="Panda",
+            control_freq=CONTROL_HZ,
+            ignore_done=True,
+            hard_reset=False,
+            has_renderer=False,
+            has_offscreen_renderer=False,
+            use_camera_obs=False,
+            use_object_obs=False,
+            renderer="mujoco",
+            seed=BUILD_SEED,
+        )
+        for name in self._env.observation_names:  # Updated 25 times a control step, and nobody reads them.
+            self._env.modify_observable(name, "enabled", False)
+        self._model, self._data = self._env.sim.model._model, self._env.sim.data._data
+        self._parts, self._view, self._instruction = PARTS[task], view, TASKS[task].instruction
+
+        robot = self._env.robots[0]
+        arm = robot.part_controllers["right"]
+        self.action_spec = ActionSpec(
+            max_translation=float(arm.output_max[0]), max_rotation=float(arm.output_max[3]), control_hz=CONTROL_HZ
+        )
+        self.observation_spec = ObservationSpec(view.cameras, view.image_size)
+        self._base = self._data.body(robot.robot_model.root_body)
+        self._tool_centre = self._data.site(robot.gripper["right"].important_sites["grip_site"])
+        # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
+        self._hand = self._data.body(robot.robot_model.eef_name["right"])
+        self._fingers = [self._data.joint(name) for name in robot.gripper["right"].joints]
+
+        self._option = self._mujoco.MjvOption()
+        self._option.geomgroup[0] = 0  # Collision shapes.
+        self._renderers: dict[int, Any] = {}
+        self._closed = False
+        self._env.step(np.zeros(self._env.action_dim))
+        self.reset(BUILD_SEED, Condition())
+        try:
+            self._renderer(view.image_size)
+        except Exception as error:  # What MuJoCo and the GL bindings raise here has no common base.
+            self.close()
+            raise no_rendering(error) from error
+
+    def reset(self, seed: int, condition: Condition) -> None:
+        """Start the episode of `seed`, from which the objects' placement and the arm's joint noise are drawn."""
+        if condition.axis != CLEAN:
+            raise UnsupportedCondition(f"robosuite cannot bring about {condition}: this adapter knows clean only")
+        generator = np.random.default_rng(seed)
+        self._env.rng = generator
+        for sampler in samplers(self._env.placement_initializer):
+            sampler.rng = generator
+        self._env.reset()
+        # On its way, reset solves the contacts of the last episode's door or of the objects' default poses, and the
+        # solver starts from its last solution.
+        self._data.qacc_warmstart[:] = 0.0
+        self._mujoco.mj_forward(self._model, self._data)
+
+    def step(self, action: FloatArray) -> StepOutcome:
+        """Apply `action` for one control step (25 physics steps). Never renders."""
+        spec = self.action_spec
+        _, reward, _, _ = self._env.step(np.clip(action, spec.low, spec.high) / spec.high)
+        # The sparse reward is 1 where the task's predicate holds, else 0. Asking for the predicate would do it twice.
+        return StepOutcome(reward=float(reward), success=reward > 0.0)
+
+    def observe(self) -> Observation:
+        """Render the cameras of the view and read the proprioception."""
+        images = {camera: self._draw(CAMERA_NAMES[camera], self._view.image_size) for camera in self._view.cameras}
+        position, quaternion = self._tool_pose()
+        proprioception = np.concatenate([position, axis_angle(quaternion), self._finger_positions()])
+        return Observation(images, proprioception, self._instruction)
+
+    def picture(self) -> Image:
+        """The third-person view, (256, 256, 3)."""
+        return self._draw(CAMERA_NAMES["third_person"], PICTURE_SIZE)
+
+    def privileged_state(self) -> Mapping[str, FloatArray]:
+        """The true state: `tcp_*` and `finger_positions`, then by task.
+
+        Lift: `cube_*`. Stack: `cubeA_*` (red, to be put on) and `cubeB_*` (green). Door: `door_*` and `latch_*` (the
+        two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
+        0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad.
+        """
+        self._refresh()
+        position, quaternion = self._tool_pose()
+        state = {"tcp_position": position, "tcp_quaternion": quaternion, "finger_positions": self._finger_positions()}
+        poses = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
+        poses |= {name: self._data.site(site) for name, site in self._parts.sites.items()}
+        for name, pose in poses.items():
+            state[f"{name}_position"], state[f"{name}_quaternion"] = self._in_base(pose.xpos, pose.xmat)
+        return state | {name: self._data.joint(joint).qpos.copy() for name, joint in self._parts.angles.items()}
+
+    def state_hash(self) -> str:
+        """Hash of all joint positions and velocities, and of where the fixed bodies (the door) were put."""
+        return hash_state(
+            {
+                "qpos": self._data.qpos,
+                "qvel": self._data.qvel,
+                "body_pos": self._model.body_pos,
+                "body_quat": self._model.body_quat,
+            }
+        )
+
+    def render_device(self) -> str:
+        """OpenGL's name of what draws."""
+        self._draw(CAMERA_NAMES["third_person"], self._view.image_size)
+        gl = importlib.import_module("OpenGL.GL")
+        return gl.glGetString(gl.GL_RENDERER).decode()
+
+    def close(self) -> None:
+        """Free the renderers and the model."""
+        if self._closed:
+            return
+        self._closed = True
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
+        self._env.close()
+
+    def _renderer(self, size: int) -> Any:
+        """The renderer for images of `size`, made on first use."""
+        if size not in self._renderers:
+            visual = self._model.vis
+            visual.global_.offwidth, visual.global_.offheight = size, size
+            if self._view.render_profile is RenderProfile.FAST:
+                visual.quality.offsamples = 0
+            renderer = self._mujoco.Renderer(self._model, height=size, width=size)
+            if self._view.render_profile is RenderProfile.FAST:
+                renderer.scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = False
+                renderer.scene.flags[self._mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+            self._renderers[size] = renderer
+        return self._renderers[size]
+
+    def _draw(self, camera: str, size: int) -> Image:
+        """The world as it is now, (size, size, 3)."""
+        self._refresh()
+        renderer = self._renderer(size)
+        renderer.update_scene(self._data, camera, self._option)
+        return renderer.render()
+
+    def _refresh(self) -> None:
+        """Bring poses up to date: a physics step ends with new joint positions, and the poses of the ones before."""
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_comPos(self._model, self._data)  # Cameras and lights may follow centres of mass.
+        self._mujoco.mj_camlight(self._model, self._data)
+
+    def _tool_pose(self) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) and quaternion xyzw (4,) of the tool centre point in the base frame."""
+        return self._in_base(self._tool_centre.xpos, self._hand.xmat)
+
+    def _finger_positions(self) -> FloatArray:
+        """How far each finger is from the middle (m), shape (2,)."""
+        return np.abs([finger.qpos[0] for finger in self._fingers])
+
+    def _in_base(self, position: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A world pose as position and quaternion xyzw in the base frame."""
+        base = Rotation.from_matrix(self._base.xmat.reshape(3, 3)).as_quat()
+        return relative_pose(self._base.xpos, base, position, Rotation.from_matrix(matrix.reshape(3, 3)).as_quat())
+
+
+def samplers(root: Any) -> list[Any]:
+    """A placement initializer and those nested in it."""
+    return [root, *(inner for child in getattr(root, "samplers", {}).values() for inner in samplers(child))]
+
+
+def import_simulator() -> tuple[Any, Any]:
+    """The modules robosuite and mujoco, with a renderer chosen and the start-up warnings silenced.
+
+    Raises:
+        SimulatorUnavailable: One is missing, or MuJoCo finds no way to render.
+    """
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    if os.environ["MUJOCO_GL"] == "egl" and find_library("EGL") is None and "mujoco" not in sys.modules:
+        os.environ["MUJOCO_GL"] = "osmesa"
+    logging.getLogger("robosuite_logs").addFilter(is_error)
+    try:
+        robosuite = importlib.import_module("robosuite")
+        mujoco = importlib.import_module("mujoco")
+    except ModuleNotFoundError as error:
+        raise SimulatorUnavailable(f"{error}: pip install robogauntlet[robosuite]") from error
+    except Exception as error:  # MuJoCo opens its display on import; the GL bindings raise what they like.
+        raise no_rendering(error) from error
+    return robosuite, mujoco
+
+
+def no_rendering(error: Exception) -> SimulatorUnavailable:
+    """The error to raise when MuJoCo cannot draw."""
+    return SimulatorUnavailable(
+        f"MuJoCo cannot render with MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}): install Mesa's libEGL, or libOSMesa "
+        "with MUJOCO_GL=osmesa; it must be set before mujoco is first imported"
+    )
+
+
+def is_error(record: logging.LogRecord) -> bool:
+    """Filter of robosuite's log: its warnings about private macros and optional robots concern nobody here."""
+    return record.levelno >= logging.ERROR
+
+
+def open_simulation(task: str, view: View) -> RobosuiteSimulation:
+    """Open the task of that name (`Lift`, `Stack`, `Door`).
+
+    Raises:
+        UnknownTask: There is no such task.
+        SimulatorUnavailable: robosuite is missing or cannot render.
+    """
+    if task not in TASKS:
+        near = difflib.get_close_matches(task, TASKS, n=1, cutoff=0.0)[0]
+        raise UnknownTask(f"robosuite/{task}, did you mean {near}?")
+    return RobosuiteSimulation(task, view)
+
+
+SIMULATOR = Simulator(
+    name="robosuite",
+    title="robosuite 1.5 (MuJoCo)",
+    tasks=TASKS,
+    modules=("robosuite", "mujoco"),
+    distributions=("robosuite", "mujoco", "numba"),
+    open=open_simulation,
+    environment={"MUJOCO_GL": "egl"},
+)

@@ -1,0 +1,1 @@
+"""Runs suites: rollouts, Ray workers, the scheduler and the command line."""

@@ -1,0 +1,44 @@
+"""The command `gauntlet`. One verb, one file."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+
+import typer
+
+from orchestrator.cli import doctor, listing, plan, replay, report, run, validate
+from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput, fail
+
+app = typer.Typer(
+    name="gauntlet",
+    help="Sends robot policies through a gauntlet of simulators.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command("run")(run.run)
+app.command("plan")(plan.plan)
+app.command("validate")(validate.validate)
+app.command("list")(listing.list_names)
+app.command("doctor")(doctor.doctor)
+app.command("report")(report.report)
+app.command("replay")(replay.replay_episode)
+
+
+def main() -> None:
+    """Entry point. Exit codes: 0 done, 2 bad input, 3 stopped early, 130 interrupted."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        app()
+    except BadInput as error:
+        fail(str(error))
+        sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

@@ -1,0 +1,51 @@
+"""`gauntlet plan`: show what a suite would do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from orchestrator.cli.shared import BadInput, fail, out, plan_of
+from orchestrator.plan import PlanError, check_same
+from results.run import RUN_FILE, RunError, read_run, store_url
+from results.store import Store, StoreError
+
+
+def plan(
+    suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")],
+    out_folder: Annotated[
+        Path | None, typer.Option("--out", help="Run folder to continue: shows what is missing.")
+    ] = None,
+    store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
+) -> None:
+    """Show the episodes that a suite plans, without starting anything."""
+    planned = plan_of(suite)
+    done: dict[tuple[str, str, str, int], set[int]] = {}
+    if out_folder is not None and (out_folder / RUN_FILE).exists():
+        try:
+            document = read_run(out_folder)
+            check_same(planned, document, out_folder)
+            rows = Store.open(store_url(out_folder, document, store), document.run_id)
+            done = rows.done_seeds()
+            rows.close()
+        except (RunError, PlanError, StoreError) as error:
+            raise BadInput(str(error)) from None
+    missing = {cell: len(seeds) for cell, seeds in planned.missing(done)}
+    table = Table("task", "policy", "condition", "horizon", "episodes", "missing", box=None, pad_edge=False)
+    for cell in planned.cells:
+        table.add_row(
+            cell.task,
+            cell.policy,
+            str(cell.condition),
+            str(cell.protocol.horizon),
+            str(planned.suite.seeds.count),
+            "skipped" if cell.simulator in planned.unavailable else str(missing.get(cell, 0)),
+        )
+    out.print(table)
+    total = sum(missing.values())
+    out.print(f"{planned.suite.name}: {planned.episodes} episodes, {total} to play, hash {planned.suite_hash}")
+    for name, reason in planned.unavailable.items():
+        fail(f"{name} is skipped: {reason}")

@@ -1,0 +1,52 @@
+"""`gauntlet replay`: play a stored episode again, compare, film."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from adapters import catalog
+from orchestrator.cli.shared import BadInput, fail, newest_run, out
+from orchestrator.replay import ReplayError, policy_sources, replay, video_path
+from orchestrator.runner import EpisodeRunner
+from orchestrator.worker_environment import worker_environment
+from results.record import Status
+from results.run import RunError, read_run, store_url
+from results.store import Store, StoreError
+
+
+def replay_episode(
+    episode_id: Annotated[str, typer.Argument(help="Id of a stored episode, or its first digits.")],
+    folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
+    video: Annotated[Path | None, typer.Option(help="The mp4 to write; by default in the run folder.")] = None,
+    store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
+) -> None:
+    """Play one stored episode again, check that it comes out the same, and write a video of it."""
+    folder = folder or newest_run()
+    try:
+        document = read_run(folder)
+        rows = Store.open(store_url(folder, document, store), document.run_id)
+        row = rows.find(episode_id)
+        rows.close()
+        if row is None:
+            raise BadInput(f"{folder}: no episode {episode_id}; ids are in its episodes.parquet")
+        sources = policy_sources(document)
+    except (RunError, StoreError, ReplayError) as error:
+        raise BadInput(str(error)) from None
+    os.environ.update(worker_environment(catalog.find(row.simulator)))
+    runner = EpisodeRunner(sources)
+    done = replay(row, runner, video or video_path(folder, row))
+    runner.close()
+    if done.result.status == Status.ERROR:
+        out.print(f"{row.task}, {row.policy}, seed {row.seed}: {done.result.error}", markup=False, soft_wrap=True)
+    else:
+        out.print(f"{row.task}, {row.policy}, seed {row.seed}: {done.result.status} after {done.result.steps} steps")
+    if done.video.exists():
+        out.print(f"video: {done.video}", markup=False, soft_wrap=True)
+    if done.differences:
+        fail("the episode came out differently:\n" + "\n".join(done.differences))
+        raise typer.Exit(1)
+    out.print("the same as stored")

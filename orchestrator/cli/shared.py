@@ -1,0 +1,52 @@
+"""What the verbs share: consoles, exit codes, tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from orchestrator.plan import Plan, PlanError, find_suite, make_plan
+from results.run import RUN_FILE
+from suites.loading import SuiteError
+
+EXIT_BAD_INPUT = 2
+EXIT_STOPPED = 3
+EXIT_INTERRUPTED = 130
+
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+class BadInput(Exception):
+    """The user asked for something that cannot be; its text has one line per problem."""
+
+
+def fail(message: str) -> None:
+    """Print problems to standard error, a line each."""
+    for line in message.splitlines():
+        err.print(f"gauntlet: {line}", markup=False, soft_wrap=True)
+
+
+def plan_of(suite: str, *, only: tuple[str, ...] = ()) -> Plan:
+    """The plan of a suite file or shipped suite.
+
+    Raises:
+        BadInput: It cannot be run.
+    """
+    try:
+        return make_plan(find_suite(suite), only=only)
+    except (SuiteError, PlanError) as error:
+        raise BadInput(str(error)) from None
+
+
+def newest_run(root: Path = Path("runs")) -> Path:
+    """The run folder under `root` that was touched last.
+
+    Raises:
+        BadInput: There is none.
+    """
+    found = sorted(root.glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise BadInput(f"no run under {root}/; name one")
+    return found[-1].parent

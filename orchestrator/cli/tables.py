@@ -1,0 +1,61 @@
+"""Result tables on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.table import Table
+
+from orchestrator.cli.shared import fail, out
+from results.report.text import NOTHING, TextTable, rate_text, summary_table
+from results.run import RunError
+from results.store import StoreError
+from results.tables import Tables, read_tables
+
+
+def print_summary(folder: Path, store: str | None = None) -> None:
+    """Print success per task and policy, and per policy and simulator, of a run folder."""
+    try:
+        tables = read_tables(folder, store_address=store)
+    except (RunError, StoreError) as error:
+        fail(str(error))
+        return
+    if not tables.total.done:
+        out.print("no episode has been played yet")
+        return
+    out.print()
+    out.print(_rich(_per_task(tables), title="Success rate with 95 % Wilson interval, per task"))
+    out.print()
+    out.print(_rich(summary_table(tables), title="Per simulator"))
+    out.print()
+
+
+def _per_task(tables: Tables) -> TextTable:
+    """Tasks x policies; a line per condition if there are several."""
+    several = len(tables.conditions) > 1
+    found = {(cell.task, cell.condition, cell.policy): cell for cell in tables.cells}
+    lines = dict.fromkeys((cell.task, cell.condition) for cell in tables.cells)
+    rows = []
+    for task, condition in lines:
+        cells = [found.get((task, condition, policy)) for policy in tables.policies]
+        counts = sorted({cell.tally.verdicts for cell in cells if cell is not None})
+        rows.append(
+            (
+                task,
+                *((str(condition),) if several else ()),
+                *(NOTHING if cell is None else rate_text(cell.tally) for cell in cells),
+                "/".join(map(str, counts)),
+                str(sum(cell.tally.errors for cell in cells if cell is not None)),
+            )
+        )
+    header = ("task", *(("condition",) if several else ()), *tables.policies, "n", "errors")
+    return TextTable(header, tuple(rows), 2 if several else 1)
+
+
+def _rich(table: TextTable, *, title: str) -> Table:
+    drawn = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for i, name in enumerate(table.header):
+        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=True)
+    for row in table.rows:
+        drawn.add_row(*row)
+    return drawn

@@ -1,0 +1,18 @@
+"""The names that suites may use, gathered from the catalogs."""
+
+from __future__ import annotations
+
+from adapters import catalog as simulators
+from policies import catalog as policies
+from suites.schema import KnownNames, KnownPolicy, KnownTask
+
+
+def known_names() -> KnownNames:
+    """Every task and policy that some entry point declares, installed or not."""
+    return KnownNames(
+        tasks={task: KnownTask(card.horizon) for task, card in simulators.task_cards().items()},
+        policies={
+            kind.name: KnownPolicy(frozenset(kind.options), kind.tasks() if kind.tasks else None)
+            for kind in policies.kinds().values()
+        },
+    )

@@ -1,0 +1,155 @@
+"""From a suite file to the work that is still to be done. Nothing is started or written here."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from adapters import catalog as simulators
+from adapters.contract import ActionSpec, ObservationSpec
+from orchestrator.names import known_names
+from orchestrator.runner import PolicySource
+from policies import catalog as policies
+from policies.contract import PolicyError, PolicyMismatch, check_fit
+from results.run import PlannedCell, RunDocument
+from suites.loading import Problem, SuiteError, load_suite
+from suites.schema import Suite
+from suites.vocabulary import Cell
+
+SHIPPED = Path(__file__).parent.parent / "suites"
+Done = Mapping[tuple[str, str, str, int], set[int]]
+
+
+class PlanError(Exception):
+    """A suite that cannot be run as asked; one line per problem."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A validated suite with everything resolved."""
+
+    suite: Suite
+    path: Path
+    text: str
+    """The suite file, word for word."""
+    suite_hash: str
+    cells: tuple[Cell, ...]
+    sources: Mapping[str, PolicySource]
+    digests: Mapping[str, str]
+    """Policy name to the hash of its content."""
+    unavailable: Mapping[str, str]
+    """Simulator of the suite that is not installed here, to the reason."""
+
+    @property
+    def simulators(self) -> list[str]:
+        """Simulators that the suite names, in its order."""
+        return list(dict.fromkeys(cell.simulator for cell in self.cells))
+
+    @property
+    def episodes(self) -> int:
+        """Episodes planned."""
+        return len(self.cells) * self.suite.seeds.count
+
+    def planned_cells(self) -> tuple[PlannedCell, ...]:
+        """The plan as the run document holds it."""
+        return tuple(
+            PlannedCell(
+                simulator=cell.simulator,
+                task=cell.task,
+                policy=cell.policy,
+                policy_digest=cell.policy_digest,
+                axis=cell.condition.axis,
+                severity=cell.condition.severity,
+                planned=self.suite.seeds.count,
+            )
+            for cell in self.cells
+        )
+
+    def missing(self, done: Done) -> list[tuple[Cell, Sequence[int]]]:
+        """Cells with the seeds that have no row yet, without those of simulators that cannot run here."""
+        work: list[tuple[Cell, Sequence[int]]] = []
+        for cell in self.cells:
+            if cell.simulator in self.unavailable:
+                continue
+            there = done.get((cell.policy_digest, cell.task, cell.condition.axis, cell.condition.severity), set())
+            seeds = array("q", (seed for seed in self.suite.seeds if seed not in there))
+            if seeds:
+                work.append((cell, seeds))
+        return work
+
+
+def find_suite(name: str) -> Path:
+    """The path of a suite file, or of the shipped suite of that name."""
+    path = Path(name)
+    shipped = SHIPPED / f"{name}.yaml"
+    return shipped if not path.suffix and not path.exists() and shipped.is_file() else path
+
+
+def make_plan(path: Path, *, only: Sequence[str] = ()) -> Plan:
+    """Read, validate and resolve a suite.
+
+    Args:
+        path: The suite file.
+        only: Simulators that must work; empty for none.
+
+    Raises:
+        SuiteError: The file is wrong.
+        PlanError: The suite is right, and cannot be run as asked.
+    """
+    names = known_names()
+    suite = load_suite(path, names)
+    text = path.read_text(encoding="utf-8")
+    sources, digests = {}, {}
+    problems: list[str] = []
+    by_digest: dict[str, str] = {}
+    for entry in suite.policies:
+        try:
+            digest = policies.digest(entry.kind, entry.options)
+            spec = policies.load(entry.kind, entry.options).spec
+            check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
+        except PolicyMismatch as error:
+            problems.append(f"policy '{entry.name}' does not fit: {error}")
+            continue
+        except PolicyError as error:
+            problems.append(f"policy '{entry.name}': {error}")
+            continue
+        if digest in by_digest:
+            problems.append(f"policies '{by_digest[digest]}' and '{entry.name}' are the same policy; remove one")
+        by_digest.setdefault(digest, entry.name)
+        digests[entry.name] = digest
+        sources[entry.name] = PolicySource(entry.kind, entry.options)
+    if problems:
+        raise SuiteError([Problem(str(path), None, problem) for problem in problems])
+    cells = tuple(suite.cells(names, digests))
+    plan = Plan(suite, path, text, suite.content_hash(digests, names), cells, sources, digests, {})
+    unavailable = {
+        name: reason for name in plan.simulators if (reason := simulators.missing_reason(simulators.find(name)))
+    }
+    required = [f"{name}: {unavailable[name]}" for name in only if name in unavailable]
+    unknown = [f"{name}: the suite does not use this simulator" for name in only if name not in plan.simulators]
+    if required or unknown:
+        raise PlanError("\n".join([*unknown, *required]))
+    if len(unavailable) == len(plan.simulators):
+        raise PlanError("\n".join(f"{name}: {reason}" for name, reason in unavailable.items()))
+    return Plan(suite, path, text, plan.suite_hash, cells, sources, digests, unavailable)
+
+
+def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:
+    """Refuse to continue a run with another suite or with policies that have changed.
+
+    Raises:
+        PlanError: With what differs.
+    """
+    if plan.suite_hash == document.suite_hash:
+        return
+    begun = {cell.policy: cell.policy_digest for cell in document.plan}
+    changed = [name for name, digest in plan.digests.items() if name in begun and begun[name] != digest]
+    if document.suite_name != plan.suite.name:
+        why = f"it holds a run of suite '{document.suite_name}', not '{plan.suite.name}'"
+    elif changed:
+        why = f"policy '{changed[0]}' has changed since the run was begun"
+    else:
+        why = f"suite '{plan.suite.name}' plans other episodes than when the run was begun"
+    raise PlanError(f"{folder}: {why}; give another folder with --out")

@@ -1,0 +1,155 @@
+"""Shows how a run goes: live bars on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+from orchestrator.plan import Plan
+from orchestrator.runner import Readiness
+from results.record import EpisodeResult
+
+PLAIN_EVERY_S = 10.0
+WINDOW_S = 60.0
+"""Stretch of time over which the pace is measured."""
+
+
+@dataclass
+class _Lane:
+    planned: int
+    success: int = 0
+    failure: int = 0
+    error: int = 0
+    ready_at: float | None = None
+    recent: deque[tuple[float, int]] = field(default_factory=deque)
+
+    @property
+    def done(self) -> int:
+        return self.success + self.failure + self.error
+
+    def per_minute(self, now: float) -> float | None:
+        """Episodes a minute over the last `WINDOW_S`."""
+        while self.recent and now - self.recent[0][0] > WINDOW_S:
+            self.recent.popleft()
+        if self.ready_at is None or not self.recent:
+            return None
+        return sum(n for _, n in self.recent) / max(min(now - self.ready_at, WINDOW_S), 1.0) * 60.0
+
+    def left_s(self, now: float) -> float | None:
+        """Expected time left (s)."""
+        pace = self.per_minute(now)
+        return (self.planned - self.done) / pace * 60.0 if pace else None
+
+
+class Progress:
+    """A bar per simulator with success so far, episodes per minute and time left."""
+
+    def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
+        self._console = console
+        self._now = now
+        self._lanes: dict[str, _Lane] = {}
+        self._live: Live | None = None
+        self._said_at = 0.0
+
+    def begin(self, plan: Plan, counts: Mapping[tuple[str, str], int]) -> None:
+        """Set up the bars. `counts`: rows there already, by (simulator, status)."""
+        per_simulator = {name: 0 for name in plan.simulators if name not in plan.unavailable}
+        for cell in plan.cells:
+            if cell.simulator in per_simulator:
+                per_simulator[cell.simulator] += plan.suite.seeds.count
+        self._lanes = {name: _Lane(planned) for name, planned in per_simulator.items()}
+        for (name, status), count in counts.items():
+            if name in self._lanes:
+                setattr(self._lanes[name], status, count)
+        already = sum(counts.values())
+        if already:
+            self.say(f"continuing: {already} of {plan.episodes} episodes are done already")
+
+    def __enter__(self) -> Progress:
+        self._said_at = self._now()
+        if self._console.is_terminal:
+            self._live = Live(self._table(), console=self._console, refresh_per_second=4, transient=False)
+            self._live.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        live, self._live = self._live, None
+        if live is not None:
+            live.update(self._table())
+            live.__exit__(kind, error, trace)
+        else:
+            self._lines()
+
+    def say(self, message: str) -> None:
+        """A line for the user."""
+        self._console.print(message, highlight=False, markup=False, soft_wrap=True)
+
+    def started(self, simulator: str, readiness: Readiness) -> None:
+        """A worker has opened its simulator."""
+        lane = self._lanes[simulator]
+        if lane.ready_at is None:
+            lane.ready_at = self._now()
+            frame = f", {1000 * readiness.frame_s:.0f} ms a look" if readiness.frame_s else ""
+            self.say(f"{simulator}: ready (renders on {readiness.render_device}{frame})")
+
+    def came(self, results: Sequence[EpisodeResult]) -> None:
+        """Count rows that came back."""
+        now = self._now()
+        for (name, status), count in Counter((r.simulator, r.status) for r in results).items():
+            lane = self._lanes[name]
+            setattr(lane, status, getattr(lane, status) + count)
+            lane.recent.append((now, count))
+
+    def tick(self) -> None:
+        """Refresh what is shown."""
+        if self._live is not None:
+            self._live.update(self._table())
+        elif self._now() - self._said_at >= PLAIN_EVERY_S:
+            self._said_at = self._now()
+            self._lines()
+
+    def _table(self) -> Table:
+        table = Table.grid(padding=(0, 2))
+        for name, lane in self._lanes.items():
+            table.add_row(
+                f"[bold]{name}",
+                ProgressBar(total=max(lane.planned, 1), completed=lane.done, width=30),
+                f"{lane.done}/{lane.planned}",
+                *self._figures(lane),
+            )
+        return table
+
+    def _lines(self) -> None:
+        for name, lane in self._lanes.items():
+            self.say("  ".join(filter(None, [f"{name}: {lane.done}/{lane.planned}", *self._figures(lane)])))
+
+    def _figures(self, lane: _Lane) -> list[str]:
+        now = self._now()
+        judged = lane.success + lane.failure
+        pace, left = lane.per_minute(now), lane.left_s(now)
+        return [
+            f"success {100 * lane.success / judged:.0f} %" if judged else "",
+            f"{pace:.0f} episodes/min" if pace and lane.done < lane.planned else "",
+            f"{format_duration(left)} left" if left and lane.done < lane.planned else "",
+            f"{lane.error} errors" if lane.error else "",
+        ]
+
+
+def format_duration(seconds: float) -> str:
+    """`45 s`, `3 min 20 s`, `2 h 5 min`."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

@@ -1,0 +1,56 @@
+"""With what a run is made: commit, packages, machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+
+from results.run import Provenance
+
+_ALWAYS = ("robogauntlet", "ray", "numpy", "scipy", "torch")
+
+
+def collect(distributions: Iterable[str]) -> Provenance:
+    """The provenance of a run that uses these distributions (those installed are recorded)."""
+    commit = _git("rev-parse", "HEAD")
+    status = _git("status", "--porcelain", "--untracked-files=no")
+    packages = {name: version for name in dict.fromkeys([*_ALWAYS, *distributions]) if (version := _version(name))}
+    return Provenance(
+        git_commit=commit,
+        git_dirty=bool(status) if status is not None else None,
+        python=platform.python_version(),
+        platform=platform.platform(),
+        processor=_processor(),
+        cores=os.cpu_count() or 0,
+        packages=packages,
+    )
+
+
+def _git(*arguments: str) -> str | None:
+    """Output of git in the folder that this code runs from, or None outside a repository."""
+    try:
+        done = subprocess.run(
+            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=20, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())

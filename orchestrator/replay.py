@@ -1,0 +1,134 @@
+"""Plays a stored episode again from its identity, and says whether it came out the same."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.video import PICTURES_FOLDER, VIDEOS_FOLDER, Recorder, picture_name, save_png
+from policies import catalog as policies
+from results.record import OUTCOME, EpisodeResult, Status
+from results.run import MEDIA_FOLDER, RunDocument
+from suites.loading import SuiteError
+from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
+
+
+class ReplayError(Exception):
+    """An episode that cannot be replayed; the message says why."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What came of a replay."""
+
+    result: EpisodeResult
+    differences: tuple[str, ...]
+    """A line for each outcome field that differs from the stored row; empty if it is the same."""
+    video: Path
+
+
+def episode_of(row: EpisodeResult) -> Episode:
+    """The episode that a row is the record of."""
+    view = View(tuple(row.cameras.split(",")), row.image_size, RenderProfile(row.render_profile))
+    protocol = Protocol(row.horizon, row.replan_every, view)
+    return Episode(row.policy, row.policy_digest, row.task, row.seed, protocol, Condition(row.axis, row.severity))
+
+
+def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
+    """The policies of a run, as its suite names them.
+
+    Raises:
+        ReplayError: A policy is not what it was during the run.
+    """
+    import yaml
+
+    from suites.schema import PolicyEntry
+
+    try:
+        entries = [PolicyEntry.model_validate(entry) for entry in yaml.safe_load(document.suite_text)["policies"]]
+    except (yaml.YAMLError, SuiteError, KeyError, TypeError, ValueError) as error:
+        raise ReplayError(f"the run's suite cannot be read: {error}") from None
+    begun = {cell.policy: cell.policy_digest for cell in document.plan}
+    for entry in entries:
+        if policies.digest(entry.kind, entry.options) != begun.get(entry.name):
+            raise ReplayError(f"policy '{entry.name}' has changed since the run; check out the commit of the run")
+    return {entry.name: PolicySource(entry.kind, entry.options) for entry in entries}
+
+
+def replay(row: EpisodeResult, runner: EpisodeRunner, video: Path, *, picture: Path | None = None) -> Replayed:
+    """Play the row's episode again and film it.
+
+    Args:
+        row: A stored row.
+        runner: Knows the run's policies.
+        video: The mp4 to write.
+        picture: A PNG of the first frame to write too.
+
+    Raises:
+        ReplayError: Videos cannot be written.
+    """
+    partial = video.with_name(f".{video.name}.partial.mp4")
+    recorder = Recorder(partial, steps=row.steps or row.horizon)
+    try:
+        result = runner.play_one(episode_of(row), recorder)
+    finally:
+        recorder.close()
+    if partial.exists():
+        partial.replace(video)
+    if picture is not None and recorder.first is not None:
+        save_png(picture, recorder.first)
+    return Replayed(result, tuple(_differences(row, result)), video)
+
+
+def _differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:
+    return [
+        f"{name}: stored {json.dumps(getattr(stored, name))}, now {json.dumps(getattr(now, name))}"
+        for name in OUTCOME
+        if name != "policy" and getattr(stored, name) != getattr(now, name)
+    ]
+
+
+def choose_for_media(rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
+    """The first success and the first failure, by seed, of each policy on each task."""
+    chosen: dict[tuple[str, str, str], EpisodeResult] = {}
+    for row in rows:
+        if row.status != Status.ERROR:
+            key = (row.task, row.policy, row.status)
+            if key not in chosen or _earlier(row, chosen[key]):
+                chosen[key] = row
+    return sorted(chosen.values(), key=lambda r: (r.task, r.policy, r.status))
+
+
+def _earlier(one: EpisodeResult, other: EpisodeResult) -> bool:
+    return (one.severity, one.axis, one.seed) < (other.severity, other.axis, other.seed)
+
+
+def video_path(folder: Path, row: EpisodeResult) -> Path:
+    """Where a run keeps the video of an episode."""
+    return folder / MEDIA_FOLDER / VIDEOS_FOLDER / f"{row.episode_id}.mp4"
+
+
+def picture_path(folder: Path, task: str) -> Path:
+    """Where a run keeps the picture of a task."""
+    return folder / MEDIA_FOLDER / PICTURES_FOLDER / picture_name(task)
+
+
+def film(rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:
+    """Film those of the rows that have no video yet; return a line for each that came out differently."""
+    runner = EpisodeRunner(sources, "camera")
+    troubles: list[str] = []
+    try:
+        for row in rows:
+            if video_path(folder, row).exists():
+                continue
+            picture = picture_path(folder, row.task)
+            done = replay(row, runner, video_path(folder, row), picture=None if picture.exists() else picture)
+            if done.differences:
+                done.video.unlink(missing_ok=True)
+                troubles.append(f"{row.episode_id} ({row.task}, {row.policy}): {done.differences[0]}")
+    finally:
+        runner.close()
+    return troubles

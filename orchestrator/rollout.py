@@ -1,0 +1,152 @@
+"""One episode, from reset to verdict. No Ray, no files: everything else is built around this function."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from adapters.contract import ACTION_NAMES, Simulation
+from adapters.frames import STATE_QUANTUM
+from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk
+from results.record import EpisodeResult, Status
+from suites.vocabulary import SUCCESS_HOLD, Episode
+
+Watcher = Callable[[Simulation, int], None]
+"""Called after reset and after every control step with the number of steps taken: for videos and recordings."""
+
+
+@dataclass
+class Phases:
+    """Seconds spent in each phase of an episode."""
+
+    seconds: dict[str, float] = field(
+        default_factory=lambda: dict.fromkeys(("reset", "physics", "render", "inference"), 0.0)
+    )
+
+    @contextmanager
+    def timed(self, phase: str) -> Iterator[None]:
+        """Add the duration of the block to `phase`."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[phase] += time.perf_counter() - start
+
+    def as_fields(self) -> dict[str, float]:
+        """As fields of an `EpisodeResult`."""
+        return {f"{phase}_s": seconds for phase, seconds in self.seconds.items()}
+
+
+def rollout(
+    simulation: Simulation, policy: Policy, episode: Episode, *, eager: bool = False, watcher: Watcher | None = None
+) -> EpisodeResult:
+    """Play one episode.
+
+    The policy is asked when its chunk is used up or `replan_every` steps of it are executed, and only then is anything
+    rendered. The episode succeeds, and ends, once the task's predicate has held for `SUCCESS_HOLD` steps in a row; it
+    fails at the horizon.
+
+    Args:
+        simulation: The open task that the episode names.
+        policy: Acts; `check_fit` has accepted it.
+        episode: What to play.
+        eager: Also render after every step that the policy does not look at (as a plain environment loop does). Changes
+            nothing but the time it takes.
+        watcher: See `Watcher`.
+
+    Returns:
+        The episode's record, without the fields that only a worker knows.
+
+    Raises:
+        PolicyError: The policy's answer does not fit.
+        Exception: Whatever the simulator or the policy raises.
+    """
+    started, clock = time.time(), time.perf_counter()
+    phases = Phases()
+    with phases.timed("reset"):
+        simulation.reset(episode.seed, episode.condition)
+    with phases.timed("inference"):
+        policy.reset([episode])
+    state_hash = simulation.state_hash()
+    spec, protocol = simulation.action_spec, episode.protocol
+    low, high = spec.low, spec.high
+    ignored = [ACTION_NAMES.index(name) for name in spec.ignored]
+
+    actions = hashlib.sha256()
+    routing: Routing | None = None
+    steps = queries = held = clipped = 0
+    success_once = terminated = False
+    reward = 0.0
+    if watcher:
+        watcher(simulation, steps)
+    while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
+        query = _look(simulation, policy, episode, steps, phases)
+        with phases.timed("inference"):
+            decision = _ask(policy, query)
+            chunk = check_chunk(decision.actions)
+        queries += 1
+        routing = routing or decision.routing
+        for wanted in chunk[: min(protocol.replan_every, protocol.horizon - steps)]:
+            action = np.clip(wanted, low, high)
+            action[ignored] = 0.0
+            beyond = np.abs(action - wanted) > 1e-9
+            beyond[ignored] = False
+            clipped += bool(beyond.any())
+            actions.update((np.round(action / STATE_QUANTUM) + 0.0).astype("<f8").tobytes())
+            with phases.timed("physics"):
+                outcome = simulation.step(action)
+            steps += 1
+            reward += outcome.reward
+            held = held + 1 if outcome.success else 0
+            success_once |= outcome.success
+            terminated = outcome.terminated
+            if watcher:
+                watcher(simulation, steps)
+            if held >= SUCCESS_HOLD or terminated:
+                break
+            if eager:
+                with phases.timed("render"):
+                    simulation.observe()
+    policy.finish([episode])
+    return EpisodeResult.of(
+        episode,
+        status=str(Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE),
+        success_once=success_once,
+        steps=steps,
+        queries=queries,
+        clipped_steps=clipped,
+        reward_sum=round(reward, 6),
+        state_hash=state_hash,
+        final_state_hash=simulation.state_hash(),
+        actions_hash=actions.hexdigest()[:16],
+        inferred_task=routing.choice if routing else None,
+        routing_scores=json.dumps(dict(routing.scores), sort_keys=True) if routing else None,
+        started_at=started,
+        wall_s=time.perf_counter() - clock,
+        **phases.as_fields(),
+    )
+
+
+def _look(simulation: Simulation, policy: Policy, episode: Episode, step: int, phases: Phases) -> Query:
+    match policy.spec.sees:
+        case Sees.OBSERVATION:
+            with phases.timed("render"):
+                return Query(episode, step, observation=simulation.observe())
+        case Sees.PRIVILEGED_STATE:
+            with phases.timed("physics"):
+                return Query(episode, step, privileged_state=simulation.privileged_state())
+        case Sees.NOTHING:
+            return Query(episode, step)
+
+
+def _ask(policy: Policy, query: Query) -> Decision:
+    decisions = policy.act([query])
+    if len(decisions) != 1 or not isinstance(decisions[0], Decision):
+        raise PolicyError(f"expected one Decision for one query, got {len(decisions)} answers")
+    return decisions[0]

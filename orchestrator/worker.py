@@ -1,0 +1,70 @@
+"""The Ray actor around an `EpisodeRunner`: one simulator process."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import ray
+
+from adapters.contract import AdapterError, Simulator
+from orchestrator.runner import EpisodeRunner, Lease, PolicySource, Readiness
+from orchestrator.worker_environment import worker_environment
+from results.record import EpisodeResult
+from suites.vocabulary import View
+
+FLUSH_S = 0.1
+"""Results are sent once this much time has passed, so that short episodes share a message."""
+
+
+@ray.remote
+class Worker:
+    """Plays leases. Leases run one after the other; their results stream back while they run."""
+
+    def __init__(self, name: str, sources: Mapping[str, PolicySource]) -> None:
+        # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        self._runner = EpisodeRunner(sources, name)
+        self._idle_since: float | None = None
+
+    def prepare(self, task: str, view: View) -> Readiness | str:
+        """Open a task; return what was found, or why the simulator is unavailable here."""
+        try:
+            return self._runner.prepare(task, view)
+        except AdapterError as error:
+            return str(error)
+        except Exception as error:  # a driver that is missing shows as any exception
+            lines = str(error).strip().splitlines()
+            return f"{type(error).__name__}: {lines[0] if lines else '(no message)'}"
+
+    @ray.method(num_returns="streaming")
+    def play(self, lease: Lease) -> Iterator[list[EpisodeResult]]:
+        """Play a lease; yield its results in order, those of short episodes together."""
+        waited = 0.0 if self._idle_since is None else time.perf_counter() - self._idle_since
+        batch: list[EpisodeResult] = []
+        sent = time.perf_counter()
+        for result in self._runner.play(lease):
+            if waited:
+                result, waited = _waited(result, waited), 0.0
+            batch.append(result)
+            if time.perf_counter() - sent >= FLUSH_S:
+                yield batch
+                batch, sent = [], time.perf_counter()
+        if batch:
+            yield batch
+        self._idle_since = time.perf_counter()
+
+
+def start_worker(name: str, simulator: Simulator, sources: Mapping[str, PolicySource], *, num_cpus: float) -> Any:
+    """Start an actor; returns its handle at once, while it is still starting."""
+    actor: Any = Worker
+    environment = {"env_vars": worker_environment(simulator)}
+    actor = actor.options(num_cpus=num_cpus, max_restarts=0, max_task_retries=0, runtime_env=environment)
+    return actor.remote(name, dict(sources))
+
+
+def _waited(result: EpisodeResult, seconds: float) -> EpisodeResult:
+    values = {name: getattr(result, name) for name in EpisodeResult.__slots__}
+    return EpisodeResult(**{**values, "wait_s": seconds})

@@ -1,0 +1,182 @@
+"""What is particular to PyBullet; the promises of every adapter are in the conformance test."""
+
+import time
+
+import numpy as np
+import pytest
+
+from adapters import pybullet as adapter
+from adapters.contract import ACTION_NAMES, UnknownTask
+from suites.vocabulary import Condition, RenderProfile, View
+
+pytestmark = pytest.mark.simulator
+CLEAN = Condition()
+PUSH, PICK, REACH = "PandaPush-v3", "PandaPickAndPlace-v3", "PandaReach-v3"
+
+
+@pytest.fixture
+def opened():
+    simulations = []
+
+    def open_task(task, **view):
+        simulations.append(adapter.open(task, View(**{"image_size": 64, **view})))
+        return simulations[-1]
+
+    yield open_task
+    for simulation in simulations:
+        simulation.close()
+
+
+def press(simulation, seed, *, steps=40):
+    """Random actions drawn towards the cube, so that there are contacts to remember."""
+    simulation.reset(seed, CLEAN)
+    generator = np.random.default_rng(seed)
+    for _ in range(steps):
+        state = simulation.privileged_state()
+        action = generator.uniform(simulation.action_spec.low, simulation.action_spec.high)
+        action[:3] = 0.3 * action[:3] + np.clip(0.5 * (state["cube_position"] - state["tcp_position"]), -0.05, 0.05)
+        simulation.step(action)
+    return np.concatenate([np.ravel(values) for values in simulation._physical_state().values()])
+
+
+@pytest.mark.parametrize("task", [PUSH, PICK])
+def test_contacts_of_earlier_episodes_leave_no_trace_in_the_last_bit(opened, task):
+    simulation = opened(task)
+    expected = {seed: press(simulation, seed) for seed in range(5)}
+    for seed in reversed(range(5)):
+        press(simulation, seed + 50, steps=13)
+        assert np.array_equal(press(simulation, seed), expected[seed])
+    assert np.array_equal(press(opened(task), 3), expected[3])
+
+
+def test_looking_does_not_change_what_follows(opened):
+    simulation = opened(PUSH)
+    blind = press(simulation, 2)
+    simulation.reset(2, CLEAN)
+    generator = np.random.default_rng(2)
+    for step in range(40):
+        state = simulation.privileged_state()
+        if step % 8 == 0:
+            simulation.observe()
+            simulation.picture()
+            simulation.state_hash()
+        action = generator.uniform(simulation.action_spec.low, simulation.action_spec.high)
+        action[:3] = 0.3 * action[:3] + np.clip(0.5 * (state["cube_position"] - state["tcp_position"]), -0.05, 0.05)
+        simulation.step(action)
+    assert np.array_equal(np.concatenate([np.ravel(v) for v in simulation._physical_state().values()]), blind)
+
+
+def test_two_clients_do_not_disturb_each_other(opened):
+    first, second = opened(PUSH), opened(PICK)
+    expected = press(first, 1)
+    first.reset(1, CLEAN)
+    press(second, 7)
+    assert np.array_equal(press(first, 1), expected)
+    third = opened(REACH)
+    second.close()
+    fourth = opened(REACH)  # may be given the number of the client just closed
+    second.close()
+    for simulation in (third, fourth):
+        simulation.reset(0, CLEAN)
+        simulation.step(np.zeros(7))
+
+
+def test_the_light_of_one_rendering_does_not_stick_to_the_next(opened):
+    simulation = opened(PUSH, cameras=("third_person",))
+    simulation.reset(0, CLEAN)
+    before = simulation.picture()
+    client = simulation._client
+    client.getCameraImage(32, 32, lightColor=(0.2, 0, 0), lightAmbientCoeff=0.1, lightDirection=(1, 0, 0), shadow=0)
+    assert np.array_equal(simulation.picture(), before)
+
+
+def test_the_goal_is_red_and_the_cube_is_green(opened):
+    simulation = opened(PUSH, cameras=("third_person",), image_size=96)
+    simulation.reset(0, CLEAN)
+    red, green, blue = np.moveaxis(simulation.observe().images["third_person"].astype(int), -1, 0)
+    assert ((red > 2 * green) & (red > 2 * blue)).sum() > 20
+    assert ((green > 2 * red) & (green > 2 * blue)).sum() > 20
+
+
+def test_the_fast_profile_differs_by_its_shadows_only(opened):
+    images = []
+    for profile in (RenderProfile.STANDARD, RenderProfile.FAST):
+        simulation = opened(PUSH, cameras=("third_person",), image_size=128, render_profile=profile)
+        simulation.reset(0, CLEAN)
+        images.append(simulation.observe().images["third_person"].astype(int))
+    brighter = images[1] - images[0]
+    assert brighter.min() >= 0
+    assert 0.02 < (brighter.max(axis=-1) > 0).mean() < 0.6
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_translation_moves_the_tool_along_its_axis(opened, axis, sign):
+    simulation = opened(PICK)
+    simulation.reset(0, CLEAN)
+    action = np.zeros(7)
+    action[axis] = sign * 0.02
+    start = simulation.privileged_state()["tcp_position"]
+    for _ in range(4):
+        simulation.step(action)
+    moved = simulation.privileged_state()["tcp_position"] - start
+    assert 0.4 * 0.08 < sign * moved[axis] < 1.4 * 0.08
+    assert np.abs(np.delete(moved, axis)).max() < 0.3 * abs(moved[axis])
+
+
+def test_the_gripper_goes_to_the_commanded_width(opened):
+    simulation = opened(PICK)
+    simulation.reset(0, CLEAN)
+    for command, width in ((-1.0, 0.08), (0.0, 0.04), (1.0, 0.0)):
+        for _ in range(10):
+            simulation.step(np.array([0, 0, 0, 0, 0, 0, command]))
+        assert simulation.observe().proprioception[6:].sum() == pytest.approx(width, abs=0.003)
+
+
+@pytest.mark.parametrize("task", [REACH, PUSH, PICK])
+def test_ignored_numbers_have_no_effect(opened, task):
+    simulation = opened(task)
+    ends = []
+    for value in (0.0, 1.0):
+        simulation.reset(1, CLEAN)
+        for _ in range(5):
+            action = np.array([0.01, 0.02, -0.01, 0, 0, 0, 0.5])
+            for name in simulation.action_spec.ignored:
+                action[ACTION_NAMES.index(name)] = value
+            simulation.step(action)
+        ends.append(simulation.state_hash())
+    assert ends[0] == ends[1]
+    assert ("gripper" in simulation.action_spec.ignored) == (task != PICK)
+
+
+def test_success_does_not_end_the_world(opened):
+    simulation = opened(REACH)
+    simulation.reset(0, CLEAN)
+    outcomes = []
+    for _ in range(25):
+        state = simulation.privileged_state()
+        action = np.zeros(7)
+        action[:3] = 0.7 * (state["goal_position"] - state["tcp_position"])
+        outcomes.append(simulation.step(np.clip(action, simulation.action_spec.low, simulation.action_spec.high)))
+    assert [o.success for o in outcomes[-5:]] == [True] * 5
+    assert not any(o.terminated for o in outcomes)
+    assert outcomes[0].reward == -1.0
+    assert outcomes[-1].reward == 0.0
+
+
+def test_reset_is_a_matter_of_milliseconds(opened):
+    simulation = opened(PICK)
+    started = time.perf_counter()
+    for seed in range(50):
+        simulation.reset(seed, CLEAN)
+    assert (time.perf_counter() - started) / 50 < 0.015
+
+
+def test_an_unknown_task_is_answered_with_the_nearest(opened):
+    with pytest.raises(UnknownTask, match="PandaPush-v3"):
+        opened("PandaPusch-v3")
+
+
+def test_opening_prints_nothing_to_standard_output(opened, capfd):
+    opened(REACH)
+    assert capfd.readouterr().out == ""

@@ -1,0 +1,117 @@
+"""The scheduling policy, without Ray and without a clock."""
+
+from collections import Counter
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from orchestrator.queue import LEASE_S, WorkQueue
+from results.record import EpisodeResult
+from suites.vocabulary import Cell, Protocol
+
+
+def cell(task="sim/A", policy="p"):
+    return Cell(policy, policy, task, Protocol(10))
+
+
+def took(lease, seconds):
+    return [EpisodeResult.failed_to_run(episode, "x", wall_s=seconds) for episode in lease.episodes()]
+
+
+def drain(queue, open_task=None):
+    while lease := queue.lease(open_task):
+        open_task = lease.cell.task
+        yield lease
+        queue.finished(lease)
+
+
+@given(
+    st.dictionaries(st.tuples(st.sampled_from("ABC"), st.sampled_from("pq")), st.integers(1, 40), min_size=1),
+    st.integers(1, 4),
+    st.data(),
+)
+@settings(deadline=None)
+def test_every_episode_is_handed_out_until_it_comes_back_and_never_twice_at_once(plan, workers, data):
+    work = [(cell(f"sim/{task}", policy), range(n)) for (task, policy), n in plan.items()]
+    queue = WorkQueue(work, workers=workers, max_attempts=2)
+    back, given_up, out = Counter(), Counter(), set()
+    while lease := queue.lease(data.draw(st.sampled_from([None, "sim/A", "sim/B"]))):
+        ids = [episode.id for episode in lease.episodes()]
+        assert not out & set(ids)
+        fate = data.draw(st.sampled_from(["done", "done", "done", "dies"]))
+        if fate == "done":
+            queue.measured(lease.cell, took(lease, 0.3))
+            queue.finished(lease)
+            back.update(ids)
+        else:
+            survived = data.draw(st.integers(0, len(ids) - 1))
+            back.update(ids[:survived])
+            given_up.update(r.episode_id for r in queue.lost(lease, lease.seeds[survived:], "it died"))
+    everything = {c.episode(seed).id for c, seeds in work for seed in seeds}
+    assert set(back) | set(given_up) == everything
+    assert not set(back) & set(given_up)
+    assert set((back + given_up).values()) == {1}
+
+
+def test_a_worker_keeps_its_open_task_while_that_has_work():
+    queue = WorkQueue([(cell("sim/A"), range(5)), (cell("sim/B"), range(50))], workers=1, max_attempts=3)
+    assert [lease.cell.task for lease in drain(queue, "sim/A")][:2] == ["sim/A", "sim/A"]
+
+
+def test_workers_spread_over_tasks():
+    queue = WorkQueue([(cell("sim/A"), range(50)), (cell("sim/B"), range(40))], workers=2, max_attempts=3)
+    assert {queue.lease(None).cell.task, queue.lease(None).cell.task} == {"sim/A", "sim/B"}
+
+
+def test_an_idle_worker_helps_with_a_task_that_another_has_open():
+    queue = WorkQueue([(cell("sim/A"), range(50))], workers=2, max_attempts=3)
+    queue.lease("sim/A")
+    assert queue.lease("sim/B").cell.task == "sim/A"
+
+
+def test_a_lease_is_one_episode_until_a_duration_is_known_then_about_its_share_of_time():
+    queue = WorkQueue([(cell(), range(1000))], workers=1, max_attempts=3)
+    first = queue.lease(None)
+    assert len(first.seeds) == 1
+    queue.measured(first.cell, took(first, LEASE_S / 20))
+    assert len(queue.lease(None).seeds) == 20
+
+
+def test_leases_shrink_towards_the_end():
+    queue = WorkQueue([(cell(), range(64))], workers=2, max_attempts=3)
+    first = queue.lease(None)
+    queue.measured(first.cell, took(first, 1e-6))
+    sizes = [len(lease.seeds) for lease in drain(queue)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] == 16
+    assert sizes[-1] == 1
+
+
+def test_after_a_death_each_episode_of_the_lease_is_played_alone():
+    queue = WorkQueue([(cell(), range(8))], workers=1, max_attempts=3)
+    first = queue.lease(None)
+    queue.measured(first.cell, took(first, 0.01))
+    lease = queue.lease(None)
+    assert len(lease.seeds) > 1
+    assert queue.lost(lease, lease.seeds[1:], "it died") == []
+    alone = [queue.lease(None) for _ in lease.seeds[1:]]
+    assert sorted(x.seeds for x in alone) == [(seed,) for seed in lease.seeds[1:]]
+
+
+def test_an_episode_that_ends_its_worker_alone_too_often_is_given_up_with_its_reason():
+    queue = WorkQueue([(cell(), range(1))], workers=1, max_attempts=3)
+    for attempt in (1, 2):
+        lease = queue.lease(None)
+        assert lease.attempt == attempt
+        assert queue.lost(lease, lease.seeds, "it died") == []
+    lease = queue.lease(None)
+    (given_up,) = queue.lost(lease, lease.seeds, "it died")
+    assert given_up.status == "error"
+    assert given_up.error == "WorkerDied: it died (attempts: 3)"
+    assert queue.lease(None) is None
+
+
+def test_dropped_work_is_counted_and_gone():
+    queue = WorkQueue([(cell("sim/A"), range(5)), (cell("sim/B"), range(6))], workers=1, max_attempts=3)
+    assert queue.drop() == 11
+    assert queue.lease(None) is None

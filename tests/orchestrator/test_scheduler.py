@@ -1,0 +1,158 @@
+"""The scheduler on a real Ray: every row once, whatever dies on the way."""
+
+import os
+import signal
+import time
+from collections import Counter
+
+import pytest
+
+from orchestrator.runner import PolicySource
+from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
+from results.record import outcome_row, rows_hash
+from suites.vocabulary import Cell, Protocol
+
+pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
+SOURCES = {name: PolicySource(name) for name in ("oracle", "random", "untrained")}
+
+
+def work(task="null/Reach", seeds=range(40), policies=("oracle",)):
+    return [(Cell(policy, policy, task, Protocol(60)), seeds) for policy in policies]
+
+
+def options(**changes):
+    given = {"workers": {"null": 2}, "episode_time_limit_s": 30.0, "max_attempts": 3, "allowed_errors": 0}
+    return SchedulerOptions(**{**given, **changes})
+
+
+def play(told, items, **changes):
+    rows = []
+    Scheduler(items, SOURCES, options(**changes), rows.extend, told).run()
+    return rows
+
+
+def seeds(rows):
+    return Counter(row.seed for row in rows)
+
+
+def test_every_episode_comes_home_once(told):
+    rows = play(told, work(policies=("oracle", "random", "untrained")))
+    assert len(rows) == len({row.episode_id for row in rows}) == 120
+    assert rows == told.rows
+    assert {row.worker for row in rows} <= {"null-0", "null-1"}
+
+
+def test_rows_are_the_same_with_one_worker_and_with_four(told):
+    items = work(policies=("oracle", "random", "untrained"))
+    one, four = (play(told, items, workers={"null": n}) for n in (1, 4))
+    assert rows_hash(map(outcome_row, one)) == rows_hash(map(outcome_row, four))
+
+
+def test_a_killed_worker_costs_a_retry_and_nothing_else(told):
+    killed = []
+
+    def kill_one(rows):
+        pids = [ready.pid for _, ready in told.ready]
+        if len(killed) < 2 and len(told.rows) > 10 * (len(killed) + 1) and pids[-1] not in killed:
+            killed.append(pids[-1])
+            os.kill(pids[-1], signal.SIGKILL)
+
+    told.on_rows = kill_one
+    rows = play(told, work("null/Slow", range(60)))
+    assert len(killed) == 2
+    assert seeds(rows) == Counter(range(60))
+    assert all(row.status == "success" for row in rows)
+    assert any("the worker process died" in message for message in told.troubles)
+    undisturbed = play(told, work("null/Slow", range(60)))
+    assert sorted(map(outcome_row, rows)) == sorted(map(outcome_row, undisturbed))
+
+
+def test_an_episode_that_kills_its_worker_once_is_done_at_the_next_attempt(told, tmp_path, monkeypatch):
+    monkeypatch.setattr("orchestrator.worker_environment._ONE_THREAD", {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)})
+    rows = play(told, work("null/Crash", range(15)))
+    assert seeds(rows) == Counter(range(15))
+    assert {row.status for row in rows} == {"success"}
+
+
+def test_an_episode_that_kills_every_worker_becomes_an_error_and_the_rest_is_done(told):
+    rows = play(told, work("null/Crash", range(1, 9)), max_attempts=2, allowed_errors=1)
+    assert seeds(rows) == Counter(range(1, 9))
+    (poison,) = [row for row in rows if row.status == "error"]
+    assert (poison.seed, poison.error, poison.attempts) == (7, "WorkerDied: the worker process died (attempts: 2)", 2)
+
+
+def test_a_hung_episode_is_ended_from_outside(told):
+    begun = time.monotonic()
+    rows = play(told, work("null/Hang", range(5, 9)), episode_time_limit_s=1.0, max_attempts=1, allowed_errors=1)
+    assert seeds(rows) == Counter(range(5, 9))
+    (hung,) = [row for row in rows if row.status == "error"]
+    assert (hung.seed, hung.error) == (7, "WorkerDied: an episode took longer than 1 s (attempts: 1)")
+    assert time.monotonic() - begun < 60
+
+
+def test_a_stopped_process_is_ended_too(told):
+    stopped = []
+
+    def stop_one(rows):
+        if not stopped:
+            stopped.append(told.ready[0][1].pid)
+            os.kill(stopped[0], signal.SIGSTOP)
+
+    told.on_rows = stop_one
+    rows = play(told, work("null/Slow", range(12)), episode_time_limit_s=2.0, workers={"null": 1})
+    assert seeds(rows) == Counter(range(12))
+    with pytest.raises(ProcessLookupError):
+        os.kill(stopped[0], 0)
+
+
+def test_too_many_errors_end_the_run_and_keep_what_came(told):
+    rows = []
+    scheduler = Scheduler(work("null/Raise", range(100)), SOURCES, options(allowed_errors=3), rows.extend, told)
+    with pytest.raises(TooManyErrors, match="4 episodes ended in errors, the suite tolerates 3; latest: RuntimeError"):
+        scheduler.run()
+    assert 4 <= len(rows) < 100
+    assert rows == told.rows
+
+
+def test_an_interruption_keeps_what_came_and_leaves_no_process(told):
+    rows = []
+
+    def interrupt(_):
+        if len(told.rows) >= 5:
+            raise KeyboardInterrupt
+
+    told.on_rows = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        Scheduler(work("null/Slow", range(100)), SOURCES, options(), rows.extend, told).run()
+    assert 5 <= len(rows) < 100
+    for _, ready in told.ready:
+        with pytest.raises(ProcessLookupError):
+            os.kill(ready.pid, 0)
+
+
+def test_a_sink_that_fails_ends_the_run(told):
+    def full(rows):
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        Scheduler(work(), SOURCES, options(), full, told).run()
+
+
+def test_a_simulator_that_cannot_be_opened_is_left_out_with_its_reason(told, monkeypatch):
+    items = [*work(), (Cell("oracle", "oracle", "broken/Task", Protocol(10)), range(5))]
+    from adapters import catalog
+
+    null = catalog.find("null")
+    monkeypatch.setattr("adapters.catalog.find", lambda name: null)
+    rows = play(told, items, workers={"null": 1, "broken": 1})
+    assert seeds(rows) == Counter(range(40))
+    ((name, reason, episodes),) = told.left_out
+    assert (name, episodes) == ("broken", 5)
+    assert reason.startswith("unknown simulator 'broken'")
+
+
+def test_workers_are_replaced_after_a_bounded_number_of_episodes(told, monkeypatch):
+    monkeypatch.setattr("orchestrator.scheduler.RECYCLE_AFTER", 20)
+    rows = play(told, work(seeds=range(200)), workers={"null": 1})
+    assert seeds(rows) == Counter(range(200))
+    assert len({ready.pid for _, ready in told.ready}) >= 3

@@ -1,0 +1,188 @@
+"""Suite files: every mistake is told at once, with its place and the nearest name."""
+
+import textwrap
+
+import pytest
+
+from suites.loading import SuiteError, load_suite
+from suites.schema import KnownNames, KnownPolicy, KnownTask
+from suites.vocabulary import Condition, RenderProfile
+
+NAMES = KnownNames(
+    tasks={
+        "maniskill/PushCube-v1": KnownTask(80),
+        "maniskill/PullCube-v1": KnownTask(80),
+        "robosuite/Lift": KnownTask(120),
+        "robosuite/Door": KnownTask(300),
+    },
+    policies={
+        "oracle": KnownPolicy(),
+        "random": KnownPolicy(),
+        "learned": KnownPolicy(options=frozenset({"checkpoint"}), tasks=frozenset({"robosuite/Lift"})),
+    },
+    axes={"light": 5},
+)
+SOUND = """
+name: a-suite
+policies: [oracle]
+tasks: [robosuite/Lift]
+seeds: {start: 3, count: 4}
+"""
+
+
+@pytest.fixture
+def problems(tmp_path):
+    """The problems of a suite text, as `line: message`."""
+
+    def read(text):
+        path = tmp_path / "suite.yaml"
+        path.write_text(textwrap.dedent(text).lstrip("\n"), encoding="utf-8")
+        with pytest.raises(SuiteError) as caught:
+            load_suite(path, NAMES)
+        for problem in caught.value.problems:
+            assert problem.path == str(path)
+            assert "\n" not in str(problem)
+        return [f"{problem.line}: {problem.message}" for problem in caught.value.problems]
+
+    return read
+
+
+def load(tmp_path, text):
+    path = tmp_path / "suite.yaml"
+    path.write_text(textwrap.dedent(text), encoding="utf-8")
+    return load_suite(path, NAMES)
+
+
+def test_a_sound_suite_has_the_documented_defaults(tmp_path):
+    suite = load(tmp_path, SOUND)
+    assert suite.all_conditions() == [Condition()]
+    assert list(suite.seeds) == [3, 4, 5, 6]
+    assert suite.render_profile is RenderProfile.STANDARD
+    assert (suite.replan_every, suite.image_size, suite.cameras) == (8, 96, ("third_person", "wrist"))
+    assert suite.worker_count("robosuite") == 1
+
+
+def test_a_pattern_stands_for_all_tasks_that_match(tmp_path):
+    suite = load(tmp_path, SOUND.replace("robosuite/Lift", '"robosuite/*"'))
+    assert suite.tasks == ("robosuite/Lift", "robosuite/Door")
+
+
+def test_a_policy_can_be_given_a_name_and_options(tmp_path):
+    suite = load(tmp_path, SOUND.replace("[oracle]", "[{name: mine, kind: learned, options: {checkpoint: x}}]"))
+    assert (suite.policies[0].name, suite.policies[0].kind) == ("mine", "learned")
+    assert suite.policies[0].options == {"checkpoint": "x"}
+
+
+def test_conditions_have_axes_and_severities(tmp_path):
+    suite = load(tmp_path, SOUND + "conditions: [clean, {axis: light, severities: [2, 4]}]\n")
+    assert [str(c) for c in suite.all_conditions()] == ["clean", "light@2", "light@4"]
+
+
+def test_every_mistake_is_reported_at_once_with_its_line(problems):
+    assert problems(
+        """
+        name: a-suite
+        policies: [oracel]
+        tasks:
+          - maniskill/PushCub-v1
+          - robosuit/Lift
+        conditions: [{axis: lihgt, severities: [1]}]
+        cameras: [third_persn]
+        seeds: {count: 4}
+        workers: {robosuit: 2}
+        """
+    ) == [
+        "2: unknown policy 'oracel'; did you mean 'oracle'?",
+        "4: unknown task 'maniskill/PushCub-v1'; did you mean 'maniskill/PushCube-v1'?",
+        "5: unknown simulator 'robosuit' in 'robosuit/Lift'; did you mean 'robosuite'?",
+        "6: unknown condition 'lihgt'; did you mean 'light'?",
+        "7: unknown camera 'third_persn'; did you mean 'third_person'?",
+        "9: unknown simulator 'robosuit'; did you mean 'robosuite'?",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (("seeds: {start: 3, count: 4}", "seeds: {start: 3, count: 0}"), "4: seeds.count: expected a value greater than or equal to 1, found 0"),
+        (("seeds: {start: 3, count: 4}", "seeds: {start: -1, count: 4}"), "4: seeds.start: expected a value greater than or equal to 0, found -1"),
+        (("seeds: {start: 3, count: 4}", "seeds: {start: 3, count: many}"), "4: seeds.count: expected a valid integer, found text ('many')"),
+        (("seeds: {start: 3, count: 4}", "seeds: {start: 3, count: 4, strat: 2}"), "4: unknown key 'strat'; did you mean 'start'?"),
+        (("name: a-suite", "name: a-suite\nworkers: true"), "2: workers: expected a valid integer, found true/false (True)"),
+        (("seeds: {start: 3, count: 4}", ""), "1: missing key 'seeds'"),
+        (("policies: [oracle]", "policies: []"), "2: policies: expected at least one entry, found an empty list"),
+        (("policies: [oracle]", "policies: oracle"), "2: policies: expected a valid tuple, found text ('oracle')"),
+        (("policies: [oracle]", "policies: [oracle, oracle]"), "2: duplicate policy 'oracle', already at entry 1; give it another `name`"),
+        (("policies: [oracle]", "policies: [{kind: oracle, options: {speed: 2}}]"), "2: policy 'oracle' has no option 'speed'; there are none"),
+        (("tasks: [robosuite/Lift]", "tasks: []"), "3: tasks: expected at least one entry, found an empty list"),
+        (("tasks: [robosuite/Lift]", "tasks: [robosuite/Lift, robosuite/Lift]"), "3: duplicate task 'robosuite/Lift'"),
+        (("tasks: [robosuite/Lift]", "tasks: [robosuite/Lift, 'robosuite/*']"), "3: duplicate task 'robosuite/Lift'"),
+        (("tasks: [robosuite/Lift]", "tasks: [Lift]"), "3: expected simulator/task, got 'Lift'; did you mean 'robosuite/Lift'?"),
+        (("name: a-suite", "name: ../a"), "1: name: expected letters, digits, '.', '_' or '-', starting with a letter or digit; found '../a'"),
+        (("name: a-suite", "name: 5"), "1: name: expected a valid string, found a whole number (5)"),
+        (("name: a-suite", "name: a-suite\nworkers: 0"), "2: workers: expected a value greater than or equal to 1, found 0"),
+        (("name: a-suite", "name: a-suite\nworkers: {robosuite: -2}"), "2: workers.robosuite: expected a value greater than or equal to 1, found -2"),
+        (("name: a-suite", "name: a-suite\nreplan_every: 0"), "2: replan_every: expected a value greater than or equal to 1, found 0"),
+        (("name: a-suite", "name: a-suite\nrender_profile: fats"), "2: render_profile: expected 'standard' or 'fast', found 'fats'"),
+        (("name: a-suite", "name: a-suite\nimage_size: 4"), "2: image_size: expected a value greater than or equal to 16, found 4"),
+        (("name: a-suite", "name: a-suite\ncameras: [wrist, wrist]"), "2: duplicate camera 'wrist'"),
+        (("name: a-suite", "name: a-suite\ncamears: [wrist]"), "2: unknown key 'camears'; did you mean 'cameras'?"),
+        (("name: a-suite", "name: a-suite\nname: b"), "2: duplicate key 'name'"),
+        (("name: a-suite", "name: a-suite\nerror_tolerance: 2"), "2: error_tolerance: expected a value less than or equal to 1, found 2"),
+        (("name: a-suite", "name: a-suite\nconditions: [{axis: light, severities: [9]}]"), "2: conditions.1.severities.1: expected a value less than or equal to 5, found 9"),
+        (("name: a-suite", "name: a-suite\nconditions: [clean, clean]"), "2: duplicate condition 'clean'"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_clear_line(problems, change, expected):
+    assert problems(SOUND.replace(*change)) == [expected]
+
+
+def test_a_policy_that_cannot_act_in_a_task_is_refused(problems):
+    text = SOUND.replace("oracle", "learned").replace("robosuite/Lift", "robosuite/Door")
+    assert problems(text) == ["3: policy 'learned' cannot act in 'robosuite/Door'"]
+
+
+def test_object_tags_are_refused_and_not_constructed(problems, tmp_path):
+    target = tmp_path / "made"
+    found = problems(f"name: !!python/object/apply:os.mkdir ['{target}']\n")
+    assert found == ["1: expected plain YAML, found the object tag 'tag:yaml.org,2002:python/object/apply:os.mkdir'"]
+    assert not target.exists()
+
+
+def test_text_that_is_not_yaml_is_told_with_its_line(problems):
+    (found,) = problems("name: a\ntasks: [a, b\n")
+    assert found.startswith("3: not YAML: ")
+
+
+@pytest.mark.parametrize(("text", "kind"), [("", "nothing"), ("[1, 2]", "a list"), ("hello", "text ('hello')")])
+def test_a_file_without_a_mapping_is_told(problems, text, kind):
+    assert problems(text) == [f"None: expected a mapping with name, policies, tasks and seeds; found {kind}"]
+
+
+def test_an_alias_that_contains_itself_is_refused(problems):
+    assert problems("&a [*a]\n") == ["1: an alias that contains itself"]
+
+
+def test_a_directory_is_told(tmp_path):
+    with pytest.raises(SuiteError, match="expected a suite file, this is a directory"):
+        load_suite(tmp_path, NAMES)
+
+
+def test_a_missing_file_is_told_with_its_nearest_neighbour(tmp_path):
+    (tmp_path / "demo.yaml").touch()
+    with pytest.raises(SuiteError, match=r"no such file; did you mean .*demo\.yaml\?"):
+        load_suite(tmp_path / "dmeo.yaml", NAMES)
+
+
+def test_a_file_that_is_not_utf8_is_told(tmp_path):
+    path = tmp_path / "suite.yaml"
+    path.write_bytes("name: Käfer".encode("latin-1"))
+    with pytest.raises(SuiteError, match="expected UTF-8 text, found byte 0xe4 at offset 7"):
+        load_suite(path, NAMES)
+
+
+def test_a_huge_file_is_refused_unread(tmp_path):
+    path = tmp_path / "suite.yaml"
+    path.write_bytes(b"#" * 1_000_001)
+    with pytest.raises(SuiteError, match="at most 1000000 bytes"):
+        load_suite(path, NAMES)

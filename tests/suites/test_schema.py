@@ -1,0 +1,79 @@
+"""A suite expands to cells, and its hash says what is evaluated, not how."""
+
+from pathlib import Path
+
+import pytest
+
+from suites.loading import load_suite
+from suites.schema import KnownNames, KnownPolicy, KnownTask, Suite
+
+NAMES = KnownNames(
+    tasks={"a/One": KnownTask(50), "a/Two": KnownTask(70), "b/One": KnownTask(90)},
+    policies={"oracle": KnownPolicy(), "random": KnownPolicy()},
+    axes={"light": 5},
+)
+DIGESTS = {"oracle": "0", "random": "1"}
+
+
+def suite(**changes):
+    data = {"name": "s", "policies": ["oracle", "random"], "tasks": ["a/One", "b/One"], "seeds": {"count": 3}}
+    return Suite.model_validate({**data, **changes})
+
+
+def test_cells_are_the_product_with_tasks_outermost():
+    conditions = ["clean", {"axis": "light", "severities": [2]}]
+    cells = suite(conditions=conditions).cells(NAMES, DIGESTS)
+    assert [(c.task, str(c.condition), c.policy) for c in cells] == [
+        (task, condition, policy)
+        for task in ("a/One", "b/One")
+        for condition in ("clean", "light@2")
+        for policy in ("oracle", "random")
+    ]
+
+
+def test_the_horizon_is_the_tasks_own_unless_the_suite_sets_it():
+    assert {c.task: c.protocol.horizon for c in suite().cells(NAMES, DIGESTS)} == {"a/One": 50, "b/One": 90}
+    assert {c.protocol.horizon for c in suite(horizon=20).cells(NAMES, DIGESTS)} == {20}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"workers": 3}, {"name": "t"}, {"error_tolerance": 0.5}, {"tasks": ["b/One", "a/One"]}, {"description": "x"}],
+)
+def test_the_hash_ignores_how_a_suite_is_run(changes):
+    assert suite(**changes).content_hash(DIGESTS, NAMES) == suite().content_hash(DIGESTS, NAMES)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seeds": {"count": 4}},
+        {"seeds": {"start": 1, "count": 3}},
+        {"replan_every": 4},
+        {"image_size": 64},
+        {"render_profile": "fast"},
+        {"cameras": ["wrist"]},
+        {"horizon": 10},
+        {"policies": ["oracle"]},
+        {"tasks": ["a/One", "a/Two"]},
+        {"conditions": [{"axis": "light", "severities": [1]}]},
+    ],
+)
+def test_the_hash_tells_what_is_evaluated(changes):
+    assert suite(**changes).content_hash(DIGESTS, NAMES) != suite().content_hash(DIGESTS, NAMES)
+
+
+def test_another_policy_content_is_another_suite_hash():
+    assert suite().content_hash({**DIGESTS, "random": "2"}, NAMES) != suite().content_hash(DIGESTS, NAMES)
+
+
+def test_workers_are_per_simulator_with_one_by_default():
+    assert [suite(workers={"a": 4}).worker_count(name) for name in ("a", "b")] == [4, 1]
+    assert suite(workers=2).worker_count("b") == 2
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "suites").glob("*.yaml")), ids=lambda p: p.stem)
+def test_a_shipped_suite_is_sound(path):
+    from orchestrator.names import known_names
+
+    assert load_suite(path, known_names()).name == path.stem
