@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from results import timing
 from results.record import EpisodeResult, Status
-from results.run import PlannedCell, RunDocument, read_run
-from results.run import store_url as url_of
+from results.run import PlannedCell, RunDocument, read_run, store_url
 from results.statistics import Interval, RateBounds, rate, rate_bounds, wilson_intervals
 from results.store import Store
 from results.timing import PhaseTiming
@@ -177,19 +176,19 @@ class Tables:
         return tuple(dict.fromkeys(cell.simulator for cell in self.cells))
 
 
-def read_tables(folder: Path, *, store_url: str | None = None) -> Tables:
+def read_tables(folder: Path, *, store_address: str | None = None) -> Tables:
     """The tables of a run folder.
 
     Args:
         folder: The run folder.
-        store_url: URL of the store, where it is not the file in the folder.
+        store_address: URL of the store, where it is not the file in the folder.
 
     Raises:
         RunError: The folder is no run.
         StoreError: The store cannot be read.
     """
     document = read_run(folder)
-    store = Store.open(url_of(folder, document, store_url), document.run_id)
+    store = Store.open(store_url(folder, document, store_address), document.run_id)
     try:
         return build_tables(document, store.results())
     finally:
