@@ -105,7 +105,10 @@ class EpisodeResult:
             state_hash="",
             final_state_hash="",
             actions_hash="",
-            error=error,
+            # Databases refuse the character NUL (PostgreSQL) and lone surrogates (all of them).
+            error=error.encode("utf-16", "surrogatepass")
+            .decode("utf-16", "replace")
+            .replace("\0", "\N{REPLACEMENT CHARACTER}"),
             **telemetry,
         )
 
@@ -140,9 +143,13 @@ def describe_fields() -> dict[str, tuple[type, bool, str]]:
     return described
 
 
+_REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if kind is float)
+
+
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
-    """The values of the `OUTCOME` fields, in order."""
-    return tuple(getattr(result, name) for name in OUTCOME)
+    """The values of the `OUTCOME` fields, in order, alike before and after a database: zero has no sign there."""
+    values = (getattr(result, name) for name in OUTCOME)
+    return tuple(value + 0.0 if name in _REAL else value for name, value in zip(OUTCOME, values, strict=True))
 
 
 def rows_hash(rows: Iterable[tuple[Any, ...]]) -> str:

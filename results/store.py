@@ -98,10 +98,11 @@ class Store:
                 return
             if version is not None:
                 raise StoreError(f"{self._where}: store version {version}, this program reads version {SCHEMA_VERSION}")
-            # No version: SQLite commits each CREATE TABLE by itself, and whoever began was killed between two of them.
+        # Another process may be creating the store right now, or was killed between two tables: SQLite commits each.
         with self._engine.begin() as connection:
-            _metadata.create_all(connection)
-            connection.execute(_schema.insert().values(version=SCHEMA_VERSION))
+            for table in _metadata.sorted_tables:
+                connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
+            connection.execute(self._insert(_schema).values(version=SCHEMA_VERSION))
 
     def begin_run(self, document: dict[str, Any]) -> None:
         """Record the run itself, unless it is there already."""
@@ -218,7 +219,7 @@ class _Explained:
 
 def _tune_sqlite(connection: Any, _record: Any) -> None:
     cursor = connection.cursor()
+    cursor.execute("PRAGMA busy_timeout=30000")
     cursor.execute("PRAGMA journal_mode=WAL")
     cursor.execute("PRAGMA synchronous=NORMAL")
-    cursor.execute("PRAGMA busy_timeout=30000")
     cursor.close()

@@ -147,7 +147,7 @@ class Tables:
     by_simulator: tuple[Aggregate, ...]
     """Per (policy, simulator, condition)."""
     by_policy: tuple[Aggregate, ...]
-    """Per (policy, condition), over all simulators."""
+    """Per (policy, condition), over all simulators: a policy's rows together, clean first."""
     total: Tally
     timing: tuple[PhaseTiming, ...]
     """Per simulator with rows."""
@@ -336,7 +336,8 @@ def _aggregates(cells: pd.DataFrame, by: list[str]) -> list[Aggregate]:
                 worst_task=str(known.loc[known["rate"].idxmin(), "task"]) if len(known) else None,
             )
         )
-    return aggregates
+    place = {policy: number for number, policy in enumerate(cells["policy"].unique())}
+    return sorted(aggregates, key=lambda row: (place[row.policy], row.condition != Condition()))
 
 
 def _not_run(document: RunDocument, cells: pd.DataFrame) -> list[NotRun]:

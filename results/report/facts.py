@@ -10,21 +10,26 @@ from results.tables import NotRun, Tables
 from suites.vocabulary import SUCCESS_HOLD
 
 SENTENCES = {
-    "success": f"An episode is a success if the task's own predicate holds for {SUCCESS_HOLD} control steps in a row "
-    "within the horizon, and a failure if not. Success once asks for a single step only.",
-    "rate": "The rate is successes / (successes + failures).",
-    "interval": "Behind it in brackets is Wilson's 95 % interval: 19 of 20 such intervals contain the true rate.",
-    "pooled": "A rate over several tasks is pooled, every episode weighing the same; in the mean of tasks, every task "
-    "weighs the same.",
-    "error": "An error is an episode that could not be played. It is never counted as a failure and is in no rate.",
-    "bounds": "Bounds say what the rate would be if all errors and missing episodes had failed, or all had succeeded.",
-    "done": "Done means that the episode has a row, whether success, failure or error; missing means that it has none.",
-    "condition": "A condition is clean, or a perturbation axis at a severity from 1 (mild) to 5 (extreme).",
-    "busy": "Busy is the share of worker time after start-up that went into simulator or policy: "
+    "success": f"The task's own predicate held for {SUCCESS_HOLD} control steps in a row within the horizon; if not, "
+    "the episode is a failure. Success once asks for a single step only.",
+    "rate": "Successes / (successes + failures).",
+    "interval": "Wilson's, 95 %, in brackets behind the rate: 19 of 20 such intervals contain the true rate.",
+    "pooled": "Over several tasks, every episode weighs the same; in the mean of tasks, every task weighs the same.",
+    "condition": "Clean, or a perturbation axis at a severity from 1 (mild) to 5 (extreme).",
+    "error": "An episode that could not be played. It is never counted as a failure and is in no rate.",
+    "bounds": "What the rate would be if all errors and missing episodes had failed, or all had succeeded.",
+    "done": "The episode has a row, whether success, failure or error; missing means that it has none.",
+    "build": "Importing the simulator and opening the task.",
+    "load": "Loading the policy.",
+    "reset": "Putting the scene into the episode's first state.",
+    "physics": "Control steps.",
+    "render": "Observing: drawing the camera images.",
+    "inference": "Asking the policy.",
+    "rest": "Time of an episode that is in no other phase.",
+    "wait": "A worker with nothing to do.",
+    "busy": "Worker time after start-up spent in simulator or policy: "
     "(reset + physics + render + inference) / (wall + wait).",
-    "phases": "Build: importing the simulator and opening the task. Load: loading the policy. Render: observing. "
-    "Rest: time of an episode in no other phase. Wait: a worker with nothing to do.",
-    "skipped": "A skipped simulator could not run on this machine; its episodes count as missing.",
+    "skipped": "The simulator could not run on this machine; its episodes count as missing.",
 }
 """One explanation per term, shown where it first appears."""
 
@@ -42,14 +47,13 @@ def status_word(document: RunDocument) -> str:
 
 
 def verdict(document: RunDocument, tables: Tables) -> str:
-    """The run in one sentence: status, episodes done of planned, errors, time."""
+    """The run in one sentence: episodes done of planned, errors, time, and why it ended early, if it did."""
     total = tables.total
-    reason = f" ({document.reason})" if document.reason else ""
     parts = [f"{total.done:,} of {text.counted(total.planned, 'episode')} done"]
     parts.append(text.counted(total.errors, "error") if total.errors else "no errors")
-    if document.elapsed_s:
-        parts.append(text.seconds(document.elapsed_s))
-    return f"{status_word(document)}{reason}: {', '.join(parts)}."
+    parts.append(text.counted(len(tables.skipped), "simulator") + " skipped" if tables.skipped else "")
+    parts.append(f"in {text.seconds(document.elapsed_s)}" if document.elapsed_s else "")
+    return ", ".join(filter(None, parts)) + (f"; {document.reason}" if document.reason else "")
 
 
 def provenance(document: RunDocument, tables: Tables) -> list[tuple[str, str]]:

@@ -8,11 +8,15 @@ from results.report.summary import ERROR_GROUPS
 from results.report.text import TextTable, escape, markdown
 from results.run import RunDocument
 from results.tables import Tables
+from results.timing import PHASES
 
 
 def render_markdown(document: RunDocument, tables: Tables) -> str:
     """The whole report as GitHub Markdown."""
-    parts = [f"# {escape(document.suite_name)}", escape(facts.verdict(document, tables))]
+    parts = [
+        f"# {escape(document.suite_name)}",
+        f"**{facts.status_word(document)}**: {escape(facts.verdict(document, tables))}",
+    ]
     if document.suite_description:
         parts.append(escape(document.suite_description))
     if not tables.total.done:
@@ -31,7 +35,7 @@ def render_markdown(document: RunDocument, tables: Tables) -> str:
 
 
 def _says(*terms: str) -> str:
-    return " ".join(escape(SENTENCES[term]) for term in terms)
+    return "\n".join(f"- {term}: {escape(SENTENCES[term])}" for term in terms)
 
 
 def _not_run(tables: Tables) -> list[str]:
@@ -63,4 +67,4 @@ def _errors(tables: Tables) -> list[str]:
 def _timing(tables: Tables) -> list[str]:
     if not tables.timing:
         return []
-    return ["## Where the time went", _says("phases", "busy"), markdown(text.timing_table(tables.timing))]
+    return ["## Where the time went", _says(*PHASES, "busy"), markdown(text.timing_table(tables.timing))]

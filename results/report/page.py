@@ -87,6 +87,7 @@ def render_page(folder: Path, document: RunDocument, tables: Tables, videos: Seq
         several=len(tables.conditions) > 1,
         shown=_shown(tables),
         forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},
+        judged={cell.simulator for cell in tables.cells if cell.tally.verdicts and cell.condition == _shown(tables)},
         cards=_cards(folder, document, tables, videos),
         left_out=[video for video in videos if video.source is None],
         phases=PHASES,

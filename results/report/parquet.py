@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 BATCH = 50_000
-"""Rows in memory at a time."""
+"""Rows in memory at a time, and in a row group."""
 
 
 def schema(document: RunDocument) -> pa.Schema:

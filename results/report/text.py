@@ -38,8 +38,11 @@ def span(interval: Interval | None) -> str:
 
 
 def bounds(value: RateBounds | None) -> str:
-    """Bounds of a rate: `80–84 %`."""
-    return NOTHING if value is None else f"{100 * value.low:.0f}–{100 * value.high:.0f} %"
+    """Bounds of a rate: `80–84 %`, with a digit more where they are close."""
+    if value is None:
+        return NOTHING
+    digits = 0 if value.high - value.low >= 0.015 else 1
+    return f"{100 * value.low:.{digits}f}–{100 * value.high:.{digits}f} %"
 
 
 def seconds(value: float | None) -> str:
@@ -103,7 +106,7 @@ def task_table(tables: Tables, simulator: str) -> TextTable:
     several = len(tables.conditions) > 1
     cells = [cell for cell in tables.cells if cell.simulator == simulator]
     header = ("task", "policy", *(("condition",) if several else ()), "planned", "done", "success", "failure", "error")
-    header += ("missing", "rate", "95 % interval", "bounds", "success once", "mean steps", "time per episode")
+    header += ("missing", "rate", "interval", "bounds", "success once", "mean steps", "mean time")
     return TextTable(header, tuple(_task_row(cell, several) for cell in cells), 3 if several else 2)
 
 
@@ -125,7 +128,7 @@ def _task_row(cell: CellRow, several: bool) -> tuple[str, ...]:
 
 def timing_table(timing: Sequence[PhaseTiming]) -> TextTable:
     """Worker time per simulator and phase."""
-    header = ("simulator", "workers", *PHASES, "total", "busy", "episodes per worker-hour")
+    header = ("simulator", "workers", *PHASES, "total", "busy", "episodes per hour of a worker")
     rows = tuple(
         (
             line.simulator,

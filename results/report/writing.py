@@ -77,8 +77,7 @@ def _write_rows(file: Path, document: RunDocument, url: str) -> None:
 
 def _write_text(path: Path, text: str) -> None:
     with _replacing(path) as file:
-        # A lone surrogate in an error message must not cost the report.
-        file.write_text(text, encoding="utf-8", errors="replace")
+        file.write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -1,0 +1,85 @@
+"""Promises of results/report/text.py."""
+
+from __future__ import annotations
+
+import pytest
+
+from results.report import text
+from results.statistics import Interval, RateBounds
+from results.tables import build_tables
+from suites.vocabulary import Condition
+from tests.results.synthetic import cells, document, rows
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (None, "–"),
+        (0, "0 %"),
+        (1, "100 %"),
+        (0.8236, "82 %"),
+        (0.996, "99.6 %"),
+        (0.004, "0.4 %"),
+        (0.9996, ">99.9 %"),
+        (0.0002, "<0.1 %"),
+    ],
+)
+def test_a_rate_is_never_rounded_onto_certainty(value, shown):
+    assert text.percent(value) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(None, "–"), (0, "0 s"), (0.0042, "4.2 ms"), (7.314, "7.31 s"), (59.999, "1 min 0 s"), (725, "12 min 5 s")],
+)
+def test_times_have_a_fitting_unit(value, shown):
+    assert text.seconds(value) == shown
+
+
+def test_long_times_are_in_hours():
+    assert text.seconds(12_000) == "3 h 20 min"
+
+
+def test_bounds_that_are_close_get_a_digit_more():
+    interval = Interval(0, 1)
+    assert text.bounds(RateBounds(0.468, 0.472, interval)) == "46.8–47.2 %"
+    assert text.bounds(RateBounds(0.4, 0.9, interval)) == "40–90 %"
+    assert text.bounds(None) == "–"
+
+
+@pytest.mark.parametrize("hostile", ["a|b", "<script>alert(1)</script>", "[click](http://x)", "a\nb", "`x`", "**b**"])
+def test_markdown_makes_names_harmless(hostile):
+    drawn = text.markdown(text.TextTable(("name", "n"), ((hostile, "1"),), 1))
+    lines = drawn.splitlines()
+    assert len(lines) == 3
+    assert lines[1] == "| --- | ---: |"
+    for dangerous in ("<", "](", " `", "**b"):
+        assert dangerous not in lines[2]
+    assert lines[2].replace("\\|", "").count("|") == 3
+
+
+def test_the_summary_has_a_row_per_policy_and_a_column_per_simulator():
+    table = text.summary_table(build_tables(document(4), rows(planned=4, errors=1)))
+    assert table.header == ("policy", "maniskill", "pybullet", "robosuite", "all", "mean of tasks", "errors")
+    assert [line[0] for line in table.rows] == ["oracle", "random"]
+    assert all(len(line) == len(table.header) for line in table.rows)
+    assert table.rows[0][-1] == "4"
+
+
+def test_several_conditions_get_a_column_and_a_row_each():
+    plan = cells(conditions=(Condition("light", 2), Condition()))
+    table = text.summary_table(build_tables(document(4, plan), rows(plan, 4)))
+    assert table.header[:2] == ("policy", "condition")
+    assert [line[:2] for line in table.rows] == [
+        ("oracle", "clean"),
+        ("oracle", "light@2"),
+        ("random", "clean"),
+        ("random", "light@2"),
+    ]
+
+
+def test_tables_of_tasks_and_times_are_rectangular():
+    tables = build_tables(document(4), rows(planned=4))
+    for table in (text.task_table(tables, "maniskill"), text.timing_table(tables.timing)):
+        assert table.rows
+        assert all(len(line) == len(table.header) for line in table.rows)

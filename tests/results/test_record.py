@@ -1,0 +1,91 @@
+"""Promises of results/record.py."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from results.record import FIELDS, OUTCOME, TELEMETRY, EpisodeResult, Status, describe_fields, outcome_row, rows_hash
+from tests.results.synthetic import cells, row
+
+EPISODE = cells()[0].episode(3)
+ROW = row(cells()[0], 3)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_field_has_a_sentence_and_a_type(name):
+    kind, _, sentence = describe_fields()[name]
+    assert kind in (str, int, float, bool)
+    assert sentence.endswith(".")
+    assert len(sentence.split()) > 1
+
+
+def test_fields_are_outcome_or_telemetry_and_only_three_may_be_none():
+    assert set(OUTCOME) | set(TELEMETRY) == set(FIELDS)
+    assert not set(OUTCOME) & set(TELEMETRY)
+    described = describe_fields()
+    assert {name for name in FIELDS if described[name][1]} == {"inferred_task", "routing_scores", "error"}
+
+
+def test_a_record_carries_the_identity_of_its_episode():
+    assert (ROW.episode_id, ROW.pair_id, ROW.simulator) == (EPISODE.id, EPISODE.pair_id, "maniskill")
+    assert (ROW.seed, ROW.horizon, ROW.cameras, ROW.render_profile) == (3, 100, "third_person,wrist", "standard")
+
+
+def test_an_episode_that_could_not_be_played_is_an_error_with_its_reason():
+    failed = EpisodeResult.failed_to_run(EPISODE, "WorkerDied: signal 11", attempts=3)
+    assert (failed.status, failed.error, failed.attempts) == (Status.ERROR, "WorkerDied: signal 11", 3)
+    assert failed.steps == 0
+    assert not failed.success_once
+
+
+@pytest.mark.parametrize("text", ["a\x00b", "a\ud800b"])
+def test_an_error_message_can_always_be_stored(text):
+    error = EpisodeResult.failed_to_run(EPISODE, text).error
+    assert error == "a�b"
+
+
+changes = {str: "something else", int: 987_654, float: 0.123456, bool: None}
+
+
+def changed(result, name):
+    value = getattr(result, name)
+    new = changes[describe_fields()[name][0]]
+    return dataclasses.replace(result, **{name: (not value) if new is None else new})
+
+
+@given(st.permutations([row(cell, seed) for cell in cells() for seed in range(2)]))
+def test_the_hash_of_rows_ignores_their_order(shuffled):
+    original = [row(cell, seed) for cell in cells() for seed in range(2)]
+    assert rows_hash(map(outcome_row, shuffled)) == rows_hash(map(outcome_row, original))
+
+
+@pytest.mark.parametrize("name", TELEMETRY)
+def test_the_hash_of_rows_ignores_telemetry(name):
+    assert changed(ROW, name) != ROW
+    assert rows_hash([outcome_row(changed(ROW, name))]) == rows_hash([outcome_row(ROW)])
+
+
+@pytest.mark.parametrize("name", OUTCOME)
+def test_the_hash_of_rows_changes_with_every_outcome_field(name):
+    assert rows_hash([outcome_row(changed(ROW, name))]) != rows_hash([outcome_row(ROW)])
+
+
+@given(st.text(st.characters(codec="utf-8")), st.integers(0, 2**40), st.floats(-1e6, 1e6), st.booleans())
+def test_the_hash_of_rows_tells_any_two_outcomes_apart(text, steps, reward, once):
+    other = dataclasses.replace(ROW, error=text, steps=steps, reward_sum=reward, success_once=once)
+    same = outcome_row(other) == outcome_row(ROW)
+    assert (rows_hash([outcome_row(other)]) == rows_hash([outcome_row(ROW)])) == same
+
+
+def test_the_hash_of_rows_counts_a_row_that_is_there_twice():
+    assert rows_hash([outcome_row(ROW)] * 2) != rows_hash([outcome_row(ROW)])
+
+
+def test_a_reward_hashes_the_same_however_a_database_returns_it():
+    """SQLite returns -0.0 as 0.0, and a worker may hand over a whole number."""
+    hashes = {rows_hash([outcome_row(dataclasses.replace(ROW, reward_sum=zero))]) for zero in (0, 0.0, -0.0)}
+    assert len(hashes) == 1
