@@ -9,9 +9,9 @@ What is panda-gym's and what is ours:
   painted red in both render profiles. `standard` draws shadows as panda-gym does, `fast` does not; there is neither
   reflection nor multisampling to switch off. Empty background is white.
 - The controller keeps the gripper pointing straight down, so rotations are ignored; in Reach and Push the fingers are
-  held closed, so the gripper is ignored too. The joint motors cover about `SHARE` of the displacement that they
-  are given as their target in one control step (40 to 120 %, depending on pose and speed, measured). The adapter gives
-  them that much more, so that the tool centre point moves by about the action.
+  held closed, so the gripper is ignored too. In one control step the joint motors cover 60 to 100 % of the
+  displacement that they are given, depending on the direction. So the adapter adds up what was commanded and gives them
+  the way to there; what they left over is made up for in the next steps.
 - Poses of links are those of the last of the 20 physics steps in a control step, before its integration (2 ms old), as
   everywhere in panda-gym. Asking PyBullet to recompute them would change what the controller does next.
 """
@@ -54,10 +54,10 @@ TASKS = {
 }
 MODULES = ("pybullet", "panda_gym")
 
-SHARE = 0.6
-"""Part of a commanded displacement that is covered in one control step, over the workspace."""
-MAX_TRANSLATION = 0.05 * SHARE
-"""What comes of a full translation command (m): panda-gym makes a displacement of 0.05 m of it."""
+MAX_LEAD = 0.05
+"""What panda-gym makes of a full translation command, hence how far ahead of the tool its target can be (m)."""
+MAX_TRANSLATION = 0.03
+"""What the arm keeps up with in every direction (m per control step)."""
 WIDTH_PER_COMMAND = 0.2
 """What panda-gym makes of a full gripper command: change of the distance between the fingers (m)."""
 MAX_WIDTH = 0.08
@@ -109,6 +109,7 @@ class PyBulletSimulation:
         self._client = env.sim.physics_client
         self._bodies: Mapping[str, int] = env.sim._bodies_idx
         self._light = Light()
+        self._target = np.zeros(3)
         rotations = ("rx", "ry", "rz")
         self.action_spec = ActionSpec(
             max_translation=MAX_TRANSLATION,
@@ -131,6 +132,7 @@ class PyBulletSimulation:
             raise UnsupportedCondition(f"pybullet cannot bring about {condition}; it offers clean")
         self._forget_contacts()
         self._env.reset(seed=seed)
+        self._target, _ = self._tool_pose()
 
     def _forget_contacts(self) -> None:
         """Empty the contact caches, which outlive a teleport and warm-start the solver with the last episode's forces.
@@ -155,7 +157,10 @@ class PyBulletSimulation:
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (7,) for one control step. The reward is panda-gym's sparse one: 0 at the goal, else -1."""
         action = np.clip(action, self._low, self._high)
-        command = action[:3] / MAX_TRANSLATION
+        position, _ = self._tool_pose()
+        lead = np.clip(self._target + action[:3] - position, -MAX_LEAD, MAX_LEAD)
+        self._target = position + lead
+        command = lead / MAX_LEAD
         if not self._robot.block_gripper:
             width = MAX_WIDTH * (1.0 - action[6]) / 2.0
             command = np.append(command, (width - self._robot.get_fingers_width()) / WIDTH_PER_COMMAND)
@@ -183,12 +188,12 @@ class PyBulletSimulation:
         return state
 
     def state_hash(self) -> str:
-        """Hash of the joints, the cube and the goal. Motor targets are no state: every step sets them anew."""
+        """Hash of the joints, the cube, the goal and the tool's target."""
         return hash_state(self._physical_state())
 
     def _physical_state(self) -> dict[str, FloatArray]:
         joints = self._client.getJointStates(self._bodies["panda"], self._robot.joint_indices)
-        state = {"joints": np.array([joint[:2] for joint in joints]), "goal": self._task.goal}
+        state = {"joints": np.array([joint[:2] for joint in joints]), "goal": self._task.goal, "target": self._target}
         if "object" in self._bodies:
             body = self._bodies["object"]
             state["cube_pose"] = np.concatenate(self._client.getBasePositionAndOrientation(body))

@@ -147,7 +147,7 @@ def test_a_translation_in_steady_motion_moves_the_tool_by_so_many_metres(opened,
     for _ in range(5):
         simulation.step(action)
     moved = simulation.privileged_state()["tcp_position"] - start
-    assert sign * moved[axis] == pytest.approx(0.05, rel=0.25)
+    assert sign * moved[axis] == pytest.approx(0.05, rel=0.3)
     assert np.abs(np.delete(moved, axis)).max() < 0.01
 
 
@@ -170,7 +170,7 @@ def test_a_rotation_in_steady_motion_turns_the_tool_by_so_many_radians_or_is_dec
     if ("rx", "ry", "rz")[axis] in simulation.action_spec.ignored:
         assert np.abs(turned).max() < 0.08
     else:
-        assert turned[axis] == pytest.approx(0.15, rel=0.25)
+        assert turned[axis] == pytest.approx(0.15, rel=0.3)
         assert np.abs(np.delete(turned, axis)).max() < 0.04
 
 
