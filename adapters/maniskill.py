@@ -8,7 +8,7 @@ What differs from ManiSkill's own defaults, and why:
 - The third-person camera looks at the work space from the front left. In ManiSkill's own base cameras the gripper hides
   PushCube's cube, and PullCube's arm is not in the picture.
 - Every reset moves the world into a new PhysX scene (0.3 ms). In a scene that is kept, the order in which PhysX solves
-  contacts depends on the contacts of earlier episodes, and equal seeds end up centimetres apart.
+  contacts depends on the contacts of earlier episodes, and equal seeds can part when the gripper lets go of a cube.
 
 ManiSkill draws sensors with SAPIEN's `minimal` shader: no shadows, reflections or multisampling. There is nothing to
 switch off, so the render profiles `standard` and `fast` draw the same.
@@ -17,6 +17,7 @@ switch off, so the render profiles `standard` and `fast` draw the same.
 from __future__ import annotations
 
 import difflib
+import functools
 import logging
 import math
 from collections.abc import Mapping
@@ -172,7 +173,7 @@ class ManiSkillSimulation:
 
 
 def open_task(task: str, view: View) -> ManiSkillSimulation:
-    """Open a task. Costs about 3 s for the first import, 0.2 s then, and 5 s with the first frame of a process.
+    """Open a task. Costs 3 s for a process' first, 0.2 s then; its first frame without a GPU costs 5 s once.
 
     Raises:
         UnknownTask: No such task here.
@@ -218,6 +219,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     if not env.scene.can_render():
         env.close()
         raise SimulatorUnavailable(f"SAPIEN found no device to render with: {_VULKAN_FIX}")
+    _keep_renderer(env.scene.backend.render_device.name)
     return ManiSkillSimulation(task, view, env)
 
 
@@ -230,6 +232,17 @@ def _render_backend(sapien: Any) -> str:
         return "gpu" if sapien.Device("cuda").can_render() else "cpu"
     except RuntimeError:
         return "cpu"
+
+
+@functools.cache
+def _keep_renderer(device: str) -> Any:
+    """A reference that lasts as long as the process.
+
+    With the last scene SAPIEN would free its renderer, and compile its shaders again for the next: 7 s and memory each.
+    """
+    import sapien
+
+    return sapien.render.RenderSystem(sapien.Device(device))
 
 
 def _renew_physics(env: Any) -> None:

@@ -26,7 +26,7 @@ def print_summary(folder: Path, store: str | None = None) -> None:
     out.print()
     out.print(_rich(_per_task(tables), title="Success rate with 95 % Wilson interval, per task"))
     out.print()
-    out.print(_rich(summary_table(tables), title="Per simulator"))
+    out.print(_rich(_fitting(summary_table(tables)), title="Per simulator"))
     out.print()
 
 
@@ -50,6 +50,13 @@ def _per_task(tables: Tables) -> TextTable:
         )
     header = ("task", *(("condition",) if several else ()), *tables.policies, "n", "errors")
     return TextTable(header, tuple(rows), 2 if several else 1)
+
+
+def _fitting(table: TextTable) -> TextTable:
+    """The table without its last two columns (mean of tasks, errors) where the terminal is narrow."""
+    if out.width >= 24 * len(table.header):
+        return table
+    return TextTable(table.header[:-2], tuple(row[:-2] for row in table.rows), table.labels)
 
 
 def _rich(table: TextTable, *, title: str) -> Table:

@@ -1,0 +1,117 @@
+"""What is particular to ManiSkill; the promises of every adapter are tested together."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from adapters.maniskill import SIMULATOR, _device_name, _euler_xyz
+from suites.vocabulary import Condition, RenderProfile, View
+
+CLEAN = Condition()
+
+
+def test_euler_angles_are_those_of_the_axis_angle_vector():
+    rng = np.random.default_rng(0)
+    for vector in rng.uniform(-0.05, 0.05, (50, 3)):
+        expected = Rotation.from_rotvec(vector).as_euler("XYZ")
+        np.testing.assert_allclose(_euler_xyz(*vector, longest=0.1), expected, atol=1e-12)
+    assert _euler_xyz(0.0, 0.0, 0.0, longest=0.1) == (0.0, 0.0, 0.0)
+
+
+def test_too_long_rotations_keep_their_axis():
+    vector = np.array([0.2, -0.1, 0.3])
+    expected = Rotation.from_rotvec(0.1 * vector / np.linalg.norm(vector)).as_euler("XYZ")
+    np.testing.assert_allclose(_euler_xyz(*vector, longest=0.1), expected, atol=1e-12)
+
+
+def test_render_device_is_the_first_supported_one():
+    summary = (
+        "GPU: Broken\n  Supported: 0\nGPU: llvmpipe (LLVM 19.1.7, 256 bits)\n  Supported: 1\nGPU: Other\n  Supported: 1"
+    )
+    assert _device_name(summary) == "llvmpipe (LLVM 19.1.7, 256 bits)"
+
+
+@pytest.fixture(scope="module")
+def push():
+    simulation = SIMULATOR.open("PushCube-v1", View(image_size=96))
+    yield simulation
+    simulation.close()
+
+
+def squeeze(simulation, seed):
+    """Closes the gripper about the cube and opens it: two contacts at once, whose order PhysX has to choose."""
+    simulation.reset(seed, CLEAN)
+    rng = np.random.default_rng(seed)
+    states = []
+    for step in range(40):
+        state = simulation.privileged_state()
+        action = np.concatenate([0.5 * (state["cube_position"] - state["tcp_position"]), np.zeros(4)])
+        action[:6] += rng.uniform(-0.005, 0.005, 6)
+        action[6] = 1.0 if step < 20 else -1.0
+        simulation.step(np.clip(action, simulation.action_spec.low, simulation.action_spec.high))
+        states.append(simulation.privileged_state())
+    return states
+
+
+@pytest.mark.simulator
+def test_contacts_of_earlier_episodes_leave_no_trace(push):
+    forward = {seed: squeeze(push, seed) for seed in range(12)}
+    for seed in reversed(range(12)):
+        for first, again in zip(forward[seed], squeeze(push, seed), strict=True):
+            for name, value in first.items():
+                np.testing.assert_array_equal(value, again[name], err_msg=f"seed {seed}, {name}")
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("axis", range(6))
+def test_the_tool_centre_point_moves_by_what_is_commanded(push, axis):
+    push.reset(1, CLEAN)
+    before = push.privileged_state()
+    action = np.zeros(7)
+    action[6] = -1.0
+    action[axis] = size = 0.01 if axis < 3 else 0.02
+    for _ in range(8):
+        push.step(action)
+    action[axis] = 0.0
+    for _ in range(4):
+        push.step(action)
+    after = push.privileged_state()
+    turn = Rotation.from_quat(after["tcp_quaternion"]) * Rotation.from_quat(before["tcp_quaternion"]).inv()
+    moved = np.concatenate([after["tcp_position"] - before["tcp_position"], turn.as_rotvec()])
+    expected = np.zeros(6)
+    expected[axis] = 8 * size
+    np.testing.assert_allclose(moved, expected, atol=0.05 * 8 * size)
+
+
+@pytest.mark.simulator
+def test_episodes_outlast_maniskills_own_limit(push):
+    push.reset(0, CLEAN)
+    assert not any(push.step(np.array([0, 0, 0, 0, 0, 0, -1.0])).terminated for _ in range(60))
+
+
+@pytest.mark.simulator
+def test_the_target_is_drawn_for_policies_and_the_profiles_draw_the_same(push):
+    push.reset(0, CLEAN)
+    images = push.observe().images
+    for name in ("third_person", "wrist"):
+        red, green, blue = images[name].astype(int).transpose(2, 0, 1)
+        assert ((red > 180) & (green < 100) & (blue < 110)).sum() > 40, f"no red rings in {name}"
+        assert ((red < 100) & (blue > red + 50)).sum() > 10, f"no blue cube in {name}"
+    fast = SIMULATOR.open("PushCube-v1", View(image_size=96, render_profile=RenderProfile.FAST))
+    fast.reset(0, CLEAN)
+    for name, image in fast.observe().images.items():
+        np.testing.assert_array_equal(image, images[name])
+    fast.close()
+
+
+@pytest.mark.simulator
+def test_without_a_vulkan_driver_the_reason_and_the_fix_are_told():
+    code = "from adapters.maniskill import *; open_task('PushCube-v1', View())"
+    nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
+    run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)
+    assert "SimulatorUnavailable" in run.stderr.splitlines()[-1]
+    assert "install a Vulkan driver" in run.stderr.splitlines()[-1]
