@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from adapters.contract import ACTION_NAMES, Simulation
+from adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from adapters.frames import STATE_QUANTUM
 from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk
 from results.record import EpisodeResult, Status
@@ -65,6 +66,7 @@ def rollout(
 
     Raises:
         PolicyError: The policy's answer does not fit.
+        AdapterError: The simulator's rewards are not finite.
         Exception: Whatever the simulator or the policy raises.
     """
     started, clock = time.time(), time.perf_counter()
@@ -92,13 +94,14 @@ def rollout(
             chunk = check_chunk(decision.actions)
         queries += 1
         routing = routing or decision.routing
-        for wanted in chunk[: min(protocol.replan_every, protocol.horizon - steps)]:
-            action = np.clip(wanted, low, high)
-            action[ignored] = 0.0
-            beyond = np.abs(action - wanted) > 1e-9
-            beyond[ignored] = False
-            clipped += bool(beyond.any())
-            actions.update((np.round(action / STATE_QUANTUM) + 0.0).astype("<f8").tobytes())
+        chunk = chunk[: min(protocol.replan_every, protocol.horizon - steps)]
+        chunk[:, ignored] = 0.0
+        fitting = np.clip(chunk, low, high)
+        beyond = (np.abs(fitting - chunk) > 1e-9).any(axis=1).tolist()
+        quantised = (np.round(fitting / STATE_QUANTUM) + 0.0).astype("<f8")
+        for action, row, too_far in zip(fitting, quantised, beyond, strict=True):
+            actions.update(row.data)
+            clipped += too_far
             with phases.timed("physics"):
                 outcome = simulation.step(action)
             steps += 1
@@ -114,6 +117,8 @@ def rollout(
                 with phases.timed("render"):
                     simulation.observe()
     policy.finish([episode])
+    if not math.isfinite(reward):
+        raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     return EpisodeResult.of(
         episode,
         status=str(Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE),

@@ -140,13 +140,13 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
 
 
 def check_chunk(actions: FloatArray) -> FloatArray:
-    """A policy's chunk as float64, shape (n, 7).
+    """A policy's chunk as a new float64 array, shape (n, 7).
 
     Raises:
         PolicyMismatch: It has another shape, is empty, or holds NaN or infinity.
     """
     try:
-        chunk = np.asarray(actions, dtype=np.float64)
+        chunk = np.array(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise PolicyMismatch(
             f"expected an action chunk of numbers, shape (n, {ACTION_DIM}); got {type(actions).__name__}: {error}"

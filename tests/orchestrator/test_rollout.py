@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from adapters.catalog import open_simulation
-from adapters.contract import StepOutcome
+from adapters.contract import AdapterError, StepOutcome
 from orchestrator.rollout import rollout
 from policies.catalog import load
 from policies.contract import Decision, PolicyMismatch, PolicySpec, Routing, Sees, StatelessPolicy
@@ -145,6 +145,13 @@ def test_an_answer_that_does_not_fit_is_refused_before_it_is_executed(chunk, mes
 
 def test_the_reward_is_summed():
     assert rollout(Counting(), Scripted(), episode(horizon=10)).reward_sum == 5.0
+
+
+def test_a_reward_that_is_no_number_is_an_error_of_the_simulator():
+    simulation = Counting()
+    simulation.step = lambda action: StepOutcome(float("nan"), False)
+    with pytest.raises(AdapterError, match="rewards add up to nan, expected a finite number"):
+        rollout(simulation, Scripted(), episode())
 
 
 def test_the_first_routing_decision_is_recorded():

@@ -1,0 +1,132 @@
+"""A worker's rollout against a bare loop on the simulator's own API, with the same frames, actions and seeds."""
+
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from adapters.contract import FloatArray, Simulation
+from orchestrator.rollout import rollout
+from policies.contract import Decision, PolicySpec, Query, Sees, StatelessPolicy
+from suites.vocabulary import View
+from tests.benchmarks.shared import TASKS, episodes, open_task, table
+
+PAIRS = 12
+STEPS, CHUNK = 40, 8
+
+
+class Fixed(StatelessPolicy):
+    """Looks, and answers with a fixed chunk at no cost."""
+
+    spec = PolicySpec(Sees.OBSERVATION, CHUNK)
+
+    def __init__(self, chunk: FloatArray) -> None:
+        self.chunk = chunk
+
+    def act(self, queries: list[Query]) -> list[Decision]:
+        """The chunk."""
+        return [Decision(self.chunk) for _ in queries]
+
+
+def bare_maniskill(simulation: Any) -> Callable[[int, FloatArray], None]:
+    """Reset, look and step as ManiSkill's documentation does."""
+    import torch
+
+    env = simulation._env
+    cameras = [env.scene.sensors[name] for name in ("base_camera", "hand_camera")]
+
+    def play(seed: int, chunk: FloatArray) -> None:
+        env.reset(seed=seed)
+        commands = torch.as_tensor(chunk, dtype=torch.float32)
+        for step in range(STEPS):
+            if step % CHUNK == 0:
+                env.scene.update_render()
+                for camera in cameras:
+                    camera.capture()
+                    camera.get_obs(rgb=True, depth=False, position=False, segmentation=False)["rgb"].numpy()
+            env.step(commands[step % CHUNK])
+
+    return play
+
+
+def bare_pybullet(simulation: Any) -> Callable[[int, FloatArray], None]:
+    """Reset, look and step through panda-gym's robot and PyBullet's client, without panda-gym's observations."""
+    env, client = simulation._env, simulation._client
+
+    def frame() -> None:
+        _, _, pixels, _, _ = client.getCameraImage(
+            96,
+            96,
+            client.computeViewMatrix((0.7, 0.4, 0.5), (0, 0, 0.1), (0, 0, 1)),
+            client.computeProjectionMatrixFOV(40, 1, 0.01, 10),
+            shadow=True,
+            renderer=client.ER_TINY_RENDERER,
+        )
+        np.asarray(pixels, np.uint8).reshape(96, 96, 4)[..., :3].copy()
+
+    def play(seed: int, chunk: FloatArray) -> None:
+        env.reset(seed=seed)
+        for step in range(STEPS):
+            if step % CHUNK == 0:
+                frame()
+                frame()
+            env.robot.set_action(chunk[step % CHUNK][:3])
+            env.sim.step()
+            env.task.is_success(env.task.get_achieved_goal(), env.task.get_goal())
+
+    return play
+
+
+def bare_robosuite(simulation: Any) -> Callable[[int, FloatArray], None]:
+    """Reset, look and step as robosuite's and MuJoCo's documentation do."""
+    env, data = simulation._env, simulation._data
+    renderer = simulation._renderer(96)
+
+    def play(seed: int, chunk: FloatArray) -> None:
+        env.rng = np.random.default_rng(seed)
+        env.reset()
+        for step in range(STEPS):
+            if step % CHUNK == 0:
+                for camera in ("agentview", "robot0_eye_in_hand"):
+                    renderer.update_scene(data, camera)
+                    renderer.render()
+            env.step(chunk[step % CHUNK])
+
+    return play
+
+
+BARE: dict[str, Callable[[Simulation], Callable[[int, FloatArray], None]]] = {
+    "maniskill": bare_maniskill,
+    "pybullet": bare_pybullet,
+    "robosuite": bare_robosuite,
+}
+
+
+def measure() -> list[dict[str, object]]:
+    """Seconds per episode of both, in turn on the same open environment; the ratio is the median over pairs."""
+    found = []
+    for task in TASKS:
+        view = View()
+        simulation = open_task(task, view)
+        chunk = np.random.default_rng(0).uniform(-0.2, 0.2, (CHUNK, 7))
+        ours = chunk * simulation.action_spec.high
+        bare, policy = BARE[task.partition("/")[0]](simulation), Fixed(ours)
+        times: list[tuple[float, float]] = []
+        for episode in episodes(task, "fixed", view, PAIRS + 1, horizon=STEPS):
+            start = time.perf_counter()
+            result = rollout(simulation, policy, episode)
+            middle = time.perf_counter()
+            bare(episode.seed, chunk)
+            times.append((middle - start, time.perf_counter() - middle))
+            assert result.steps == STEPS
+        simulation.close()
+        worker, plain = (median(pair[i] for pair in times[1:]) for i in (0, 1))
+        ratio = median(a / b for a, b in times[1:])
+        found.append({"task": task, "rollout_s": worker, "bare_s": plain, "ratio": ratio})
+    table(
+        ("task", "rollout, s/episode", "bare loop, s/episode", "ratio (median of pairs)"),
+        [(f["task"], f"{f['rollout_s']:.3f}", f"{f['bare_s']:.3f}", f"{f['ratio']:.3f}") for f in found],
+    )
+    return found

@@ -1,0 +1,32 @@
+"""What the benchmarks share."""
+
+import os
+from collections.abc import Iterator
+
+from adapters import catalog
+from adapters.contract import Simulation
+from orchestrator.worker_environment import worker_environment
+from suites.vocabulary import Cell, Episode, Protocol, View
+
+TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
+"""One task of each simulator."""
+
+
+def open_task(task: str, view: View) -> Simulation:
+    """A task as a worker opens it."""
+    os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
+    return catalog.open_simulation(task, view)
+
+
+def episodes(task: str, policy: str, view: View, count: int, *, horizon: int = 40) -> Iterator[Episode]:
+    """Episodes of equal length for a policy that never succeeds."""
+    cell = Cell(policy, policy, task, Protocol(horizon, 8, view))
+    return map(cell.episode, range(count))
+
+
+def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
+    """Print a table with aligned columns."""
+    lines = [tuple(map(str, line)) for line in [header, *rows]]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
+    for line in lines:
+        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip(), flush=True)

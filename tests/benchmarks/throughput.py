@@ -1,0 +1,60 @@
+"""Episodes per second through the scheduler and Ray, and the driver's memory, with 100,000 episodes of no physics."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.benchmarks.shared import table
+
+SUITE = """
+name: throughput
+policies: [oracle, zero]
+tasks: [null/Reach]
+seeds: {count: 50000}
+horizon: 20
+workers: 2
+"""
+CODE = """
+import resource, sys
+from orchestrator.cli import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+finally:
+    print("peak:", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+def measure() -> list[dict[str, object]]:
+    """Plan, run, store and report 100,000 episodes as a user does."""
+    with tempfile.TemporaryDirectory() as folder:
+        suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
+        suite.write_text(SUITE, encoding="utf-8")
+        start = time.perf_counter()
+        command = [sys.executable, "-c", CODE, "run", str(suite), "--out", str(run), "--no-media"]
+        done = subprocess.run(command, check=True, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200"})
+        whole = time.perf_counter() - start
+        from results.run import read_run
+        from results.store import Store
+
+        document = read_run(run)
+        store = Store.open_file(run / "episodes.sqlite", document.run_id)
+        times = [row.started_at for row in store.results()]
+        store.close()
+    playing = max(times) - min(times)
+    peak = int(next(line for line in done.stdout.splitlines() if line.startswith("peak:")).split()[1])
+    found: dict[str, object] = {
+        "episodes": len(times),
+        "per_second": len(times) / playing,
+        "whole_s": whole,
+        "driver_peak_mb": peak,
+    }
+    table(
+        ("episodes", "episodes/s while playing", "whole run with report, s", "driver's peak memory, MB"),
+        [(len(times), f"{len(times) / playing:.0f}", f"{whole:.0f}", peak)],
+    )
+    return [found]
