@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from results import timing
 from results.record import EpisodeResult, Status
-from results.run import PlannedCell, RunDocument, read_run, store_url
+from results.run import PlannedCell, RunDocument
 from results.statistics import Interval, RateBounds, rate, rate_bounds, wilson_intervals
-from results.store import Store
 from results.timing import PhaseTiming
 from suites.vocabulary import Condition
 
@@ -174,25 +172,6 @@ class Tables:
     def simulators(self) -> tuple[str, ...]:
         """Simulators that occur, in the order of the plan."""
         return tuple(dict.fromkeys(cell.simulator for cell in self.cells))
-
-
-def read_tables(folder: Path, *, store_address: str | None = None) -> Tables:
-    """The tables of a run folder.
-
-    Args:
-        folder: The run folder.
-        store_address: URL of the store, where it is not the file in the folder.
-
-    Raises:
-        RunError: The folder is no run.
-        StoreError: The store cannot be read.
-    """
-    document = read_run(folder)
-    store = Store.open(store_url(folder, document, store_address), document.run_id)
-    try:
-        return build_tables(document, store.results())
-    finally:
-        store.close()
 
 
 def frame_of(rows: Iterable[EpisodeResult]) -> pd.DataFrame:

@@ -27,5 +27,5 @@ def report(
         raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{folder}: cannot be written: {error.strerror}") from None
-    print_summary(folder, store)
+    print_summary(folder)
     out.print(f"report: {paths.html}", markup=False, soft_wrap=True)

@@ -48,12 +48,12 @@ def run(
         outcome = run_plan(plan, folder, options, Progress(out))
     except (PlanError, FolderError, RunError, StoreError) as error:
         raise BadInput(str(error)) from None
-    _conclude(outcome, store)
+    _conclude(outcome)
 
 
-def _conclude(outcome: RunOutcome, store: str | None) -> None:
+def _conclude(outcome: RunOutcome) -> None:
     document = outcome.document
-    print_summary(outcome.folder, store)
+    print_summary(outcome.folder)
     for trouble in outcome.troubles:
         fail(trouble)
     out.print(f"{outcome.done} of {document.planned} episodes in {format_duration(document.elapsed_s)}", end="")

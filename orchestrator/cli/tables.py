@@ -7,17 +7,17 @@ from pathlib import Path
 from rich.table import Table
 
 from orchestrator.cli.shared import fail, out
+from results.report import read_tables
 from results.report.text import NOTHING, TextTable, rate_text, summary_table
 from results.run import RunError
-from results.store import StoreError
-from results.tables import Tables, read_tables
+from results.tables import Tables
 
 
-def print_summary(folder: Path, store: str | None = None) -> None:
-    """Print success per task and policy, and per policy and simulator, of a run folder."""
+def print_summary(folder: Path) -> None:
+    """Print success per task and policy, and per policy and simulator, as the folder's report has it."""
     try:
-        tables = read_tables(folder, store_address=store)
-    except (RunError, StoreError) as error:
+        tables = read_tables(folder)
+    except RunError as error:
         fail(str(error))
         return
     if not tables.total.done:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-BATCH = 50_000
+BATCH = 10_000
 """Rows in memory at a time, and in a row group."""
 
 
@@ -54,4 +54,5 @@ def read_frame(path: Path) -> pd.DataFrame:
     import pyarrow.parquet as pq
 
     assert set(COLUMNS) <= set(FIELDS)
-    return pq.read_table(path, columns=list(COLUMNS), read_dictionary=list(CATEGORIES)).to_pandas()
+    table = pq.read_table(path, columns=list(COLUMNS), read_dictionary=list(CATEGORIES))
+    return table.to_pandas(split_blocks=True, self_destruct=True)

@@ -13,10 +13,10 @@ from results.report.media import choose_videos
 from results.report.page import render_page
 from results.report.parquet import read_frame, write_parquet
 from results.report.summary import build_summary
-from results.run import RunDocument, read_run
+from results.run import RunDocument, RunError, read_run
 from results.run import store_url as url_of
 from results.store import Store
-from results.tables import build_tables
+from results.tables import Tables, build_tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +65,19 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     _write_text(paths.markdown, render_markdown(document, tables))
     _write_text(paths.html, render_page(folder, document, tables, videos))
     return paths
+
+
+def read_tables(folder: Path) -> Tables:
+    """The tables of a report that was written before.
+
+    Raises:
+        RunError: The folder is no run, or has no report yet.
+    """
+    document = read_run(folder)
+    file = ReportPaths.of(folder).episodes
+    if not file.exists():
+        raise RunError(f"{folder}: no report yet; write it with: gauntlet report {folder}")
+    return build_tables(document, read_frame(file))
 
 
 def _write_rows(file: Path, document: RunDocument, url: str) -> None:

@@ -5,7 +5,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from results.tables import read_tables
+from results.report import read_tables
 from tests.benchmarks.shared import table
 
 SEEDS = 5

@@ -13,8 +13,9 @@ TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 
 
 def open_task(task: str, view: View) -> Simulation:
-    """A task as a worker opens it."""
-    os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
+    """A task as a worker opens it. The environment is that of all simulators: several are opened in one process."""
+    for simulator in catalog.simulators().values():
+        os.environ.update(worker_environment(simulator))
     return catalog.open_simulation(task, view)
 
 

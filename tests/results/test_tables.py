@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from results.run import RunStatus
+from results.report import read_tables, write_report
+from results.run import RunError, RunStatus
 from results.statistics import wilson_interval
-from results.tables import COLUMNS, build_tables, frame_of, read_tables
+from results.tables import COLUMNS, build_tables, frame_of
 from suites.vocabulary import Condition
 from tests.results.synthetic import cells, document, row, rows, run_folder
 
@@ -181,9 +182,12 @@ def test_nothing_is_lost_or_counted_twice(outcomes, planned):
             assert t.bounds is None or t.rate is None or t.bounds.low <= t.rate <= t.bounds.high
 
 
-def test_a_folder_and_its_records_give_the_same_tables(tmp_path):
+def test_a_report_and_its_records_give_the_same_tables(tmp_path):
     run, results = document(6, skipped={"gazebo": "absent"}), rows(planned=6, errors=1)
     folder = run_folder(tmp_path / "run", run, results)
+    with pytest.raises(RunError, match="no report yet; write it with: gauntlet report"):
+        read_tables(folder)
+    write_report(folder)
     ordered = sorted(results, key=lambda r: (r.simulator, r.task, r.policy, r.seed))
     assert read_tables(folder) == build_tables(run, ordered)
 
