@@ -120,7 +120,9 @@ class Store:
             return 0
         rows = [{"run_id": self._run_id, **{name: getattr(r, name) for name in FIELDS}} for r in results]
         with self._explained(), self._engine.begin() as connection:
-            return int(connection.execute(self._insert(_episodes), rows).rowcount)
+            # Counted by what comes back: drivers do not agree on the row count of many inserts at once.
+            statement = self._insert(_episodes).returning(_episodes.c.episode_id)
+            return len(connection.execute(statement, rows).all())
 
     def done_seeds(self) -> dict[tuple[str, str, str, int], set[int]]:
         """Stored seeds by (policy digest, task, axis, severity)."""
