@@ -116,7 +116,7 @@ class Progress:
             self._live.update(self._table())
         elif self._now() - self._said_at >= PLAIN_EVERY_S:
             self._said_at = self._now()
-            self._lines()
+            self._lines(finished=False)
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))
@@ -129,8 +129,10 @@ class Progress:
             )
         return table
 
-    def _lines(self) -> None:
+    def _lines(self, *, finished: bool = True) -> None:
         for name, lane in self._lanes.items():
+            if lane.done >= lane.planned and not finished:
+                continue
             self.say("  ".join(filter(None, [f"{name}: {lane.done}/{lane.planned}", *self._figures(lane)])))
 
     def _figures(self, lane: _Lane) -> list[str]:
