@@ -3,52 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
-from importlib import metadata
 from importlib.util import find_spec
 
 from adapters.contract import AdapterError, Simulation, Simulator, SimulatorUnavailable, TaskCard, UnknownTask
+from suites.plugins import BrokenPlugin, load_plugins, nearest
 from suites.vocabulary import View
 
 GROUP = "robogauntlet.simulators"
 
 
-@dataclass(frozen=True)
-class BrokenPlugin:
-    """An entry point that could not be loaded, or is not a `Simulator`."""
-
-    name: str
-    reason: str
-
-
 @cache
 def _load() -> tuple[Mapping[str, Simulator], tuple[BrokenPlugin, ...]]:
-    simulators: dict[str, Simulator] = {}
-    broken: list[BrokenPlugin] = []
-    for entry in sorted(metadata.entry_points(group=GROUP), key=lambda e: e.name):
-        try:
-            simulator = entry.load()
-        except Exception as error:  # a plug-in may fail in any way, and must not take the others along
-            broken.append(BrokenPlugin(entry.name, f"{entry.value} cannot be loaded: {type(error).__name__}: {error}"))
-            continue
-        if not isinstance(simulator, Simulator):
-            broken.append(
-                BrokenPlugin(
-                    entry.name,
-                    f"{entry.value} is a {type(simulator).__name__}, expected an adapters.contract.Simulator",
-                )
-            )
-        elif simulator.name != entry.name:
-            broken.append(
-                BrokenPlugin(
-                    entry.name, f"{entry.value} calls itself '{simulator.name}', its entry point '{entry.name}'"
-                )
-            )
-        else:
-            simulators[entry.name] = simulator
-    return simulators, tuple(broken)
+    return load_plugins(GROUP, Simulator)
 
 
 def simulators() -> Mapping[str, Simulator]:
@@ -74,9 +41,7 @@ def find(simulator: str) -> Simulator:
     """
     known = simulators()
     if simulator not in known:
-        near = get_close_matches(simulator, known, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
-        raise AdapterError(f"unknown simulator '{simulator}'; {hint}")
+        raise AdapterError(f"unknown simulator '{simulator}'{nearest(simulator, known)}")
     return known[simulator]
 
 
@@ -99,9 +64,7 @@ def open_simulation(task: str, view: View) -> Simulation:
     name, _, short = task.partition("/")
     simulator = find(name)
     if short not in simulator.tasks:
-        near = get_close_matches(short, simulator.tasks, n=1)
-        hint = f"did you mean '{name}/{near[0]}'?" if near else f"known: {', '.join(simulator.tasks)}"
-        raise UnknownTask(f"unknown task '{task}'; {hint}")
+        raise UnknownTask(f"unknown task '{task}'{nearest(task, (f'{name}/{t}' for t in simulator.tasks))}")
     reason = missing_reason(simulator)
     if reason:
         raise SimulatorUnavailable(f"{name}: {reason}")

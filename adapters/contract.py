@@ -164,9 +164,9 @@ class Simulator:
     distributions: tuple[str, ...]
     """Distributions whose versions belong to the provenance of a result."""
     open: Callable[[str, View], Simulation]
-    """Opens the task of that name (without the simulator). Imports the simulator, within the calling process.
+    """Opens one of `tasks`, by its name without the simulator. Imports the simulator, within the calling process.
 
-    Raises SimulatorUnavailable or UnknownTask."""
+    Raises SimulatorUnavailable."""
     environment: Mapping[str, str] = field(default_factory=dict)
     """Environment variables that a worker sets, unless set already, before the simulator is imported."""
     renders: bool = True

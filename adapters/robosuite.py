@@ -14,7 +14,6 @@ What is particular here:
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import logging
 import os
@@ -38,7 +37,6 @@ from adapters.contract import (
     SimulatorUnavailable,
     StepOutcome,
     TaskCard,
-    UnknownTask,
     UnsupportedCondition,
 )
 from adapters.frames import axis_angle, hash_state, relative_pose
@@ -290,12 +288,8 @@ def open_simulation(task: str, view: View) -> RobosuiteSimulation:
     """Open the task of that name (`Lift`, `Stack`, `Door`).
 
     Raises:
-        UnknownTask: There is no such task.
         SimulatorUnavailable: robosuite is missing or cannot render.
     """
-    if task not in TASKS:
-        near = difflib.get_close_matches(task, TASKS, n=1, cutoff=0.0)[0]
-        raise UnknownTask(f"robosuite/{task}, did you mean {near}?")
     return RobosuiteSimulation(task, view)
 
 

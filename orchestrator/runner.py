@@ -6,7 +6,7 @@ import os
 import time
 import traceback
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from adapters import catalog as simulators
@@ -82,7 +82,9 @@ class EpisodeRunner:
         """Play the lease's episodes. An episode that cannot be played yields an error record; nothing is raised."""
         for episode in lease.episodes():
             result = self.play_one(episode)
-            yield _with(result, worker=self._worker, attempts=lease.attempt, build_s=self._build_s, load_s=self._load_s)
+            yield replace(
+                result, worker=self._worker, attempts=lease.attempt, build_s=self._build_s, load_s=self._load_s
+            )
             self._build_s = self._load_s = 0.0
 
     def play_one(self, episode: Episode, watcher: Watcher | None = None) -> EpisodeResult:
@@ -127,11 +129,6 @@ class EpisodeRunner:
             self._policies[name] = policies.load(source.kind, source.options)
             self._load_s += time.perf_counter() - start
         return self._policies[name]
-
-
-def _with(result: EpisodeResult, **telemetry: Any) -> EpisodeResult:
-    values = {name: getattr(result, name) for name in EpisodeResult.__slots__}
-    return EpisodeResult(**{**values, **telemetry})
 
 
 def _describe(error: Exception) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import ray
@@ -47,7 +48,7 @@ class Worker:
         sent = time.perf_counter()
         for result in self._runner.play(lease):
             if waited:
-                result, waited = _waited(result, waited), 0.0
+                result, waited = replace(result, wait_s=waited), 0.0
             batch.append(result)
             if time.perf_counter() - sent >= FLUSH_S:
                 yield batch
@@ -63,8 +64,3 @@ def start_worker(name: str, simulator: Simulator, sources: Mapping[str, PolicySo
     environment = {"env_vars": worker_environment(simulator)}
     actor = actor.options(num_cpus=num_cpus, max_restarts=0, max_task_retries=0, runtime_env=environment)
     return actor.remote(name, dict(sources))
-
-
-def _waited(result: EpisodeResult, seconds: float) -> EpisodeResult:
-    values = {name: getattr(result, name) for name in EpisodeResult.__slots__}
-    return EpisodeResult(**{**values, "wait_s": seconds})

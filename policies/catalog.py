@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from functools import cache
-from importlib import metadata
 from typing import Any
 
 from policies.contract import Policy, PolicyError, PolicyKind
+from suites.plugins import BrokenPlugin, load_plugins, nearest
 
 GROUP = "robogauntlet.policies"
 
 
 @cache
-def _load() -> tuple[Mapping[str, PolicyKind], tuple[str, ...]]:
-    kinds: dict[str, PolicyKind] = {}
-    broken: list[str] = []
-    for entry in sorted(metadata.entry_points(group=GROUP), key=lambda e: e.name):
-        try:
-            kind = entry.load()
-        except Exception as error:  # a plug-in may fail in any way, and must not take the others along
-            broken.append(f"{entry.name}: {entry.value} cannot be loaded: {type(error).__name__}: {error}")
-            continue
-        if not isinstance(kind, PolicyKind) or kind.name != entry.name:
-            broken.append(f"{entry.name}: {entry.value} is not a policies.contract.PolicyKind of that name")
-        else:
-            kinds[entry.name] = kind
-    return kinds, tuple(broken)
+def _load() -> tuple[Mapping[str, PolicyKind], tuple[BrokenPlugin, ...]]:
+    return load_plugins(GROUP, PolicyKind)
 
 
 def kinds() -> Mapping[str, PolicyKind]:
@@ -35,8 +22,8 @@ def kinds() -> Mapping[str, PolicyKind]:
     return _load()[0]
 
 
-def broken_plugins() -> tuple[str, ...]:
-    """Entry points that declare no usable policy, a line each."""
+def broken_plugins() -> tuple[BrokenPlugin, ...]:
+    """Entry points that declare no usable policy."""
     return _load()[1]
 
 
@@ -48,9 +35,7 @@ def find(kind: str) -> PolicyKind:
     """
     known = kinds()
     if kind not in known:
-        near = get_close_matches(kind, known, n=1)
-        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
-        raise PolicyError(f"unknown policy '{kind}'; {hint}")
+        raise PolicyError(f"unknown policy '{kind}'{nearest(kind, known)}")
     return known[kind]
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from suites.plugins import nearest
 from suites.vocabulary import CAMERAS, CLEAN, Cell, Condition, Protocol, RenderProfile, View, content_hash
 
 Count = Annotated[int, Field(strict=True, ge=1)]
@@ -185,11 +185,11 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
         place = ("policies", i)
         known = names.policies.get(policy.kind)
         if known is None:
-            add((place, f"unknown policy '{policy.kind}'{_nearest(policy.kind, names.policies)}"))
+            add((place, f"unknown policy '{policy.kind}'{nearest(policy.kind, names.policies)}"))
         else:
             for option in policy.options:
                 if option not in known.options:
-                    add((place, f"policy '{policy.kind}' has no option '{option}'{_nearest(option, known.options)}"))
+                    add((place, f"policy '{policy.kind}' has no option '{option}'{nearest(option, known.options)}"))
         first = seen_policies.get(policy.name)
         if first is not None:
             add((place, f"duplicate policy '{policy.name}', already at entry {first + 1}; give it another `name`"))
@@ -214,7 +214,7 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
     for i, entry in enumerate(suite.conditions):
         place = ("conditions", i)
         if entry.axis != CLEAN and entry.axis not in names.axes:
-            add((place, f"unknown condition '{entry.axis}'{_nearest(entry.axis, [CLEAN, *names.axes])}"))
+            add((place, f"unknown condition '{entry.axis}'{nearest(entry.axis, [CLEAN, *names.axes])}"))
         for condition in entry.conditions():
             if entry.axis == CLEAN and condition.severity:
                 add((place, "clean has severity 0 only"))
@@ -224,31 +224,20 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
 
     for i, camera in enumerate(suite.cameras):
         if camera not in CAMERAS:
-            add((("cameras", i), f"unknown camera '{camera}'{_nearest(camera, CAMERAS)}"))
+            add((("cameras", i), f"unknown camera '{camera}'{nearest(camera, CAMERAS)}"))
         elif camera in suite.cameras[:i]:
             add((("cameras", i), f"duplicate camera '{camera}'"))
     if isinstance(suite.workers, dict):
         for simulator in suite.workers:
             if simulator not in names.simulators:
-                add((("workers", simulator), f"unknown simulator '{simulator}'{_nearest(simulator, names.simulators)}"))
+                add((("workers", simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
     return problems
 
 
 def _unknown_task(pattern: str, names: KnownNames) -> str:
     simulator, slash, _ = pattern.partition("/")
     if not slash:
-        return f"expected simulator/task, got '{pattern}'{_nearest(pattern, names.tasks)}"
+        return f"expected simulator/task, got '{pattern}'{nearest(pattern, names.tasks)}"
     if simulator not in names.simulators:
-        return f"unknown simulator '{simulator}' in '{pattern}'{_nearest(simulator, names.simulators)}"
-    return f"unknown task '{pattern}'{_nearest(pattern, names.tasks)}"
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    """`; did you mean X?`, or the choice where nothing is near."""
-    known = sorted(known)
-    near = (
-        get_close_matches(name, known, n=1, cutoff=0.5) or [k for k in known if k.split("/")[-1].startswith(name)][:1]
-    )
-    if near:
-        return f"; did you mean '{near[0]}'?"
-    return f"; known: {', '.join(known[:12])}" if known else "; there are none"
+        return f"unknown simulator '{simulator}' in '{pattern}'{nearest(simulator, names.simulators)}"
+    return f"unknown task '{pattern}'{nearest(pattern, names.tasks)}"

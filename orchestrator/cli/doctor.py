@@ -35,7 +35,7 @@ def doctor() -> None:
     out.print(table)
     problems = [f"{found.simulator}: {found.problem}" for found in findings if found.problem]
     problems += [f"simulator {plugin.name}: {plugin.reason}" for plugin in catalog.broken_plugins()]
-    problems += [f"policy {line}" for line in policies.broken_plugins()]
+    problems += [f"policy {plugin.name}: {plugin.reason}" for plugin in policies.broken_plugins()]
     problems += _surroundings()
     for problem in problems:
         fail(problem)

@@ -35,8 +35,8 @@ def list_names() -> None:
     out.print(suites)
     for plugin in simulators.broken_plugins():
         fail(f"simulator {plugin.name}: {plugin.reason}")
-    for line in policies.broken_plugins():
-        fail(f"policy {line}")
+    for plugin in policies.broken_plugins():
+        fail(f"policy {plugin.name}: {plugin.reason}")
 
 
 def _description(text: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adapters import pybullet as adapter
-from adapters.contract import ACTION_NAMES, UnknownTask
+from adapters.contract import ACTION_NAMES
 from suites.vocabulary import Condition, RenderProfile, View
 
 pytestmark = pytest.mark.simulator
@@ -172,13 +172,3 @@ def test_reset_is_a_matter_of_milliseconds(opened):
     for seed in range(50):
         simulation.reset(seed, CLEAN)
     assert (time.perf_counter() - started) / 50 < 0.015
-
-
-def test_an_unknown_task_is_answered_with_the_nearest(opened):
-    with pytest.raises(UnknownTask, match="PandaPush-v3"):
-        opened("PandaPusch-v3")
-
-
-def test_opening_prints_nothing_to_standard_output(opened, capfd):
-    opened(REACH)
-    assert capfd.readouterr().out == ""

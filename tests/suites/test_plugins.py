@@ -1,0 +1,54 @@
+"""Entry points and misspelt names."""
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from suites.plugins import load_plugins, nearest
+
+
+@dataclass(frozen=True)
+class Thing:
+    name: str
+
+
+GOOD, MISNAMED, NO_THING = Thing("good"), Thing("other"), 5
+
+
+@pytest.fixture
+def declared(monkeypatch):
+    def declare(**entries):
+        points = [EntryPoint(name, f"{__name__}:{value}", "things") for name, value in entries.items()]
+        monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points)
+        return load_plugins("things", Thing)
+
+    return declare
+
+
+def test_a_broken_plugin_does_not_take_the_others_along(declared):
+    things, broken = declared(good="GOOD", missing="NOT_THERE", wrong="NO_THING", renamed="MISNAMED")
+    assert things == {"good": GOOD}
+    reasons = {plugin.name: plugin.reason for plugin in broken}
+    assert set(reasons) == {"missing", "wrong", "renamed"}
+    assert "cannot be loaded: AttributeError" in reasons["missing"]
+    assert reasons["wrong"].endswith("NO_THING is a int, expected a Thing")
+    assert reasons["renamed"].endswith("calls itself 'other', its entry point 'renamed'")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "expected"),
+    [
+        ("Lfit", ["Lift", "Door"], "; did you mean 'Lift'?"),
+        ("Lift", ["robosuite/Lift", "maniskill/PushCube-v1"], "; did you mean 'robosuite/Lift'?"),
+        ("xyz", ["Lift", "Door"], "; known: Door, Lift"),
+        ("xyz", [], "; there are none"),
+        (
+            "q",
+            [f"task{i:02}" for i in range(14)],
+            "; known: " + ", ".join(f"task{i:02}" for i in range(12)) + " and 2 more",
+        ),
+    ],
+)
+def test_an_unknown_name_is_answered_with_what_was_meant_or_what_there_is(name, known, expected):
+    assert nearest(name, known) == expected
