@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from collections import Counter
 
 import pytest
@@ -82,12 +81,10 @@ def test_an_episode_that_kills_every_worker_becomes_an_error_and_the_rest_is_don
 
 
 def test_a_hung_episode_is_ended_from_outside(told):
-    begun = time.monotonic()
     rows = play(told, work("null/Hang", range(5, 9)), episode_time_limit_s=1.0, max_attempts=1, allowed_errors=1)
     assert seeds(rows) == Counter(range(5, 9))
     (hung,) = [row for row in rows if row.status == "error"]
     assert (hung.seed, hung.error) == (7, "WorkerDied: an episode took longer than 1 s (attempts: 1)")
-    assert time.monotonic() - begun < 60
 
 
 def test_a_stopped_process_is_ended_too(told):

