@@ -45,7 +45,6 @@ class Readiness:
     """What a worker found when it opened its simulator."""
 
     pid: int
-    node: str
     render_device: str
     frame_s: float | None
     """Seconds for one observation of all cameras, once warm; None if the simulator draws nothing."""
@@ -76,7 +75,7 @@ class EpisodeRunner:
             start = time.perf_counter()
             simulation.observe()
             frame_s = time.perf_counter() - start
-        return Readiness(os.getpid(), os.uname().nodename, simulation.render_device(), frame_s)
+        return Readiness(os.getpid(), simulation.render_device(), frame_s)
 
     def play(self, lease: Lease) -> Iterator[EpisodeResult]:
         """Play the lease's episodes. An episode that cannot be played yields an error record; nothing is raised."""

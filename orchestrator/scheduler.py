@@ -89,7 +89,6 @@ class _Slot:
     heard: float = 0.0
     open_task: str | None = None
     played: int = 0
-    births: int = 0
 
     @property
     def name(self) -> str:
@@ -174,20 +173,19 @@ class Scheduler:
         """Give an idle slot something to do, if there is anything."""
         simulator = self._simulators[slot.simulator]
         if not simulator.queue.waiting:
+            self._discard(slot)  # its place may be what another simulator's worker waits for
             return
         if slot.actor is not None and slot.played >= RECYCLE_AFTER:
             self._discard(slot)
         slot.heard = self.now()
         if slot.actor is None:
-            slot.births += 1
             slot.actor = start_worker(
                 slot.name,
                 catalog.find(slot.simulator),
                 self.sources,
                 num_cpus=self.options.num_cpus_per_worker,
             )
-            slot.pending = slot.actor.prepare.remote(simulator.first.task, simulator.first.protocol.view)
-            slot.open_task = None
+            slot.pending = slot.actor.hello.remote()
             return
         lease = simulator.queue.lease(slot.open_task)
         if lease is not None:
@@ -214,6 +212,11 @@ class Scheduler:
 
     def _hear(self, slot: _Slot) -> None:
         slot.heard = self.now()
+        if slot.pid is None:
+            first = self._simulators[slot.simulator].first
+            slot.pid, slot.node = ray.get(slot.pending)
+            slot.pending = slot.actor.prepare.remote(first.task, first.protocol.view)
+            return
         if slot.lease is None:
             self._ready(slot, ray.get(slot.pending))
             return
@@ -236,7 +239,6 @@ class Scheduler:
             self._discard(slot)
             self._give_up(slot.simulator, answer)
             return
-        slot.pid, slot.node = answer.pid, answer.node
         slot.open_task = simulator.first.task
         simulator.works, simulator.failed_starts = True, 0
         self.observer.started(slot.simulator, answer)
@@ -263,9 +265,12 @@ class Scheduler:
             self._give_up(slot.simulator, f"{reason} while opening {simulator.first.task}, {START_ATTEMPTS} times")
 
     def _end_the_silent(self) -> None:
-        """End workers that have said nothing for longer than an episode may take: they hang."""
+        """End workers that have said nothing for longer than an episode may take: they hang.
+
+        One that has not said hello is no process yet: Ray has no place for it until another worker ends.
+        """
         for slot in self._slots:
-            if slot.pending is None:
+            if slot.pending is None or slot.pid is None:
                 continue
             opening = slot.lease is None or slot.open_task != slot.lease.cell.task
             limit = self.options.episode_time_limit_s + (OPEN_ALLOWANCE_S if opening else 0.0)

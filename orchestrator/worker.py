@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Iterator, Mapping
@@ -29,6 +30,10 @@ class Worker:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._runner = EpisodeRunner(sources, name)
         self._idle_since: float | None = None
+
+    def hello(self) -> tuple[int, str]:
+        """Process id and node: the first word of a worker that has been given a place."""
+        return os.getpid(), os.uname().nodename
 
     def prepare(self, task: str, view: View) -> Readiness | str:
         """Open a task; return what was found, or why the simulator is unavailable here."""

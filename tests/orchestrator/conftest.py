@@ -7,7 +7,7 @@ import pytest
 def ray_here():
     from orchestrator.cluster import ray_session
 
-    with ray_session(address=None, workers=4):
+    with ray_session(address=None, workers=6):
         yield
 
 

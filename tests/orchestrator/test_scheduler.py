@@ -153,3 +153,17 @@ def test_workers_are_replaced_after_a_bounded_number_of_episodes(told, monkeypat
     rows = play(told, work(seeds=range(200)), workers={"null": 1})
     assert seeds(rows) == Counter(range(200))
     assert len({ready.pid for _, ready in told.ready}) >= 3
+
+
+def test_more_workers_than_there_are_places_take_turns(told):
+    """Each asks for half of the places. One with nothing left to do gives its own up."""
+    items = [
+        (Cell("zero", "zero", task, Protocol(20)), range(6))
+        for task in ("null/Reach", "pybullet/PandaReach-v3", "pybullet/PandaPush-v3")
+    ]
+    rows = []
+    sources = {"zero": PolicySource("zero")}
+    given = options(workers={"null": 2, "pybullet": 2}, num_cpus_per_worker=3.0)
+    Scheduler(items, sources, given, rows.extend, told).run()
+    assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 12}
+    assert not told.troubles
