@@ -12,7 +12,7 @@ import torch
 from policies.mergevla.merging.elementwise import emr_modulators
 from policies.mergevla.merging.masks import LAMBDA, Mask, add, lambdas_of, masked, task_masks
 from policies.mergevla.merging.operators import merge_taus
-from policies.mergevla.merging.taus import ExpertsDiffer, Tau, Taus, Weights
+from policies.mergevla.merging.taus import ExpertsDiffer, OutOfRange, Tau, Taus, Weights
 
 
 class MaskRule(StrEnum):
@@ -88,6 +88,8 @@ def merge(
     Raises:
         MergeError: Its subclasses, for an unknown operator or option, values out of range, or experts that differ.
     """
+    if rule not in tuple(MaskRule):
+        raise OutOfRange(f"expected a mask rule out of {', '.join(MaskRule)}, got {rule}")
     rule = MaskRule(rule)
     chosen = lambdas_of(taus, lambdas) if rule is MaskRule.TASK else {}
     tau = merge_taus(operator, taus, alpha=alpha, options=options)

@@ -140,7 +140,8 @@ def _wudi(deltas: torch.Tensor, steps: int, learning_rate: float) -> torch.Tenso
     changed = [delta for delta in deltas if delta.any()]
     if not changed:
         return start
-    grams = [delta.T @ delta / delta.square().sum() for delta in changed]
+    units = [(delta.double() / delta.double().norm()).float() for delta in changed]
+    grams = [unit.T @ unit for unit in units]
     # The gradient is affine in the step away from the start. This form of it is exactly zero for a single expert,
     # where rounding errors in any other form would make Adam, which ignores their size, walk.
     at_start = sum(

@@ -63,7 +63,7 @@ def test_the_null_repeats_for_equal_generators_and_depends_on_relative_scales_al
     null = gaussian_null(scales, generator=generator())
     assert null == gaussian_null(scales, generator=generator())
     assert null.keep == gaussian_null({"a": 0.25, "b": 0.75}, generator=generator()).keep
-    assert null.keep["a"] < null.keep["b"]
+    assert null.keep["a"] < null.keep["b"] - 0.2
 
 
 def test_keep_and_selfish_rate_by_hand():

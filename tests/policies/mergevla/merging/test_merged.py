@@ -65,3 +65,8 @@ def test_an_expert_that_was_not_merged_is_refused():
 def test_a_lambda_out_of_range_is_refused_before_anything_is_computed():
     with pytest.raises(OutOfRange, match="lambda"):
         merge({"a": {}}, "no such operator", lambdas=3.0)
+
+
+def test_an_unknown_mask_rule_is_refused():
+    with pytest.raises(OutOfRange, match="expected a mask rule out of none, task, emr, got tall"):
+        merge(random_taus(1), rule="tall")

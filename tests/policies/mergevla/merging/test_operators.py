@@ -1,6 +1,7 @@
 """What every merge operator promises, and what each does to small examples."""
 
 import math
+from itertools import permutations
 
 import pytest
 import torch
@@ -72,6 +73,13 @@ def test_does_not_depend_on_the_order_of_the_experts_to_the_last_bit(operator, d
     assert equal(run(operator, experts), run(operator, permuted))
 
 
+@pytest.mark.parametrize("operator", ORDER_FREE)
+def test_a_sum_that_cancels_does_not_depend_on_the_order_either(operator):
+    # Added one by one, 1 + 1e-20 - 1 is 0 and 1 - 1 + 1e-20 is not, which would flip an elected sign.
+    orders = [run(operator, {str(i): row(x, -1) for i, x in enumerate(p)}) for p in permutations((1, 1e-20, -1))]
+    assert all(equal(orders[0], other) for other in orders)
+
+
 @pytest.mark.parametrize("operator", ["tsv", "knots", "wudi"])
 def test_spectral_operators_do_not_depend_on_the_order_of_the_experts_beyond_rounding(operator):
     experts = random_taus(3)
@@ -103,6 +111,15 @@ def test_one_expert_does_not_merge_to_itself_under_dare_unless_nothing_is_droppe
     experts = random_taus(1)
     assert not close(dare(experts), experts["expert0"])
     assert equal(dare(experts, drop=0.0), experts["expert0"])
+
+
+@pytest.mark.parametrize("operator", sorted(OPERATORS.keys() - {"dare"}))
+@pytest.mark.parametrize("scale", [1e-30, 1e30])
+def test_deltas_whose_squares_leave_fp32_are_merged_all_the_same(operator, scale):
+    deltas = random_taus(1, scale=scale)
+    options = {"cutoff": 0.0} if operator == "knots" else QUICK.get(operator)
+    merged = merge_taus(operator, deltas, options=options)["w"]
+    torch.testing.assert_close(merged, deltas["expert0"]["w"], rtol=1e-4, atol=1e-5 * scale)
 
 
 @every_operator
@@ -178,6 +195,10 @@ def test_emr_by_hand():
     assert modulators["b"].rescaler == pytest.approx(11 / 12)
 
 
+def test_emr_takes_the_greatest_magnitude_of_those_that_agree_even_if_another_is_greater():
+    assert emr({"a": row(5), "b": row(-3), "c": row(-4)})["w"].tolist() == [-4]
+
+
 def test_emr_rescalers_of_experts_that_changed_nothing_are_one():
     experts = {"a": row(0, 0), "b": row(1, -1)}
     assert emr_modulators(experts, emr(experts))["a"].rescaler == 1.0
@@ -197,6 +218,13 @@ def test_dare_is_task_arithmetic_in_expectation():
 def test_dare_drops_the_share_that_it_is_told():
     kept = dare(random_taus(1, shape=(200, 200)), drop=0.9)["w"] != 0
     assert abs(kept.double().mean() - 0.1) < 4 * math.sqrt(0.09 / kept.numel())
+
+
+def test_dare_drops_other_entries_of_each_expert_and_weight():
+    ones = {"w": torch.ones(50), "v": torch.ones(50)}
+    a, b = dare({"a": ones}, drop=0.5), dare({"b": ones}, drop=0.5)
+    assert not torch.equal(a["w"], b["w"])
+    assert not torch.equal(a["w"], a["v"])
 
 
 def test_dare_drops_the_same_of_an_expert_whoever_else_is_merged():
