@@ -1,0 +1,1 @@
+"""MergeVLA (arXiv 2511.18810): experts, their merging into one policy, and inferring the task unaided."""

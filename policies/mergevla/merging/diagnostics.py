@@ -1,0 +1,256 @@
+"""What a merge did to its experts: rates of its masks against chance, distances, and bytes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from itertools import combinations
+from typing import Any
+
+import torch
+
+from policies.mergevla.merging.masks import LAMBDA, Mask, packed_bytes
+from policies.mergevla.merging.merged import MaskRule, MergedTau, merge
+from policies.mergevla.merging.taus import ExpertsDiffer, Tau, Taus, Weights, rms
+from policies.mergevla.merging.trunk import block_of, depth_of
+
+NULL_SHAPE = (640, 640)
+"""Shape of the Gaussian matrix with which the null is simulated: its rates are then good to about 0.002."""
+_FLOAT_BYTES = 4
+
+
+@dataclass(frozen=True)
+class MaskStatistics:
+    """Rates of a set of masks, over all entries of all weights."""
+
+    keep: Mapping[str, float]
+    """Expert name to the share of entries that its mask keeps."""
+    selfish: float
+    """Share of entries kept by exactly one mask (arXiv 2511.18810 figure 3)."""
+    cosine: Mapping[str, float]
+    """Expert name to cos(what it reads of the merged vector, its own vector); 0 if either is zero."""
+
+
+@dataclass(frozen=True)
+class BytesPerTask:
+    """What one more task costs in storage."""
+
+    mask: int
+    """Its mask, bit-packed."""
+    head: int
+    """Its own blocks and output projection."""
+    lora: int | None
+    """The alternative: a LoRA adapter, in fp32, for each masked matrix; None if no rank was given."""
+
+
+@dataclass(frozen=True)
+class MergeReport:
+    """All that is known of a merge without running it."""
+
+    experts: tuple[str, ...]
+    operator: str
+    options: Mapping[str, Any]
+    alpha: float
+    rule: str
+    lambdas: Mapping[str, float]
+    entries: int
+    """Weights' entries that were merged."""
+    observed: MaskStatistics
+    null: MaskStatistics
+    """The same for independent Gaussian task vectors with the experts' root mean squares: what chance gives."""
+    scales: Mapping[str, float]
+    """Expert name to the root mean square of its task vector."""
+    rescalers: Mapping[str, float] = field(default_factory=dict)
+    """Expert name to EMR's rescaler."""
+    bytes_per_task: Mapping[str, BytesPerTask] = field(default_factory=dict)
+    block_distances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """Part of the model, such as `action_expert`, to the distance of its experts block by block."""
+
+    def to_json(self) -> str:
+        """The report as JSON, keys sorted."""
+        return json.dumps(asdict(self), sort_keys=True, indent=2, allow_nan=False)
+
+
+def keep_rate(mask: Mask) -> float:
+    """Share of entries that a mask keeps; 0 without entries."""
+    entries = sum(kept.numel() for kept in mask.values())
+    return sum(int(kept.sum()) for kept in mask.values()) / entries if entries else 0.0
+
+
+def selfish_rate(masks: Sequence[Mask]) -> float:
+    """Share of entries kept by exactly one mask, mean_i 1[sum_m S_m,i = 1] (arXiv 2511.18810); 0 without entries.
+
+    Args:
+        masks: At least one, all of the same names and shapes.
+    """
+    entries = selfish = 0
+    for name in masks[0]:
+        keepers = torch.stack([mask[name] for mask in masks]).sum(dim=0)
+        entries += keepers.numel()
+        selfish += int((keepers == 1).sum())
+    return selfish / entries if entries else 0.0
+
+
+def cosine(a: Tau, b: Tau) -> float:
+    """Cosine of the angle between two task vectors over all weights, in float64; 0 if either is zero."""
+    product, norms = 0.0, [0.0, 0.0]
+    for name in a:
+        x, y = a[name].to(torch.float64), b[name].to(torch.float64)
+        product += (x * y).sum().item()
+        norms[0] += x.square().sum().item()
+        norms[1] += y.square().sum().item()
+    length = math.sqrt(norms[0]) * math.sqrt(norms[1])
+    return max(-1.0, min(1.0, product / length)) if length else 0.0
+
+
+def mask_statistics(taus: Taus, merged: MergedTau) -> MaskStatistics:
+    """Keep rates, selfish rate and cosines of a merge. Without masks every task keeps everything.
+
+    Raises:
+        ExpertsDiffer: These are not the experts that were merged.
+    """
+    if taus.keys() != set(merged.experts):
+        raise ExpertsDiffer(f"expected the merged experts {', '.join(merged.experts)}, got {', '.join(taus)}")
+    cosines = {expert: cosine(merged.of(expert), tau) for expert, tau in taus.items()}
+    if not merged.masks:
+        return MaskStatistics(dict.fromkeys(taus, 1.0), 1.0 if len(taus) == 1 else 0.0, cosines)
+    keep = {expert: keep_rate(merged.masks[expert]) for expert in taus}
+    return MaskStatistics(keep, selfish_rate([merged.masks[expert] for expert in taus]), cosines)
+
+
+def gaussian_null(
+    scales: Mapping[str, float],
+    operator: str = "ta",
+    *,
+    generator: torch.Generator,
+    alpha: float = 1.0,
+    rule: MaskRule = MaskRule.TASK,
+    lambdas: float | Mapping[str, float] = LAMBDA,
+    options: Mapping[str, Any] | None = None,
+    shape: tuple[int, ...] = NULL_SHAPE,
+) -> MaskStatistics:
+    """The statistics that independent Gaussian task vectors would give under the same merge: the null of any claim.
+
+    Masks from TIES of four unrelated updates are 73 % selfish; only what differs from this says something about tasks.
+
+    Args:
+        scales: Expert name to the standard deviation of its entries.
+        operator: As in `merged.merge`, like the following.
+        generator: Of the draws, on the CPU.
+        alpha: Scale of the merged task vector.
+        rule: What each task keeps.
+        lambdas: One for all or expert name to its own.
+        options: Of the operator.
+        shape: Of the one weight that is simulated.
+    """
+    drawn = {expert: {"w": torch.randn(shape, generator=generator) * scale} for expert, scale in scales.items()}
+    merged = merge(drawn, operator, alpha=alpha, rule=rule, lambdas=lambdas, options=options)
+    return mask_statistics(drawn, merged)
+
+
+def block_distances(experts: Mapping[str, Weights], block_pattern: str) -> tuple[float, ...]:
+    """How far experts are apart, block by block: mean over all pairs of 2 ||a - b|| / (||a|| + ||b||).
+
+    0 for equal blocks, sqrt 2 for unrelated ones of equal norm, at most 2. Weights in no block are left out. Compare
+    with the distance of the untrained experts: with independent initialisations that is nearly all of it.
+
+    Args:
+        experts: Expert name to its weights.
+        block_pattern: See `trunk.block_of`.
+
+    Returns:
+        One distance per block; zeros for a single expert.
+
+    Raises:
+        BadPattern: The pattern does not find the blocks.
+    """
+    first = next(iter(experts.values()))
+    names: list[list[str]] = [[] for _ in range(depth_of(first, block_pattern))]
+    for name in first:
+        if (index := block_of(name, block_pattern)) is not None:
+            names[index].append(name)
+    pairs = list(combinations(experts.values(), 2))
+    return tuple(
+        math.fsum(_relative_distance(a, b, block) for a, b in pairs) / len(pairs) if pairs else 0.0 for block in names
+    )
+
+
+def _relative_distance(a: Weights, b: Weights, names: Sequence[str]) -> float:
+    def norm(tensors: Sequence[torch.Tensor]) -> float:
+        return math.sqrt(math.fsum(t.to(torch.float64).square().sum().item() for t in tensors))
+
+    size = norm([a[name] for name in names]) + norm([b[name] for name in names])
+    apart = norm([a[name].to(torch.float64) - b[name].to(torch.float64) for name in names])
+    return 2 * apart / size if size else 0.0
+
+
+def bytes_per_task(tau: Tau, head: Weights, *, masks: bool = True, lora_rank: int | None = None) -> BytesPerTask:
+    """What a task costs beside the shared weights.
+
+    Args:
+        tau: Any task vector of the masked weights, for their shapes.
+        head: The task's own weights, as they are stored.
+        masks: Whether the task has a mask at all.
+        lora_rank: Of the alternative, one adapter of rank * (outputs + inputs) numbers per matrix.
+    """
+    mask = sum(packed_bytes(delta.numel()) for delta in tau.values()) if masks else 0
+    own = sum(weight.numel() * weight.element_size() for weight in head.values())
+    matrices = [delta.shape for delta in tau.values() if delta.ndim == 2]
+    lora = None if lora_rank is None else _FLOAT_BYTES * lora_rank * sum(sum(shape) for shape in matrices)
+    return BytesPerTask(mask, own, lora)
+
+
+def report(
+    taus: Taus,
+    merged: MergedTau,
+    *,
+    generator: torch.Generator,
+    heads: Mapping[str, Weights] | None = None,
+    lora_rank: int | None = None,
+    blocks: Mapping[str, tuple[Mapping[str, Weights], str]] | None = None,
+) -> MergeReport:
+    """Everything above for one merge.
+
+    Args:
+        taus: The experts' task vectors.
+        merged: What `merged.merge` made of them.
+        generator: For the null, on the CPU.
+        heads: Expert name to the weights that it keeps for itself.
+        lora_rank: Of the LoRA alternative in the bytes.
+        blocks: Part of the model to its experts' weights and the pattern of its blocks, see `trunk.block_of`.
+
+    Raises:
+        MergeError: The experts are not those that were merged, or a pattern finds no blocks.
+    """
+    observed = mask_statistics(taus, merged)
+    scales = {expert: rms(tau) for expert, tau in taus.items()}
+    null = gaussian_null(
+        scales,
+        merged.operator,
+        generator=generator,
+        alpha=merged.alpha,
+        rule=merged.rule,
+        lambdas=merged.lambdas or LAMBDA,
+        options=merged.options,
+    )
+    heads = heads or {}
+    return MergeReport(
+        experts=merged.experts,
+        operator=merged.operator,
+        options=dict(merged.options),
+        alpha=merged.alpha,
+        rule=str(merged.rule),
+        lambdas=dict(merged.lambdas),
+        entries=sum(delta.numel() for delta in merged.tau.values()),
+        observed=observed,
+        null=null,
+        scales=scales,
+        rescalers=dict(merged.rescalers),
+        bytes_per_task={
+            expert: bytes_per_task(tau, heads.get(expert, {}), masks=bool(merged.masks), lora_rank=lora_rank)
+            for expert, tau in taus.items()
+        },
+        block_distances={part: block_distances(*found) for part, found in (blocks or {}).items()},
+    )

@@ -1,0 +1,176 @@
+"""Task masks: which entries of the merged task vector a task keeps (arXiv 2511.18810, after arXiv 2405.07813)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+
+from policies.mergevla.merging.taus import ExpertsDiffer, MergeError, Tau, Taus, Weights, check_range, difference
+
+Mask = Mapping[str, torch.Tensor]
+"""Weight name to a boolean tensor of the weight's shape, True where the merged value is kept."""
+LAMBDA = 0.6
+"""The paper's lambda in all benchmarks."""
+MAX_LAMBDA = 2.0
+_BITS, _SHAPE = "bits/", "shape/"
+
+
+class MaskMismatch(MergeError):
+    """The mask belongs to another model, or its stored form is damaged."""
+
+
+def check_lambda(value: float) -> None:
+    """Refuse a lambda outside (0, 2].
+
+    Raises:
+        OutOfRange: It is outside, or not a number.
+    """
+    check_range("lambda", value, 0, MAX_LAMBDA, closed="(]")
+
+
+def task_mask(tau: Tau, merged: Tau, lambda_: float = LAMBDA) -> dict[str, torch.Tensor]:
+    """S_m = 1[|tau_m| > lambda * |tau_merge - tau_m|], entry by entry (arXiv 2511.18810 equation 3).
+
+    Args:
+        tau: The task's own vector.
+        merged: tau_merge.
+        lambda_: In (0, 2]; the greater, the fewer entries are kept.
+
+    Raises:
+        OutOfRange: lambda is outside (0, 2].
+        ExpertsDiffer: The two vectors have other names or shapes.
+    """
+    check_lambda(lambda_)
+    if problem := difference(merged, tau):
+        raise ExpertsDiffer(f"the task vector does not fit the merged one: {problem}")
+    return {name: delta.abs() > lambda_ * (merged[name] - delta).abs() for name, delta in tau.items()}
+
+
+def task_masks(
+    taus: Taus, merged: Tau, lambdas: float | Mapping[str, float] = LAMBDA
+) -> dict[str, dict[str, torch.Tensor]]:
+    """The mask of each task.
+
+    Args:
+        taus: The experts' task vectors.
+        merged: tau_merge.
+        lambdas: One for all, or expert name to its own.
+
+    Raises:
+        OutOfRange: A lambda is outside (0, 2].
+        ExpertsDiffer: An expert has no lambda, or its vector does not fit the merged one.
+    """
+    chosen = lambdas_of(taus, lambdas)
+    return {expert: task_mask(tau, merged, chosen[expert]) for expert, tau in taus.items()}
+
+
+def lambdas_of(taus: Taus, lambdas: float | Mapping[str, float]) -> dict[str, float]:
+    """Expert name to lambda.
+
+    Raises:
+        OutOfRange: A lambda is outside (0, 2].
+        ExpertsDiffer: The lambdas are not those of these experts.
+    """
+    chosen = dict(lambdas) if isinstance(lambdas, Mapping) else dict.fromkeys(taus, lambdas)
+    if chosen.keys() != taus.keys():
+        odd = sorted(chosen.keys() ^ taus.keys())[0]
+        raise ExpertsDiffer(f"expected a lambda for each of {', '.join(taus)}; {odd} is in one of them only")
+    for value in chosen.values():
+        check_lambda(value)
+    return chosen
+
+
+def check_mask(mask: Mask, weights: Weights) -> None:
+    """Refuse a mask for another model.
+
+    Raises:
+        MaskMismatch: Names or shapes differ, or an entry is not boolean.
+    """
+    if problem := difference(weights, mask):
+        raise MaskMismatch(f"the mask is for another model: {problem}")
+    for name, kept in mask.items():
+        if kept.dtype != torch.bool:
+            raise MaskMismatch(f"the mask of weight {name}: expected torch.bool, got {kept.dtype}")
+
+
+def masked(merged: Tau, mask: Mask) -> dict[str, torch.Tensor]:
+    """S_m * tau_merge.
+
+    Raises:
+        MaskMismatch: The mask is for another model.
+    """
+    check_mask(mask, merged)
+    return {name: torch.where(mask[name], delta, 0.0) for name, delta in merged.items()}
+
+
+def add(base: Weights, tau: Tau) -> dict[str, torch.Tensor]:
+    """Theta_0 + tau, in fp32 where there is a delta; other weights are the base's own tensors, not copies.
+
+    Raises:
+        ExpertsDiffer: The base lacks one of the weights, or has it in another shape.
+    """
+    if problem := difference(tau, {name: weight for name, weight in base.items() if name in tau}):
+        raise ExpertsDiffer(f"the base does not fit the task vector: {problem}")
+    return {name: weight.to(torch.float32) + tau[name] if name in tau else weight for name, weight in base.items()}
+
+
+def apply_mask(base: Weights, merged: Tau, mask: Mask) -> dict[str, torch.Tensor]:
+    """Theta^(m) = Theta_0 + S_m * tau_merge (arXiv 2511.18810 equation 4).
+
+    Raises:
+        MaskMismatch: The mask is for another model.
+        ExpertsDiffer: The base lacks one of the weights, or has it in another shape.
+    """
+    return add(base, masked(merged, mask))
+
+
+def pack_mask(mask: Mask) -> dict[str, torch.Tensor]:
+    """A mask as tensors that safetensors can store: eight entries a byte, and the shapes.
+
+    Returns:
+        `bits/<weight>`: uint8, ceil(entries / 8) bytes, first entry in the highest bit, padded with zeros;
+        `shape/<weight>`: int64, one number per axis.
+    """
+    packed = {}
+    for name, kept in mask.items():
+        packed[_BITS + name] = torch.from_numpy(np.packbits(kept.detach().cpu().reshape(-1).numpy()))
+        packed[_SHAPE + name] = torch.tensor(kept.shape, dtype=torch.int64)
+    return packed
+
+
+def unpack_mask(packed: Weights) -> dict[str, torch.Tensor]:
+    """The mask that `pack_mask` packed.
+
+    Raises:
+        MaskMismatch: Damaged: a part is missing, has another type or length, or its padding is not zero.
+    """
+    stray = sorted(name for name in packed if not name.startswith((_BITS, _SHAPE)))
+    if stray:
+        raise MaskMismatch(f"expected tensors named {_BITS}... and {_SHAPE}... in a packed mask, got {stray[0]}")
+    bits = {name.removeprefix(_BITS): tensor for name, tensor in packed.items() if name.startswith(_BITS)}
+    shapes = {name.removeprefix(_SHAPE): tensor for name, tensor in packed.items() if name.startswith(_SHAPE)}
+    if bits.keys() != shapes.keys():
+        raise MaskMismatch(f"expected bits and shape for each weight, {sorted(bits.keys() ^ shapes.keys())[0]} has one")
+    return {name: _unpacked(name, bits[name], shapes[name]) for name in bits}
+
+
+def _unpacked(name: str, bits: torch.Tensor, shape: torch.Tensor) -> torch.Tensor:
+    if bits.dtype != torch.uint8 or bits.ndim != 1 or shape.dtype != torch.int64 or shape.ndim != 1:
+        raise MaskMismatch(f"packed mask of {name}: expected flat uint8 bits and int64 shape, got {bits.dtype} bits")
+    size = tuple(shape.tolist())
+    if min(size, default=0) < 0:
+        raise MaskMismatch(f"packed mask of {name}: expected a shape, got {size}")
+    entries = int(np.prod(size, dtype=np.int64))
+    if len(bits) != packed_bytes(entries):
+        raise MaskMismatch(f"packed mask of {name}: expected {packed_bytes(entries)} bytes for {size}, got {len(bits)}")
+    flat = np.unpackbits(bits.cpu().numpy())
+    if flat[entries:].any():
+        raise MaskMismatch(f"packed mask of {name}: expected zeros after its {entries} entries, got others")
+    return torch.from_numpy(flat[:entries].astype(bool)).reshape(size)
+
+
+def packed_bytes(entries: int) -> int:
+    """Bytes that a packed mask of so many entries takes."""
+    return -(-entries // 8)

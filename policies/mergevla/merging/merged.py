@@ -1,0 +1,104 @@
+"""Merging task vectors and masking the result in one call, and what that gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import torch
+
+from policies.mergevla.merging.elementwise import emr_modulators
+from policies.mergevla.merging.masks import LAMBDA, Mask, add, lambdas_of, masked, task_masks
+from policies.mergevla.merging.operators import merge_taus
+from policies.mergevla.merging.taus import ExpertsDiffer, OutOfRange, Tau, Taus, Weights
+
+
+class MaskRule(StrEnum):
+    """What each task keeps of the merged task vector."""
+
+    NONE = "none"
+    """Everything: one model for all tasks."""
+    TASK = "task"
+    """S_m, see `masks.task_mask` (arXiv 2511.18810)."""
+    EMR = "emr"
+    """Agreement in sign and one rescaler, see `elementwise.emr_modulators` (arXiv 2405.17461)."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergedTau:
+    """One task vector for all experts, and how each task reads it."""
+
+    experts: tuple[str, ...]
+    operator: str
+    alpha: float
+    rule: MaskRule
+    tau: Tau
+    """tau_merge, alpha included."""
+    masks: Mapping[str, Mask] = field(default_factory=dict)
+    """Expert name to its mask; empty under `MaskRule.NONE`."""
+    lambdas: Mapping[str, float] = field(default_factory=dict)
+    """Expert name to lambda; empty unless under `MaskRule.TASK`."""
+    rescalers: Mapping[str, float] = field(default_factory=dict)
+    """Expert name to rescaler; empty unless under `MaskRule.EMR`."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Of the operator, as given."""
+
+    def of(self, expert: str) -> dict[str, torch.Tensor]:
+        """What that task adds to the base: rescaler * S_m * tau_merge.
+
+        Raises:
+            ExpertsDiffer: It was not among the merged ones.
+        """
+        if expert not in self.experts:
+            raise ExpertsDiffer(f"expected one of the merged experts {', '.join(self.experts)}, got {expert}")
+        kept = masked(self.tau, self.masks[expert]) if self.masks else dict(self.tau)
+        rescaler = self.rescalers.get(expert, 1.0)
+        return {name: delta * rescaler for name, delta in kept.items()} if rescaler != 1.0 else kept
+
+    def weights(self, base: Weights, expert: str) -> dict[str, torch.Tensor]:
+        """Theta^(m), the weights with which that task runs.
+
+        Raises:
+            ExpertsDiffer: It was not among the merged ones, or the base does not fit.
+        """
+        return add(base, self.of(expert))
+
+
+def merge(
+    taus: Taus,
+    operator: str = "ta",
+    *,
+    alpha: float = 1.0,
+    rule: MaskRule = MaskRule.TASK,
+    lambdas: float | Mapping[str, float] = LAMBDA,
+    options: Mapping[str, Any] | None = None,
+) -> MergedTau:
+    """Merge task vectors and mask the result for each task.
+
+    Args:
+        taus: The experts' task vectors.
+        operator: Name out of `operators.OPERATORS`.
+        alpha: Scale of the merged task vector, greater than 0.
+        rule: What each task keeps.
+        lambdas: One for all or expert name to its own, in (0, 2]; used under `MaskRule.TASK` only.
+        options: Of the operator.
+
+    Raises:
+        MergeError: Its subclasses, for an unknown operator or option, values out of range, or experts that differ.
+    """
+    if rule not in tuple(MaskRule):
+        raise OutOfRange(f"expected a mask rule out of {', '.join(MaskRule)}, got {rule}")
+    rule = MaskRule(rule)
+    chosen = lambdas_of(taus, lambdas) if rule is MaskRule.TASK else {}
+    tau = merge_taus(operator, taus, alpha=alpha, options=options)
+    masks: Mapping[str, Mask] = {}
+    rescalers: Mapping[str, float] = {}
+    if rule is MaskRule.TASK:
+        masks = task_masks(taus, tau, chosen)
+    elif rule is MaskRule.EMR:
+        modulators = emr_modulators(taus, tau)
+        masks = {expert: modulator.mask for expert, modulator in modulators.items()}
+        rescalers = {expert: modulator.rescaler for expert, modulator in modulators.items()}
+    return MergedTau(tuple(taus), operator, alpha, rule, tau, masks, chosen, rescalers, dict(options or {}))

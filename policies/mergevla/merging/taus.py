@@ -1,0 +1,191 @@
+"""Task vectors: what fine-tuning added to each weight (arXiv 2511.18810 section 3, after arXiv 2212.04089)."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+
+import torch
+
+from policies.contract import PolicyError
+
+Weights = Mapping[str, torch.Tensor]
+"""Weight name to tensor."""
+Tau = Mapping[str, torch.Tensor]
+"""Weight name to what fine-tuning added to it, fp32, of the weight's shape."""
+Taus = Mapping[str, Tau]
+"""Expert name to its task vector; all experts have the same names and shapes."""
+
+
+class MergeError(PolicyError):
+    """These weights cannot be merged like this; the message says what was expected and what came."""
+
+
+class ExpertsDiffer(MergeError):
+    """The experts do not have the same weights: other names, shapes or types, or no finite numbers."""
+
+
+class DifferentBases(MergeError):
+    """The experts were not fine-tuned from one base, so that their task vectors cannot be added."""
+
+
+class OutOfRange(MergeError):
+    """An option is outside the values that make sense."""
+
+
+def check_range(
+    option: str, value: object, low: float, high: float, *, closed: str = "()", whole: bool = False
+) -> None:
+    """Refuse a number outside an interval.
+
+    Args:
+        option: What the number is, for the message.
+        value: The number.
+        low: Lower end.
+        high: Upper end.
+        closed: Which ends belong to the interval, as in mathematics: `()`, `[)`, `(]` or `[]`.
+        whole: Whether it has to be an integer.
+
+    Raises:
+        OutOfRange: It is outside, or not a number.
+    """
+    kinds = (int,) if whole else (int, float)
+    if isinstance(value, kinds) and not isinstance(value, bool):
+        above = value >= low if closed[0] == "[" else value > low
+        below = value <= high if closed[1] == "]" else value < high
+        if above and below:
+            return
+    kind = "a whole number" if whole else "a number"
+    raise OutOfRange(f"expected {option} to be {kind} in {closed[0]}{low:g}, {high:g}{closed[1]}, got {value!r}")
+
+
+def difference(ours: Weights, theirs: Weights) -> str | None:
+    """The first thing in which two sets of weights differ in name or shape, in words, or None."""
+    for name in sorted(ours.keys() | theirs.keys()):
+        if name not in theirs:
+            return f"weight {name} is missing"
+        if name not in ours:
+            return f"weight {name} is unexpected"
+        if ours[name].shape != theirs[name].shape:
+            return f"weight {name}: expected shape {tuple(ours[name].shape)}, got {tuple(theirs[name].shape)}"
+    return None
+
+
+def check_taus(taus: Taus) -> None:
+    """Refuse task vectors that cannot be merged.
+
+    Raises:
+        ExpertsDiffer: There is no expert; names or shapes differ; a tensor is not fp32, or holds NaN or infinity.
+    """
+    if not taus:
+        raise ExpertsDiffer("expected at least one expert to merge, got none")
+    first, reference = next(iter(taus.items()))
+    for expert, tau in taus.items():
+        if problem := difference(reference, tau):
+            raise ExpertsDiffer(f"expert {expert} does not fit expert {first}: {problem}")
+        for name, delta in tau.items():
+            if delta.dtype != torch.float32:
+                raise ExpertsDiffer(f"expert {expert}, weight {name}: expected torch.float32, got {delta.dtype}")
+            if not torch.isfinite(delta).all():
+                raise ExpertsDiffer(f"expert {expert}, weight {name}: expected finite numbers, got NaN or infinity")
+
+
+def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
+    """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32.
+
+    Differences of weights that were rounded to bf16 lose the small deltas; give `lora_delta` what LoRA learned instead.
+
+    Raises:
+        ExpertsDiffer: Names or shapes differ.
+    """
+    if problem := difference(base, tuned):
+        raise ExpertsDiffer(f"the fine-tuned weights do not fit the base: {problem}")
+    return {name: tuned[name].to(torch.float32) - weight.to(torch.float32) for name, weight in base.items()}
+
+
+def lora_delta(a: torch.Tensor, b: torch.Tensor, scaling: float) -> torch.Tensor:
+    """What a LoRA adapter adds to its weight (arXiv 2106.09685): scaling * B A, in fp32.
+
+    Args:
+        a: Shape (rank, inputs).
+        b: Shape (outputs, rank).
+        scaling: alpha / rank.
+
+    Returns:
+        Shape (outputs, inputs).
+
+    Raises:
+        ExpertsDiffer: The factors do not fit each other.
+    """
+    if a.ndim != 2 or b.ndim != 2 or a.shape[0] != b.shape[1]:
+        expected = "expected LoRA factors of shapes (rank, inputs) and (outputs, rank)"
+        raise ExpertsDiffer(f"{expected}, got {tuple(a.shape)} and {tuple(b.shape)}")
+    return (b.to(torch.float32) @ a.to(torch.float32)) * scaling
+
+
+def weights_hash(weights: Weights) -> str:
+    """SHA-256 of names, types, shapes and values, as 16 hexadecimal digits: tells whether two bases are the same."""
+    digest = hashlib.sha256()
+    for name in sorted(weights):
+        tensor = weights[name].detach().cpu().contiguous()
+        digest.update(f"{name}\0{tensor.dtype}\0{tuple(tensor.shape)}\0".encode())
+        digest.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
+def check_same_base(hashes: Mapping[str, str]) -> None:
+    """Refuse experts of different bases.
+
+    Args:
+        hashes: Expert name to the `weights_hash` of the base that it was fine-tuned from.
+
+    Raises:
+        DifferentBases: They are not all equal.
+    """
+    first, expected = next(iter(hashes.items()), ("", ""))
+    for expert, found in hashes.items():
+        if found != expected:
+            raise DifferentBases(f"expected all experts from base {expected} of {first}, got {found} for {expert}")
+
+
+def check_base(base: Weights, hashes: Mapping[str, str]) -> None:
+    """Refuse a base from which the experts were not fine-tuned.
+
+    Args:
+        base: All weights of the base.
+        hashes: Expert name to the `weights_hash` of the base that it was fine-tuned from.
+
+    Raises:
+        DifferentBases: The experts' hashes differ, or they are not that of `base`.
+    """
+    check_same_base(hashes)
+    present = weights_hash(base)
+    for expert, found in hashes.items():
+        if found != present:
+            raise DifferentBases(f"expected experts fine-tuned from base {present}, got {found} for {expert}")
+
+
+def stack(taus: Taus, name: str) -> torch.Tensor:
+    """All experts' deltas of one weight, shape (experts, *shape)."""
+    return torch.stack([tau[name] for tau in taus.values()])
+
+
+def names_of(taus: Taus) -> tuple[str, ...]:
+    """The weights' names, sorted."""
+    return tuple(sorted(next(iter(taus.values()))))
+
+
+def order_free_sum(values: torch.Tensor) -> torch.Tensor:
+    """Sum over the first axis in float64, the same to the last bit in whatever order the experts come.
+
+    Sorting first costs little and makes sign elections, which turn on the last bit, repeatable.
+    """
+    return values.sort(dim=0).values.to(torch.float64).sum(dim=0)
+
+
+def rms(tau: Tau) -> float:
+    """Root mean square of all entries; 0 without entries."""
+    count = sum(delta.numel() for delta in tau.values())
+    squares = math.fsum(delta.to(torch.float64).square().sum().item() for delta in tau.values())
+    return math.sqrt(squares / count) if count else 0.0
