@@ -164,7 +164,7 @@ def test_inputs_of_another_shape_are_refused():
 
 def test_the_tiny_size_can_learn_eight_samples_by_heart():
     torch.set_num_threads(1)
-    model, steps = build(TINY, 0).train(), 100
+    model, steps = build(TINY, 0).train(), 80
     batch = inputs(TINY, batch=8)
     start, way = (torch.rand(2, 8, 1, 7, generator=torch.Generator().manual_seed(1)) * 2 - 1).unbind()
     chunks = (start + way * torch.linspace(0, 1, 8)[:, None]).clamp(-1, 1)
