@@ -1,1 +1,1 @@
-"""MergeVLA (arXiv 2511.18810): experts, their merging into one policy, and inferring the task unaided."""
+"""MergeVLA (arXiv 2511.18810): experts fine-tuned by LoRA that can be merged into one model."""
