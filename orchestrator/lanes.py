@@ -13,7 +13,7 @@ from results.record import Status
 from suites.vocabulary import Cell
 
 FLUSH_BYTES = 32 * 2**20
-FLUSH_S = 30.0
+FLUSH_S = 10.0
 TRIES = 3
 """Times that an episode may end its worker before it counts as an error."""
 

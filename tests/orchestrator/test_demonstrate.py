@@ -126,9 +126,9 @@ class TestWithRay:
             if lanes[0].kept >= 5:
                 raise KeyboardInterrupt
 
-        collected = collect(order("null/Slow", 30), tmp_path, Quiet(interrupt))
+        collected = collect(order("null/Slow", 30, workers=1), tmp_path, Quiet(interrupt))
         assert collected.status is RunStatus.INTERRUPTED
-        assert 1 <= opened(tmp_path, "null/Slow").episodes < 30
+        assert 5 <= opened(tmp_path, "null/Slow").episodes < 30
         assert collect(order("null/Slow", 30), tmp_path, Quiet()).status is RunStatus.COMPLETE
         assert opened(tmp_path, "null/Slow").episodes == 30
 
@@ -138,7 +138,7 @@ class TestWithRay:
             collect(order(noise=0.2), tmp_path, Quiet())
 
     def test_a_full_disk_ends_the_collection_with_a_word(self, tmp_path, monkeypatch):
-        def full(*arguments):
+        def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr("policies.training.writing.pq.ParquetWriter", full)
@@ -185,7 +185,11 @@ def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
         env=ENVIRONMENT,
         start_new_session=True,
     )
-    time.sleep(12)
+    deadline = time.monotonic() + 60
+    while (
+        time.monotonic() < deadline and not (tmp_path / "out" / dataset_name("null/Slow") / "meta/info.json").exists()
+    ):
+        time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
     said, complaints = process.communicate(timeout=30)
     assert process.returncode == EXIT_INTERRUPTED, said
