@@ -1,0 +1,87 @@
+"""One demonstration: disturbed as its episode says, recorded as the oracle meant it."""
+
+import numpy as np
+import pytest
+
+from adapters import catalog
+from orchestrator.recording import RecordedSimulation, demonstrate
+from orchestrator.runner import EpisodeRunner, PolicySource
+from suites.vocabulary import Condition, Episode, Protocol, View
+
+VIEW = View(image_size=16)
+
+
+def episode(seed=0, task="null/Reach", **changes):
+    return Episode("oracle", "digest", task, seed, Protocol(60, 1, VIEW), **changes)
+
+
+@pytest.fixture
+def runner():
+    made = EpisodeRunner({"oracle": PolicySource("oracle")})
+    yield made
+    made.close()
+
+
+def test_the_same_episode_gives_the_same_record(runner):
+    first, other, again = (demonstrate(runner, episode(seed), 0.1)[1] for seed in (3, 4, 3))
+    assert first.content_hash == again.content_hash
+    assert first.content_hash != other.content_hash
+
+
+def test_the_noise_is_keyed_by_the_episode_not_by_its_seed_alone(runner):
+    other = Episode("oracle", "another digest", "null/Reach", 3, Protocol(60, 1, VIEW))
+    records = [demonstrate(runner, which, 0.1)[1] for which in (episode(3), other)]
+    assert records[0].content_hash != records[1].content_hash
+
+
+def test_the_executed_action_is_disturbed_and_the_clean_one_recorded():
+    simulation = catalog.open_simulation("null/Reach", VIEW)
+    executed = []
+    step = simulation.step
+    simulation.step = lambda action: executed.append(action) or step(action)
+    recorded = RecordedSimulation(simulation, episode(), 0.2)
+    recorded.reset(0, Condition())
+    clean = np.array([0.01, 0.0, -0.01, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(400):
+        recorded.step(clean)
+    found = recorded.recording()
+    assert np.all(found.actions == clean)
+    assert np.all(np.abs(executed) <= simulation.action_spec.high)
+    deviation = (np.array(executed) - clean)[:, :3].std(axis=0)
+    assert deviation == pytest.approx(0.2 * simulation.action_spec.max_translation, rel=0.15)
+    assert np.all(np.array(executed)[:, 3:] == 0.0)
+
+
+def test_what_is_seen_is_the_world_before_the_step():
+    simulation = catalog.open_simulation("null/Reach", VIEW)
+    recorded = RecordedSimulation(simulation, episode(), 0.0)
+    recorded.reset(0, Condition())
+    positions = [simulation.observe().proprioception]
+    for _ in range(3):
+        recorded.step(np.array([0.02, 0, 0, 0, 0, 0, 0]))
+        positions.append(simulation.observe().proprioception)
+    found = recorded.recording()
+    assert np.array_equal(found.states, positions[:-1])
+    assert set(found.images) == set(VIEW.cameras)
+
+
+def test_a_failed_episode_leaves_no_record(runner):
+    attempts = [demonstrate(runner, episode(seed), 1.0) for seed in range(6)]
+    failed = [encoded for attempt, encoded in attempts if attempt.status == "failure"]
+    assert failed
+    assert set(failed) == {None}
+    assert all(encoded is not None for attempt, encoded in attempts if attempt.status == "success")
+
+
+def test_what_a_simulator_raises_is_an_error_without_a_record(runner):
+    attempt, encoded = demonstrate(runner, episode(7, "null/Raise"), 0.1)
+    assert (attempt.status, encoded) == ("error", None)
+    assert attempt.error.startswith("RuntimeError: the null simulator was asked to raise")
+
+
+@pytest.mark.simulator
+def test_a_demonstration_in_pybullet_is_recorded_and_repeats(runner):
+    records = [demonstrate(runner, episode(1_000_000, "pybullet/PandaReach-v3"), 0.1)[1] for _ in range(2)]
+    assert records[0].content_hash == records[1].content_hash
+    assert records[0].success[-5:].all()
+    assert records[0].spec.fps == 25
