@@ -68,7 +68,7 @@ def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) 
         FolderError: The folder cannot be written, or another process runs into it.
         StoreError: The store cannot be opened.
     """
-    with _locked(folder), contextlib.ExitStack() as stack:
+    with locked(folder), contextlib.ExitStack() as stack:
         document = _begin(plan, folder, options)
         store = Store.open(store_url(folder, document, options.store), document.run_id)
         stack.callback(store.close)
@@ -161,7 +161,7 @@ class _Session:
             write_report(self._folder, store_url=self._options.store)
         except (OSError, StoreError) as error:
             self._troubles.append(
-                f"the report could not be written: {_explain(error)}; write it later: gauntlet report {self._folder}"
+                f"the report could not be written: {explain(error)}; write it later: gauntlet report {self._folder}"
             )
         return RunOutcome(self._folder, self._document, done, self._troubles)
 
@@ -175,7 +175,7 @@ class _Session:
         try:
             self._troubles += film_run(self._folder, self._store.results(), self._plan.sources)
         except OSError as error:
-            self._troubles.append(f"videos could not be written: {_explain(error)}")
+            self._troubles.append(f"videos could not be written: {explain(error)}")
 
     # What the scheduler tells (`scheduler.Observer`).
 
@@ -249,11 +249,11 @@ def _write(folder: Path, document: RunDocument) -> None:
     try:
         write_run(folder, document)
     except OSError as error:
-        raise FolderError(f"{folder}: {_explain(error)}") from None
+        raise FolderError(f"{folder}: {explain(error)}") from None
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """The folder, made if need be, for this process alone."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -262,14 +262,15 @@ def _locked(folder: Path) -> Iterator[None]:
     except Timeout:
         raise FolderError(f"{folder}: another process runs into this folder") from None
     except OSError as error:
-        raise FolderError(f"{folder}: {_explain(error)}") from None
+        raise FolderError(f"{folder}: {explain(error)}") from None
     try:
         yield
     finally:
         lock.release()
 
 
-def _explain(error: BaseException) -> str:
+def explain(error: BaseException) -> str:
+    """An error in words that say what to do."""
     if isinstance(error, OSError) and error.errno:
         hints: Mapping[int, str] = {
             errno.ENOSPC: "the disk is full; free some space and run again",

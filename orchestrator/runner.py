@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -87,8 +87,16 @@ class EpisodeRunner:
             )
             self._build_s = self._load_s = 0.0
 
-    def play_one(self, episode: Episode, watcher: Watcher | None = None) -> EpisodeResult:
-        """Play one episode. What a simulator raises is tried again in a fresh one, then recorded as error."""
+    def play_one(
+        self, episode: Episode, watcher: Watcher | None = None, wrap: Callable[[Simulation], Simulation] | None = None
+    ) -> EpisodeResult:
+        """Play one episode. What a simulator raises is tried again in a fresh one, then recorded as error.
+
+        Args:
+            episode: What to play.
+            watcher: Sees every step.
+            wrap: Puts something of its own around the simulation, for this episode.
+        """
         started, clock = time.time(), time.perf_counter()
         error = ""
         for _ in range(2):
@@ -96,7 +104,7 @@ class EpisodeRunner:
                 policy = self._policy(episode.policy)
                 simulation = self._open(episode.task, episode.protocol.view)
                 check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
-                return rollout(simulation, policy, episode, watcher=watcher)
+                return rollout(wrap(simulation) if wrap else simulation, policy, episode, watcher=watcher)
             except (AdapterError, PolicyError) as known:
                 error = f"{type(known).__name__}: {known}"
                 break

@@ -1,0 +1,10 @@
+"""`gauntlet policies`: what makes policies. One verb, one file."""
+
+from __future__ import annotations
+
+import typer
+
+from orchestrator.cli.policies import demonstrate
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app.command("demonstrate")(demonstrate.demonstrate)
