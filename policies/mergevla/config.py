@@ -1,0 +1,236 @@
+"""What a MergeVLA network is made of (arXiv 2511.18810). Frozen values, standard library only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
+from policies.contract import PolicyError
+from suites.vocabulary import CAMERAS
+
+
+
+class ArchitectureError(PolicyError):
+    """An architecture that cannot be built, or that is not the one expected."""
+
+
+@dataclass(frozen=True)
+class ConvStem:
+    """A stack of convolutions per camera, each halving the image; every cell of the last map is a patch."""
+
+    channels: tuple[int, ...] = (16, 32, 64, 128)
+
+    @property
+    def width(self) -> int:
+        """Numbers per patch."""
+        return self.channels[-1]
+
+    def patches(self, image_size: int) -> int:
+        """Patches per image."""
+        side = image_size
+        for _ in self.channels:
+            side = (side + 1) // 2
+        return side * side
+
+
+@dataclass(frozen=True)
+class Tower:
+    """A vision transformer."""
+
+    width: int
+    layers: int
+    heads: int
+    feed_forward: int
+    patch_size: int
+    image_size: int
+    """Height and width (px) of the images that its position embeddings were made for."""
+
+
+@dataclass(frozen=True)
+class Towers:
+    """DINOv2 (with four registers) beside SigLIP; the features of each one's second-to-last block, concatenated."""
+
+    dinov2: Tower = Tower(width=1024, layers=24, heads=16, feed_forward=4096, patch_size=14, image_size=518)
+    siglip: Tower = Tower(width=1152, layers=27, heads=16, feed_forward=4304, patch_size=14, image_size=224)
+
+    @property
+    def width(self) -> int:
+        """Numbers per patch."""
+        return self.dinov2.width + self.siglip.width
+
+    def patches(self, image_size: int) -> int:
+        """Patches per image."""
+        return (image_size // self.siglip.patch_size) ** 2
+
+
+@dataclass(frozen=True)
+class LanguageModel:
+    """A Qwen2 decoder, its sizes as transformers names them."""
+
+    width: int
+    layers: int
+    heads: int
+    key_value_heads: int
+    feed_forward: int
+    vocabulary: int
+    rope_theta: float = 1e6
+    bidirectional: bool = False
+    """Attend to the whole sequence instead of what came before. For decoders that are trained from nothing here: a
+    pretrained one knows causal attention only."""
+
+
+@dataclass(frozen=True)
+class ActionExpert:
+    """The cross-attention stack that turns hidden states into actions, with one block for each decoder layer."""
+
+    heads: int
+    self_attention: bool = False
+    """VLA-Adapter's block, the paper's negative control: the chunk's steps attend to each other too, one query
+    projection serves all keys, and the gate is a tanh."""
+    tanh_gate: bool | None = None
+    """Gate by tanh instead of sigmoid; None for what the variant has, so that each change can be studied alone."""
+
+    @property
+    def gates_by_tanh(self) -> bool:
+        """Whether the gate is a tanh."""
+        return self.self_attention if self.tanh_gate is None else self.tanh_gate
+
+
+@dataclass(frozen=True)
+class Quirks:
+    """Oddities of the paper's released code, each to be switched on alone. All False is the repaired network."""
+
+    interleaved_rope: bool = False
+    """Rotate neighbouring pairs by angles laid out for half-split pairs, which is no rotation."""
+    ffn_without_skip: bool = False
+    """No skip connection around a block's feed-forward layer."""
+    training_noise: bool = False
+    """Initial action tokens are zeros, with N(0, 0.02) noise in training only, instead of a code of their step."""
+    shifted_slices: bool = False
+    """Read the hidden states of patches and action queries one position too early."""
+    language_blind: bool = False
+    """Put the instruction behind the images under causal attention, so that no patch ever sees it."""
+
+    @classmethod
+    def paper(cls) -> Quirks:
+        """All of them: the network as released."""
+        return cls(**{quirk.name: True for quirk in fields(cls)})
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """One MergeVLA network."""
+
+    name: str
+    image_size: int
+    """Height and width (px) of each camera's image."""
+    vision: ConvStem | Towers
+    projector: tuple[int, ...]
+    """Widths of the layers between the vision features and the language model's own width."""
+    language: LanguageModel
+    action_queries: int
+    expert: ActionExpert
+    tokenizer: str
+    """`words` for hashed words, else what `transformers.AutoTokenizer` can load: a folder or a hub id."""
+    prompt_tokens: int
+    """Length to which prompts are padded."""
+    cameras: tuple[str, ...] = CAMERAS
+    chunk_length: int = 8
+    action_dim: int = ACTION_DIM
+    proprioception_dim: int = PROPRIOCEPTION_DIM
+    quirks: Quirks = field(default_factory=Quirks)
+
+    def __post_init__(self) -> None:
+        width, expert, language = self.language.width, self.expert.heads, self.language.heads
+        if width % (2 * expert) or width % (2 * language):
+            raise ArchitectureError(
+                f"architecture '{self.name}': expected heads of even width, got width {width} in {language} heads "
+                f"(language model) and {expert} (action expert)"
+            )
+        if not self.cameras or self.prompt_tokens < 2 or self.action_queries < 1:
+            raise ArchitectureError(
+                f"architecture '{self.name}': expected a camera, 2 prompt tokens and an action query at least, "
+                f"got {len(self.cameras)}, {self.prompt_tokens} and {self.action_queries}"
+            )
+
+    @property
+    def width(self) -> int:
+        """Numbers per token, in the language model and in the action expert."""
+        return self.language.width
+
+    @property
+    def patches(self) -> int:
+        """Patches of all cameras."""
+        return len(self.cameras) * self.vision.patches(self.image_size)
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain JSON; `Architecture.from_json` is the inverse."""
+        plain = asdict(self)
+        plain["vision"]["kind"] = type(self.vision).__name__
+        return plain
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Architecture:
+        """The architecture that `as_json` wrote.
+
+        Raises:
+            ArchitectureError: Unknown or missing fields, or values of the wrong kind.
+        """
+        try:
+            parts = dict(plain)
+            vision = dict(parts["vision"])
+            kind = vision.pop("kind")
+            if kind not in ("ConvStem", "Towers"):
+                raise ValueError(f"unknown vision '{kind}'")
+            parts["vision"] = (
+                ConvStem(tuple(vision["channels"]))
+                if kind == "ConvStem"
+                else Towers(Tower(**vision["dinov2"]), Tower(**vision["siglip"]))
+            )
+            for name, part in (("language", LanguageModel), ("expert", ActionExpert), ("quirks", Quirks)):
+                parts[name] = part(**parts[name])
+            return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in parts.items()})
+        except (KeyError, TypeError, ValueError) as error:
+            raise ArchitectureError(f"expected an architecture, got one that does not read: {error}") from None
+
+
+def tiny(**changes: Any) -> Architecture:
+    """The size that is trained on a CPU from nothing: about 1.6 M parameters. `changes` are fields to replace."""
+    settings: dict[str, Any] = {
+        "name": "tiny",
+        "image_size": 96,
+        "vision": ConvStem(),
+        "projector": (256,),
+        "language": LanguageModel(
+            width=128, layers=4, heads=4, key_value_heads=4, feed_forward=256, vocabulary=1024, bidirectional=True
+        ),
+        "action_queries": 8,
+        "expert": ActionExpert(heads=4),
+        "tokenizer": "words",
+        "prompt_tokens": 16,
+    }
+    return Architecture(**{**settings, **changes})
+
+
+def qwen(**changes: Any) -> Architecture:
+    """The paper's size: Qwen2.5-0.5B with DINOv2-L/14-reg4 and SigLIP-so400m/14. `changes` are fields to replace."""
+    settings: dict[str, Any] = {
+        "name": "qwen2.5-0.5b",
+        "image_size": 224,
+        "vision": Towers(),
+        "projector": (8704, 896),
+        "language": LanguageModel(
+            width=896, layers=24, heads=14, key_value_heads=2, feed_forward=4864, vocabulary=151936
+        ),
+        "action_queries": 64,
+        "expert": ActionExpert(heads=8),
+        "tokenizer": "Qwen/Qwen2.5-0.5B",
+        "prompt_tokens": 64,
+    }
+    return Architecture(**{**settings, **changes})
+
+
+SIZES = {"tiny": tiny, "qwen2.5-0.5b": qwen}
+"""Size to what builds its architecture."""
