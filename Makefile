@@ -22,7 +22,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,postgresql,dev]"
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,mergevla,postgresql,dev]"
 	@touch $@
 
 demo: setup

@@ -13,6 +13,8 @@ from policies.mergevla.config import Architecture
 
 NOISE_STD = 0.02
 ROPE_BASE = 10000.0
+STEP_BASE = 100.0
+"""Longest wavelength of the steps' code over 2 pi: chunks are short, so most of the code varies from step to step."""
 
 
 def rotate(states: Tensor, *, interleaved: bool = False) -> Tensor:
@@ -35,7 +37,7 @@ def rotate(states: Tensor, *, interleaved: bool = False) -> Tensor:
 
 def step_code(steps: int, width: int) -> Tensor:
     """Sinusoidal code of a chunk's steps (arXiv 1706.03762), shape (steps, width)."""
-    frequencies = ROPE_BASE ** (-torch.arange(0, width, 2, dtype=torch.float32) / width)
+    frequencies = STEP_BASE ** (-torch.arange(0, width, 2, dtype=torch.float32) / width)
     angles = torch.arange(steps, dtype=torch.float32)[:, None] * frequencies
     return torch.stack([angles.sin(), angles.cos()], dim=-1).flatten(1)[:, :width]
 

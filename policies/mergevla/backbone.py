@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -172,14 +173,14 @@ def _fill(module: nn.Module, kind: Callable[..., Any], source: str) -> None:
 
 def _stem(channels: tuple[int, ...]) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for before, after in zip((3, *channels), channels, strict=False):
+    for before, after in pairwise((3, *channels)):
         layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.GELU()]
     return nn.Sequential(*layers)
 
 
 def _projector(widths: tuple[int, ...]) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for before, after in zip(widths, widths[1:], strict=False):
+    for before, after in pairwise(widths):
         layers += [nn.Linear(before, after), nn.GELU()]
     return nn.Sequential(*layers[:-1])
 

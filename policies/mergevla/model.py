@@ -15,7 +15,9 @@ QUERY_STD = 0.02
 
 
 class MergeVLA(nn.Module):
-    """MergeVLA (arXiv 2511.18810). Its parts, by the first word of a weight's name:
+    """MergeVLA (arXiv 2511.18810).
+
+    Its parts, by the first words of a weight's name:
 
     - `backbone`: the vision-language model that task vectors and masks are about;
     - `action_queries`, `proprioception`, `action_expert.input*`, `action_expert.blocks.<i>`: the trunk;

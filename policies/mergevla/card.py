@@ -1,0 +1,226 @@
+"""A checkpoint's folder without its weights: where it is, what its card says, and whether its tensors are the ones.
+
+Light: reads the safetensors file's header and hashes its bytes, so that a run can be planned without torch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from policies.contract import PolicyError
+from policies.mergevla.config import Architecture, LoraSettings
+from policies.mergevla.normalisation import Statistics
+from suites.vocabulary import content_hash
+
+WEIGHTS, CARD, FORMAT = "model.safetensors", "card.json", 1
+PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt")
+LARGEST_HEADER = 100_000_000
+"""Bytes, the limit of the safetensors format."""
+
+
+class CheckpointError(PolicyError):
+    """A checkpoint that cannot be used; the message says what was expected and what came."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a checkpoint says about itself."""
+
+    architecture: Architecture
+    statistics: Statistics
+    tasks: tuple[str, ...] = ()
+    """Tasks it was trained on (`simulator/task`)."""
+    lora: LoraSettings | None = None
+    base: str | None = None
+    """Checkpoint that holds the tensors that are not stored here: a folder relative to this one, or a hub id."""
+    base_hash: str | None = None
+    """That checkpoint's `tensor_hash`."""
+    data_hash: str | None = None
+    """Hash of the training data."""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Losses, seeds and whatever else training recorded."""
+    tensor_hash: str = ""
+    """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
+
+    @property
+    def digest(self) -> str:
+        """Hash of all that decides how the policy acts."""
+        return content_hash(
+            {
+                "architecture": self.architecture.as_json(),
+                "statistics": self.statistics.as_json(),
+                "lora": asdict(self.lora) if self.lora else None,
+                "tensors": self.tensor_hash,
+                "base": self.base_hash,
+            }
+        )
+
+    def sealed(self, tensor_hash: str) -> Card:
+        """The card for these tensors."""
+        return replace(self, tensor_hash=tensor_hash)
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain JSON; `Card.from_json` is the inverse."""
+        return {
+            "format": FORMAT,
+            **asdict(self),
+            "architecture": self.architecture.as_json(),
+            "metrics": dict(self.metrics),
+        }
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Card:
+        """The card that `as_json` wrote.
+
+        Raises:
+            PolicyError: It is something else, or its statistics are missing.
+        """
+        parts = dict(plain)
+        if parts.pop("format", None) != FORMAT:
+            raise CheckpointError(f"expected a card of format {FORMAT}, got {plain.get('format')}")
+        if not parts.get("statistics"):
+            raise CheckpointError("expected normalisation statistics in the card, got none")
+        parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
+        parts["statistics"] = Statistics.from_json(parts["statistics"])
+        try:
+            parts["lora"] = LoraSettings(**parts["lora"]) if parts.get("lora") else None
+            parts["tasks"] = tuple(parts.get("tasks", ()))
+            return cls(**parts)
+        except TypeError as error:
+            raise CheckpointError(f"expected a card, got one that does not read: {error}") from None
+
+
+def locate(reference: str) -> Path:
+    """The folder of a checkpoint, given as a folder or as a hub id such as `owner/name` or `owner/name@revision`.
+
+    Raises:
+        CheckpointError: It is neither, or it holds a pickle.
+    """
+    path = Path(reference)
+    if path.suffix in PICKLES:
+        raise _pickle(path.name)
+    if path.is_dir():
+        pickles = sorted(file.name for file in path.iterdir() if file.suffix in PICKLES)
+        if pickles and not (path / WEIGHTS).is_file():
+            raise _pickle(pickles[0])
+        return path
+    if path.exists() or not re.fullmatch(r"[\w][\w.-]*/[\w][\w.-]*(@[\w./-]+)?", reference):
+        raise CheckpointError(f"expected a checkpoint's folder or a hub id, got '{reference}'")
+    return _from_hub(reference)
+
+
+def read_card(folder: Path) -> Card:
+    """The card of the checkpoint in `folder`.
+
+    Raises:
+        PolicyError: There is none, or it does not read.
+    """
+    try:
+        plain = json.loads((folder / CARD).read_text())
+    except FileNotFoundError:
+        raise CheckpointError(f"expected {CARD} in '{folder}', got a folder without it") from None
+    except ValueError as error:
+        raise CheckpointError(f"expected JSON in '{folder / CARD}', got: {error}") from None
+    if not isinstance(plain, dict):
+        raise CheckpointError(f"expected a JSON object in '{folder / CARD}', got {type(plain).__name__}")
+    return Card.from_json(plain)
+
+
+def verified_card(folder: Path) -> Card:
+    """The card, once the weights' file beside it and the base's are found to be the ones it speaks of.
+
+    Raises:
+        PolicyError: They are not.
+    """
+    card = read_card(folder)
+    _check_hash(folder / WEIGHTS, card.tensor_hash, hash_tensors(folder / WEIGHTS))
+    if card.base is not None:
+        base = read_card(base_folder(folder, card))
+        _check_hash(folder / CARD, card.base_hash or "", base.tensor_hash)
+    return card
+
+
+def base_folder(folder: Path, card: Card) -> Path:
+    """Where the checkpoint is that `card` builds on."""
+    assert card.base is not None
+    beside = folder / card.base
+    return locate(str(beside) if beside.is_dir() else card.base)
+
+
+def digest_of(reference: str) -> str:
+    """Hash of a checkpoint's content, verified.
+
+    Raises:
+        PolicyError: It cannot be used.
+    """
+    folder = locate(reference)
+    card = verified_card(folder)
+    if card.base is not None:
+        verified_card(base_folder(folder, card))
+    return card.digest
+
+
+def hash_tensors(path: Path) -> str:
+    """SHA-256 over name, type, shape and bytes of each tensor of a safetensors file, in the order of their names.
+
+    Raises:
+        CheckpointError: The file is missing, truncated, or of another format.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"expected {path.name} in '{path.parent}', got a folder without it")
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        start, header = _read_header(path, file)
+        size = path.stat().st_size
+        for name in sorted(header):
+            entry = header[name]
+            first, last = entry["data_offsets"]
+            if start + last > size:
+                raise CheckpointError(f"expected {start + last} bytes or more in '{path}', got {size}: it is truncated")
+            file.seek(start + first)
+            digest.update(json.dumps([name, entry["dtype"], entry["shape"]]).encode() + b"\0")
+            digest.update(file.read(last - first))
+    return digest.hexdigest()
+
+
+def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
+    """Where the tensors' bytes begin, and name to type, shape and place of each tensor."""
+    length = int.from_bytes(file.read(8), "little")
+    text = file.read(length) if length <= LARGEST_HEADER else b""
+    try:
+        header = json.loads(text)
+        header.pop("__metadata__", None)
+        places = [entry["data_offsets"] for entry in header.values() if entry["dtype"] and entry["shape"] is not None]
+        if any(not 0 <= first <= last for first, last in places):
+            raise ValueError("offsets out of order")
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise CheckpointError(
+            f"expected a safetensors file in '{path}', got a truncated one or another format"
+        ) from None
+    return 8 + length, header
+
+
+def _check_hash(path: Path, expected: str, came: str) -> None:
+    if expected != came:
+        raise CheckpointError(f"expected tensors of hash {expected[:16] or '(none)'} for '{path}', got {came[:16]}")
+
+
+def _pickle(name: str) -> CheckpointError:
+    return CheckpointError(f"expected {WEIGHTS}, got {name}, a pickle: refused, since loading one runs code")
+
+
+def _from_hub(reference: str) -> Path:
+    from huggingface_hub import snapshot_download
+
+    name, _, revision = reference.partition("@")
+    try:
+        return Path(snapshot_download(name, revision=revision or None, allow_patterns=[WEIGHTS, CARD]))
+    except Exception as error:  # the hub's client raises its own, its transport's and the system's errors
+        reason = str(error).strip().partition("\n")[0]
+        raise CheckpointError(f"expected a folder or hub id, got '{reference}', which is no folder: {reason}") from None

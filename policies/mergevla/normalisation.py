@@ -1,0 +1,138 @@
+"""Actions and proprioception on a common scale: the training data's 1 % and 99 % quantiles become -1 and +1."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM, FloatArray
+from policies.contract import PolicyError
+
+GRIPPER = 6
+"""Index of the gripper in an action. It is -1 .. +1 already, and has two values only, so quantiles say nothing."""
+SMALLEST_RANGE = 1e-6
+"""A number that varies by less (m, rad) is constant: it is normalised to 0."""
+
+
+class StatisticsError(PolicyError):
+    """Statistics that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """Range of each number of a vector."""
+
+    q01: tuple[float, ...]
+    q99: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.q01) != len(self.q99):
+            raise StatisticsError(f"expected as many q01 as q99, got {len(self.q01)} and {len(self.q99)}")
+        for low, high in zip(self.q01, self.q99, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise StatisticsError(f"expected finite quantiles with q01 <= q99, got {low} and {high}")
+
+    @classmethod
+    def of(cls, samples: ArrayLike) -> Quantiles:
+        """The quantiles of samples, shape (n, dim).
+
+        Raises:
+            StatisticsError: There are none, or they are not finite.
+        """
+        values = np.asarray(samples, dtype=np.float64)
+        if values.ndim != 2 or len(values) == 0:
+            raise StatisticsError(f"expected samples of shape (n, dim) with n >= 1, got {values.shape}")
+        low, high = np.quantile(values, [0.01, 0.99], axis=0)
+        return cls(tuple(low.tolist()), tuple(high.tolist()))
+
+    def normalise(self, values: ArrayLike) -> FloatArray:
+        """Map q01 .. q99 to -1 .. +1 and clip to it, last axis by number."""
+        low, span = self._low_and_span()
+        varies = span > SMALLEST_RANGE
+        scaled = 2.0 * (np.asarray(values, dtype=np.float64) - low) / np.where(varies, span, 1.0) - 1.0
+        return np.where(varies, np.clip(scaled, -1.0, 1.0), 0.0)
+
+    def restore(self, values: ArrayLike) -> FloatArray:
+        """Map -1 .. +1 back to q01 .. q99, last axis by number. Without clipping: what is beyond stays beyond."""
+        low, span = self._low_and_span()
+        varies = span > SMALLEST_RANGE
+        unit = (np.asarray(values, dtype=np.float64) + 1.0) / 2.0
+        return low + np.where(varies, unit, 0.5) * span
+
+    def _low_and_span(self) -> tuple[FloatArray, FloatArray]:
+        low, high = np.array(self.q01), np.array(self.q99)
+        return low, high - low
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What a policy must know about its training data to read proprioception and to write actions."""
+
+    action: Quantiles
+    """Of 7 numbers (m, rad, gripper), see `adapters.contract`."""
+    proprioception: Quantiles
+    """Of 8 numbers (m, rad, m)."""
+
+    def __post_init__(self) -> None:
+        for name, quantiles, dim in (
+            ("action", self.action, ACTION_DIM),
+            ("proprioception", self.proprioception, PROPRIOCEPTION_DIM),
+        ):
+            if len(quantiles.q01) != dim:
+                raise StatisticsError(f"expected {name} statistics of {dim} numbers, got {len(quantiles.q01)}")
+
+    @classmethod
+    def of(cls, actions: ArrayLike, proprioceptions: ArrayLike) -> Statistics:
+        """The statistics of a data set.
+
+        Args:
+            actions: Shape (n, 7).
+            proprioceptions: Shape (n, 8).
+
+        Raises:
+            StatisticsError: Other shapes, no samples, or samples that are not finite.
+        """
+        return cls(Quantiles.of(actions), Quantiles.of(proprioceptions))
+
+    def normalise_actions(self, actions: ArrayLike) -> FloatArray:
+        """Actions (..., 7) to [-1, 1]; the gripper is clipped only."""
+        given = np.asarray(actions, dtype=np.float64)
+        return self._with_gripper(self.action.normalise(given), given)
+
+    def restore_actions(self, normalised: ArrayLike) -> FloatArray:
+        """The inverse of `normalise_actions` within its range, shape (..., 7)."""
+        given = np.asarray(normalised, dtype=np.float64)
+        return self._with_gripper(self.action.restore(given), given)
+
+    def normalise_proprioception(self, proprioception: ArrayLike) -> FloatArray:
+        """Proprioception (..., 8) to [-1, 1]."""
+        return self.proprioception.normalise(proprioception)
+
+    def _with_gripper(self, actions: FloatArray, given: FloatArray) -> FloatArray:
+        actions[..., GRIPPER] = np.clip(given[..., GRIPPER], -1.0, 1.0)
+        return actions
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain JSON; `Statistics.from_json` is the inverse."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Mapping[str, Sequence[float]]]) -> Statistics:
+        """The statistics that `as_json` wrote.
+
+        Raises:
+            StatisticsError: It is something else.
+        """
+        try:
+            action, proprioception = (
+                Quantiles(tuple(map(float, plain[name]["q01"])), tuple(map(float, plain[name]["q99"])))
+                for name in ("action", "proprioception")
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise StatisticsError(f"expected normalisation statistics, got ones that do not read: {error}") from None
+        return cls(action, proprioception)

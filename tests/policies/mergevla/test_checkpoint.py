@@ -1,0 +1,180 @@
+"""Checkpoints: what is saved comes back, and what is wrong is refused in one line."""
+
+import json
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from policies.contract import PolicyError
+from policies.mergevla.card import CARD, WEIGHTS, Card, CheckpointError, digest_of, locate
+from policies.mergevla.checkpoint import load_checkpoint, load_tensors, save_checkpoint
+from policies.mergevla.config import LoraSettings
+from policies.mergevla.lora import add_lora
+from tests.policies.mergevla.shared import SMALL, inputs, small_model, some_statistics
+
+
+def a_card(**changes):
+    return replace(Card(SMALL, some_statistics(), tasks=("null/Reach",), data_hash="d", metrics={"l1": 0.1}), **changes)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    save_checkpoint(tmp_path / "expert", small_model(), a_card())
+    return tmp_path / "expert"
+
+
+def rewrite(folder, **changes):
+    card = json.loads((folder / CARD).read_text())
+    (folder / CARD).write_text(json.dumps({**card, **changes}))
+
+
+def refused(folder, match, **options):
+    with pytest.raises(PolicyError, match=match) as caught:
+        load_checkpoint(folder, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_saved_comes_back(saved):
+    checkpoint = load_checkpoint(saved, expected=SMALL)
+    assert checkpoint.card == a_card(tensor_hash=checkpoint.card.tensor_hash)
+    assert torch.equal(checkpoint.model(*inputs(SMALL)), small_model()(*inputs(SMALL)))
+    assert sorted(file.name for file in saved.iterdir()) == [CARD, WEIGHTS]
+
+
+def test_adapters_come_back_as_factors_under_the_plain_networks_names(tmp_path):
+    model = small_model()
+    add_lora(model, LoraSettings(rank=2), seed=7)
+    save_checkpoint(tmp_path, model, a_card(lora=LoraSettings(rank=2)))
+    back = load_checkpoint(tmp_path).model
+    assert all(torch.equal(a, b) for a, b in zip(model.parameters(), back.parameters(), strict=True))
+    assert [a.requires_grad for a in model.parameters()] == [b.requires_grad for b in back.parameters()]
+    tensors, _ = load_tensors(tmp_path)
+    layer = "backbone.language.layers.0.self_attn.q_proj"
+    assert {f"{layer}.weight", f"{layer}.lora_A", f"{layer}.lora_B"} <= tensors.keys()
+
+
+def test_tensors_of_a_base_are_stored_once_and_both_folders_can_move_together(saved, tmp_path):
+    model = load_checkpoint(saved).model
+    add_lora(model, LoraSettings(rank=2), seed=0)
+    save_checkpoint(tmp_path / "tuned", model, a_card(lora=LoraSettings(rank=2)), base=saved)
+    assert (tmp_path / "tuned" / WEIGHTS).stat().st_size < (saved / WEIGHTS).stat().st_size
+    (tmp_path / "moved").mkdir()
+    saved.rename(tmp_path / "moved" / "expert")
+    (tmp_path / "tuned").rename(tmp_path / "moved" / "tuned")
+    back = load_checkpoint(tmp_path / "moved" / "tuned")
+    assert torch.equal(back.model(*inputs(SMALL)), small_model()(*inputs(SMALL)))
+    assert back.card.base == "../expert"
+
+
+def test_another_base_in_the_bases_place_is_refused(saved, tmp_path):
+    save_checkpoint(tmp_path / "tuned", small_model(), a_card(), base=saved)
+    save_checkpoint(saved, small_model(seed=1), a_card())
+    refused(tmp_path / "tuned", "expected tensors of hash")
+
+
+def test_the_digest_is_of_the_content_and_not_of_the_place_or_the_metrics(saved, tmp_path):
+    save_checkpoint(tmp_path / "same", small_model(), a_card(metrics={}))
+    save_checkpoint(tmp_path / "other", small_model(seed=1), a_card())
+    save_checkpoint(tmp_path / "scaled", small_model(), a_card(statistics=some_statistics(1)))
+    digests = [digest_of(str(f)) for f in (saved, tmp_path / "same", tmp_path / "other", tmp_path / "scaled")]
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+
+
+@pytest.mark.parametrize("keep", [0, 4, 200, -1])
+def test_a_truncated_file_is_refused(saved, keep):
+    data = (saved / WEIGHTS).read_bytes()
+    (saved / WEIGHTS).write_bytes(data[:keep])
+    refused(saved, "truncated")
+
+
+def test_a_changed_weight_is_refused(saved):
+    data = bytearray((saved / WEIGHTS).read_bytes())
+    data[-1] ^= 1
+    (saved / WEIGHTS).write_bytes(data)
+    refused(saved, "expected tensors of hash")
+    with pytest.raises(CheckpointError, match="expected tensors of hash"):
+        digest_of(str(saved))
+
+
+def test_another_architecture_is_refused(saved):
+    refused(saved, "with image_size 32, got 'small' with 16", expected=replace(SMALL, image_size=32))
+
+
+def test_tensors_of_another_architecture_than_the_cards_are_refused(saved):
+    rewrite(saved, architecture=replace(SMALL, action_queries=5).as_json())
+    refused(saved, r"expected action_queries of shape \(5, 16\) by its card, got \(3, 16\)")
+
+
+def test_nan_weights_are_neither_saved_nor_loaded(saved, monkeypatch):
+    model = small_model()
+    with torch.no_grad():
+        model.action_queries[0, 0] = torch.nan
+    with pytest.raises(CheckpointError, match="NaN or infinity in action_queries"):
+        save_checkpoint(saved, model, a_card())
+    monkeypatch.setattr("policies.mergevla.checkpoint._check_finite", lambda *_: None)
+    save_checkpoint(saved, model, a_card())
+    monkeypatch.undo()
+    refused(saved, "NaN or infinity in action_queries")
+
+
+def test_missing_statistics_are_refused(saved):
+    rewrite(saved, statistics=None)
+    refused(saved, "expected normalisation statistics in the card, got none")
+
+
+def test_a_card_that_is_missing_or_broken_is_refused(saved):
+    rewrite(saved, format=7)
+    refused(saved, "card of format 1, got 7")
+    (saved / CARD).write_text("{")
+    refused(saved, "expected JSON")
+    (saved / CARD).unlink()
+    refused(saved, "got a folder without it")
+
+
+@pytest.mark.parametrize("name", ["model.pt", "pytorch_model.bin", "weights.pkl"])
+def test_a_pickle_is_refused_and_never_opened(tmp_path, name):
+    file = tmp_path / name
+    file.write_bytes(pickle.dumps(Exploding()))
+    refused(file, f"got {name}, a pickle: refused")
+    refused(tmp_path, f"got {name}, a pickle: refused")
+
+
+def test_a_pickle_by_the_name_of_safetensors_is_refused_and_never_opened(saved):
+    (saved / WEIGHTS).write_bytes(pickle.dumps(Exploding()))
+    refused(saved, "another format")
+
+
+def test_what_is_neither_folder_nor_hub_id_is_refused(saved):
+    refused(Path("/nowhere/at/all"), "a checkpoint's folder or a hub id")
+    refused(saved / CARD, "a checkpoint's folder or a hub id")
+
+
+def test_a_hub_id_is_fetched_by_its_revision_without_anything_but_weights_and_card(saved, monkeypatch):
+    asked = {}
+
+    def fetch(name, **options):
+        asked.update(options, name=name)
+        return str(saved)
+
+    monkeypatch.setattr("huggingface_hub.snapshot_download", fetch)
+    assert locate("owner/name@v1") == saved
+    assert asked == {"name": "owner/name", "revision": "v1", "allow_patterns": [WEIGHTS, CARD]}
+
+
+def test_a_hub_that_cannot_be_reached_is_told_in_one_line(monkeypatch):
+    def fetch(name, **options):
+        raise OSError("no route\nto host")
+
+    monkeypatch.setattr("huggingface_hub.snapshot_download", fetch)
+    refused("owner/name", "expected a folder or hub id, got 'owner/name', which is no folder: no route")
+
+
+class Exploding:
+    """Fails the test when it is unpickled."""
+
+    def __reduce__(self):
+        return pytest.fail, ("a pickle was opened",)

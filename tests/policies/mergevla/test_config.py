@@ -1,0 +1,47 @@
+"""Architectures: what can be written down, read back and switched."""
+
+from dataclasses import fields, replace
+
+import pytest
+
+from policies.mergevla.config import (
+    QWEN,
+    SIZES,
+    TINY,
+    ActionExpert,
+    Architecture,
+    ArchitectureError,
+    LoraSettings,
+    Quirks,
+)
+
+
+@pytest.mark.parametrize("architecture", [*SIZES.values(), replace(TINY, quirks=Quirks.paper())])
+def test_an_architecture_survives_json(architecture):
+    assert Architecture.from_json(architecture.as_json()) == architecture
+
+
+def test_what_is_repaired_is_the_default_and_the_paper_has_every_quirk():
+    assert not any(getattr(TINY.quirks, quirk.name) or getattr(QWEN.quirks, quirk.name) for quirk in fields(Quirks))
+    assert all(getattr(Quirks.paper(), quirk.name) for quirk in fields(Quirks))
+
+
+def test_both_sizes_count_their_patches():
+    assert (TINY.patches, QWEN.patches) == (72, 512)
+
+
+@pytest.mark.parametrize("spoil", [{"vision": {"kind": "Resnet"}}, {"language": None}, {"colour": "red"}])
+def test_an_architecture_that_does_not_read_is_refused(spoil):
+    with pytest.raises(ArchitectureError, match="does not read"):
+        Architecture.from_json({**TINY.as_json(), **spoil})
+
+
+def test_heads_of_odd_width_are_refused():
+    with pytest.raises(ArchitectureError, match="heads of even width"):
+        replace(TINY, expert=ActionExpert(heads=3))
+
+
+@pytest.mark.parametrize("rank", [0, -4, 2.5, True])
+def test_a_rank_out_of_range_is_refused(rank):
+    with pytest.raises(ArchitectureError, match="rank of 1 or more"):
+        LoraSettings(rank)
