@@ -81,7 +81,7 @@ class LanguageModel:
 
 
 @dataclass(frozen=True)
-class ActionExpert:
+class ExpertConfig:
     """The cross-attention stack that turns hidden states into actions, with one block for each decoder layer."""
 
     heads: int
@@ -130,7 +130,7 @@ class Architecture:
     """Widths of the layers between the vision features and the language model's own width."""
     language: LanguageModel
     action_queries: int
-    expert: ActionExpert
+    expert: ExpertConfig
     tokenizer: str
     """`words` for hashed words, else what `transformers.AutoTokenizer` can load: a folder or a hub id."""
     prompt_tokens: int
@@ -188,7 +188,7 @@ class Architecture:
                 if kind == "ConvStem"
                 else Towers(Tower(**vision["dinov2"]), Tower(**vision["siglip"]))
             )
-            for name, part in (("language", LanguageModel), ("expert", ActionExpert), ("quirks", Quirks)):
+            for name, part in (("language", LanguageModel), ("expert", ExpertConfig), ("quirks", Quirks)):
                 parts[name] = part(**parts[name])
             values: Any = {name: tuple(value) if isinstance(value, list) else value for name, value in parts.items()}
             return cls(**values)
@@ -223,7 +223,7 @@ TINY = Architecture(
         width=128, layers=4, heads=4, key_value_heads=4, feed_forward=256, vocabulary=1280, bidirectional=True
     ),
     action_queries=8,
-    expert=ActionExpert(heads=4),
+    expert=ExpertConfig(heads=4),
     tokenizer="words",
     prompt_tokens=16,
 )
@@ -236,7 +236,7 @@ QWEN = Architecture(
     projector=(8704, 896),
     language=LanguageModel(width=896, layers=24, heads=14, key_value_heads=2, feed_forward=4864, vocabulary=151936),
     action_queries=64,
-    expert=ActionExpert(heads=8),
+    expert=ExpertConfig(heads=8),
     tokenizer="Qwen/Qwen2.5-0.5B",
     prompt_tokens=64,
 )

@@ -22,7 +22,7 @@ def _load(options: Mapping[str, Any]) -> Policy:
         from policies.mergevla.acting import MergeVLAPolicy
     except ModuleNotFoundError as error:
         raise PolicyError(
-            f"policy 'mergevla': expected its packages (pip install 'robogauntlet[mergevla]'), got none named {error.name}"
+            f"policy 'mergevla': expected the packages of robogauntlet[mergevla], found none named {error.name}"
         ) from None
     return MergeVLAPolicy.from_checkpoint(reference)
 

@@ -7,7 +7,7 @@ import torch
 
 from adapters.contract import Observation
 from policies.contract import Query
-from policies.mergevla.config import TINY, ActionExpert, ConvStem, LanguageModel, Quirks
+from policies.mergevla.config import TINY, ConvStem, ExpertConfig, LanguageModel, Quirks
 from policies.mergevla.model import build
 from policies.mergevla.normalisation import Statistics
 from policies.mergevla.tokens import tokenizer_for
@@ -21,7 +21,7 @@ SMALL = replace(
     projector=(16,),
     language=LanguageModel(16, layers=2, heads=2, key_value_heads=1, feed_forward=32, vocabulary=64),
     action_queries=3,
-    expert=ActionExpert(heads=2),
+    expert=ExpertConfig(heads=2),
     prompt_tokens=8,
 )
 INSTRUCTIONS = ("push the cube", "open the door with the handle", "reach", "stack")

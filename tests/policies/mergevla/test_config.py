@@ -8,9 +8,9 @@ from policies.mergevla.config import (
     QWEN,
     SIZES,
     TINY,
-    ActionExpert,
     Architecture,
     ArchitectureError,
+    ExpertConfig,
     LoraSettings,
     Quirks,
 )
@@ -38,7 +38,7 @@ def test_an_architecture_that_does_not_read_is_refused(spoil):
 
 def test_heads_of_odd_width_are_refused():
     with pytest.raises(ArchitectureError, match="heads of even width"):
-        replace(TINY, expert=ActionExpert(heads=3))
+        replace(TINY, expert=ExpertConfig(heads=3))
 
 
 @pytest.mark.parametrize("rank", [0, -4, 2.5, True])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from policies.contract import PolicyError
 from policies.mergevla.action_expert import Block, rotate
-from policies.mergevla.config import QWEN, TINY, ActionExpert, LanguageModel, Quirks
+from policies.mergevla.config import QWEN, TINY, ExpertConfig, LanguageModel, Quirks
 from policies.mergevla.model import MergeVLA, build, count
 from policies.mergevla.tokens import Prompts, tokenizer_for
 from tests.policies.mergevla.shared import SMALL, inputs, small_model, with_quirk
@@ -130,7 +130,7 @@ def test_training_noise_is_there_in_training_only():
 
 def test_only_self_attention_lets_a_chunks_steps_see_each_other():
     for variant in (False, True):
-        block = Block(replace(SMALL, expert=ActionExpert(heads=2, self_attention=variant)))
+        block = Block(replace(SMALL, expert=ExpertConfig(heads=2, self_attention=variant)))
         tokens, keys = torch.randn(1, 8, 16), torch.randn(1, 4, 16)
         changed = tokens.clone()
         changed[:, 0] += 1.0
@@ -147,10 +147,10 @@ def test_a_closed_gate_hides_the_differences_among_task_states():
 
 
 def test_the_gate_is_a_sigmoid_unless_it_is_vla_adapters():
-    assert not ActionExpert(4).gates_by_tanh
-    assert ActionExpert(4, self_attention=True).gates_by_tanh
-    assert not ActionExpert(4, self_attention=True, tanh_gate=False).gates_by_tanh
-    assert ActionExpert(4, tanh_gate=True).gates_by_tanh
+    assert not ExpertConfig(4).gates_by_tanh
+    assert ExpertConfig(4, self_attention=True).gates_by_tanh
+    assert not ExpertConfig(4, self_attention=True, tanh_gate=False).gates_by_tanh
+    assert ExpertConfig(4, tanh_gate=True).gates_by_tanh
 
 
 def test_inputs_of_another_shape_are_refused():
@@ -164,7 +164,7 @@ def test_inputs_of_another_shape_are_refused():
 
 def test_the_tiny_size_can_learn_eight_samples_by_heart():
     torch.set_num_threads(1)
-    model, steps = build(TINY, 0).train(), 100
+    model, steps = build(TINY, 0).train(), 80
     batch = inputs(TINY, batch=8)
     start, way = (torch.rand(2, 8, 1, 7, generator=torch.Generator().manual_seed(1)) * 2 - 1).unbind()
     chunks = (start + way * torch.linspace(0, 1, 8)[:, None]).clamp(-1, 1)

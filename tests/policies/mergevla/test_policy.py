@@ -2,18 +2,24 @@
 
 import subprocess
 import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from adapters.catalog import open_simulation
 from adapters.contract import ACTION_DIM
-from policies.contract import PolicyError, Query
+from orchestrator.rollout import rollout
+from policies.contract import PolicyError, Query, check_fit
 from policies.mergevla.card import Card
 from policies.mergevla.checkpoint import save_checkpoint
 from policies.mergevla.config import LoraSettings
 from policies.mergevla.lora import add_lora
 from policies.mergevla.policy import KIND
+from suites.vocabulary import Episode, Protocol, View
 from tests.policies.mergevla.shared import SMALL, query, small_model, some_statistics
 
 
@@ -29,6 +35,21 @@ def test_declaring_the_kind_and_hashing_a_checkpoint_import_no_torch(options):
         f"KIND.digest({options!r}); assert not {{'torch', 'transformers', 'peft', 'safetensors'}} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_the_entry_point_names_the_kind():
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())
+    place = project["project"]["entry-points"]["robogauntlet.policies"][KIND.name]
+    assert metadata.EntryPoint(KIND.name, place, "robogauntlet.policies").load() is KIND
+
+
+def test_it_plays_an_episode_twice_the_same(options):
+    view = View(image_size=SMALL.image_size)
+    simulation, policy = open_simulation("null/Reach", view), KIND.load(options)
+    check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
+    episode = Episode("p", KIND.digest(options), "null/Reach", 3, Protocol(horizon=20, view=view))
+    one, two = rollout(simulation, policy, episode), rollout(simulation, policy, episode)
+    assert (one.queries, one.actions_hash) == (3, two.actions_hash)
 
 
 def test_the_policy_needs_what_its_network_was_made_for(options):

@@ -9,7 +9,7 @@ from transformers import PreTrainedTokenizerFast
 
 from policies.contract import PolicyError
 from policies.mergevla.backbone import Backbone, Pretrained, load_pretrained
-from policies.mergevla.config import QWEN, ActionExpert, LanguageModel, LoraSettings, Tower, Towers
+from policies.mergevla.config import QWEN, ExpertConfig, LanguageModel, LoraSettings, Tower, Towers
 from policies.mergevla.lora import add_lora, lora_deltas
 from policies.mergevla.model import build
 from policies.mergevla.tokens import tokenizer_for
@@ -23,7 +23,7 @@ LITTLE = replace(
     projector=(32, 16),
     language=LanguageModel(16, layers=2, heads=2, key_value_heads=1, feed_forward=32, vocabulary=64),
     action_queries=4,
-    expert=ActionExpert(heads=2),
+    expert=ExpertConfig(heads=2),
     tokenizer="words",
 )
 TEMPLATE = "{% for m in messages %}<s> {{ m['role'] }} {{ m['content'] }} {% endfor %}"
