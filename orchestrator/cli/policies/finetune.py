@@ -33,6 +33,7 @@ def finetune(
     The expert's checkpoint holds only what differs from the base, which must stay where it is.
     """
     with needs_training_packages():
+        from policies.mergevla.card import locate, read_card
         from policies.mergevla.config import LoraSettings
         from policies.training import finetune as training
         from policies.training.options import settings_of
@@ -42,6 +43,7 @@ def finetune(
         settings = settings_of(steps, batch_size, learning_rate, schedule, shift, seed, threads)
         lora = LoraSettings(rank, adapt_convolutions)
         start = Path(base) if Path(base).exists() else base
+        read_card(locate(base))  # decoding the data takes minutes, a mistyped base should not
         return training.finetune(
             Pool.open([data]), start, out_folder, settings, lora=lora, listener=listener, stop=stop
         )

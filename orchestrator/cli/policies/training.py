@@ -101,12 +101,13 @@ def run_training(folder: Path, train: Callable[[Callable[[Pace], None], Callable
         BadInput: What was asked for cannot be.
         typer.Exit: It was stopped before its end.
     """
-    progress = TrainingProgress(out)
+    progress, new = TrainingProgress(out), not folder.exists()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with locked(folder), progress.shown(), stoppable() as stop:
             trained = train(progress.show, stop)
     except (PolicyError, FolderError) as error:
+        if new:
+            _remove_if_unused(folder)
         raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{folder}: {error.strerror}") from None
@@ -117,3 +118,10 @@ def run_training(folder: Path, train: Callable[[Callable[[Pace], None], Callable
     held_out = f", held-out {metrics['held_out_l1']:.4f}" if "held_out_l1" in metrics else ""
     took = format_duration(trained.history.seconds)
     out.print(f"{folder}: L1 {metrics['train_l1']:.4f}{held_out} after {took}", markup=False, soft_wrap=True)
+
+
+def _remove_if_unused(folder: Path) -> None:
+    """Leave nothing behind for a mistyped command."""
+    if [path.name for path in folder.glob("*")] == [".lock"]:
+        (folder / ".lock").unlink()
+        folder.rmdir()
