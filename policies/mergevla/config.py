@@ -217,7 +217,7 @@ class LoraSettings:
 TINY = Architecture(
     name="tiny",
     image_size=96,
-    vision=ConvStem(),
+    vision=ConvStem((16, 32, 64, 96, 128)),
     projector=(256,),
     language=LanguageModel(
         width=128, layers=4, heads=4, key_value_heads=4, feed_forward=256, vocabulary=1280, bidirectional=True
@@ -227,7 +227,8 @@ TINY = Architecture(
     tokenizer="words",
     prompt_tokens=16,
 )
-"""Trained here from nothing, on a CPU: 1.76 M parameters."""
+"""Trained here from nothing, on a CPU: 1.94 M parameters. Five strides leave 9 patches per camera: with 36 a step of
+training takes twice as long."""
 
 QWEN = Architecture(
     name="qwen2.5-0.5b",

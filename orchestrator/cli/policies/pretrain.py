@@ -1,0 +1,52 @@
+"""`gauntlet policies pretrain`: train the base that experts start from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from orchestrator.cli.policies.training import needs_training_packages, run_training
+
+if TYPE_CHECKING:
+    from policies.training.finetune import Pace, Trained
+
+
+def pretrain(
+    data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="Datasets, or folders of datasets.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
+    size: Annotated[str, typer.Option(help="tiny, or qwen2.5-0.5b with pretrained weights.")] = "tiny",
+    steps: Annotated[int, typer.Option(help="Steps of the optimiser.")] = 2000,
+    batch_size: Annotated[int, typer.Option(help="Frames per step.")] = 32,
+    learning_rate: Annotated[float, typer.Option(help="After the warm-up.")] = 1e-3,
+    schedule: Annotated[str, typer.Option(help="cosine or constant.")] = "cosine",
+    shift: Annotated[int, typer.Option(help="Images are moved at random by up to so many px.")] = 4,
+    seed: Annotated[int, typer.Option(help="Of weights, batches and shifts.")] = 0,
+    threads: Annotated[int, typer.Option(help="Threads on the CPU.")] = 1,
+) -> None:
+    """Train backbone and action expert on the demonstrations of all tasks. Stopped, the same command continues."""
+    with needs_training_packages():
+        from policies.mergevla.backbone import Pretrained, load_pretrained
+        from policies.mergevla.config import ConvStem
+        from policies.training import finetune as training
+        from policies.training.options import architecture_named, settings_of
+        from policies.training.pool import Pool
+
+    def train(listener: Callable[[Pace], None], stop: Callable[[], bool]) -> Trained:
+        architecture = architecture_named(size)
+        settings = settings_of(steps, batch_size, learning_rate, schedule, shift, seed, threads)
+        pool = Pool.open(data)
+        pretrained = not isinstance(architecture.vision, ConvStem)
+        return training.pretrain(
+            pool,
+            architecture,
+            out_folder,
+            settings,
+            prepare=(lambda model: load_pretrained(model.backbone, Pretrained())) if pretrained else None,
+            listener=listener,
+            stop=stop,
+        )
+
+    run_training(out_folder, train)

@@ -1,0 +1,90 @@
+"""What a training needs to go on where it was stopped, in one safetensors file whose header holds the rest as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from policies.contract import PolicyError
+
+STATE_FILE = "training.safetensors"
+MOMENTS = ("exp_avg", "exp_avg_sq")
+
+
+class TrainingError(PolicyError):
+    """A training that cannot be begun or continued."""
+
+
+@dataclass
+class History:
+    """How far a training is, and what was measured on the way."""
+
+    identity: str
+    """Hash of everything that decides the weights it ends with."""
+    step: int = 0
+    """Steps taken."""
+    seconds: float = 0.0
+    losses: list[float] = field(default_factory=list)
+    """Training loss of each step."""
+    held_out: list[tuple[int, float]] = field(default_factory=list)
+    """Steps taken, and the loss on held-out episodes then."""
+
+
+def save_state(path: Path, weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, history: History) -> None:
+    """Write the trained weights, AdamW's moments and the history. The file is complete under its name or not there."""
+    tensors = {f"weight/{name}": weight.detach().cpu().contiguous() for name, weight in weights.items()}
+    for name, weight in weights.items():
+        moments = optimiser.state[weight]
+        tensors |= {f"{kind}/{name}": moments[kind].detach().cpu().contiguous() for kind in MOMENTS if moments}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.partial")
+    save_file(tensors, partial, metadata={"training": json.dumps(asdict(history))})
+    partial.replace(path)
+
+
+def load_state(
+    path: Path, weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, identity: str
+) -> History | None:
+    """Fill weights and moments from the file, if it is there.
+
+    Raises:
+        TrainingError: It is broken, or of another training than `identity`'s.
+    """
+    if not path.is_file():
+        return None
+    try:
+        with safe_open(path, framework="pt") as file:
+            plain = json.loads(file.metadata()["training"])
+            history = History(**{**plain, "held_out": [(int(step), float(loss)) for step, loss in plain["held_out"]]})
+            tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, TypeError, KeyError, ValueError) as error:
+        raise TrainingError(f"{path}: expected a training's state, got one that does not read: {error}") from None
+    if history.identity != identity:
+        raise TrainingError(
+            f"{path.parent}: expected the same data, base and settings to continue its training, got others; "
+            f"choose another folder or delete {STATE_FILE} there"
+        )
+    try:
+        _fill(weights, optimiser, tensors, history.step)
+    except (KeyError, RuntimeError) as error:
+        raise TrainingError(f"{path}: expected this network's tensors, got others: {error}") from None
+    return history
+
+
+@torch.no_grad()
+def _fill(
+    weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, tensors: Mapping[str, Any], step: int
+) -> None:
+    for name, weight in weights.items():
+        weight.copy_(tensors[f"weight/{name}"])
+        if step:
+            moments = {kind: tensors[f"{kind}/{name}"].to(weight.device) for kind in MOMENTS}
+            optimiser.state[weight] = {"step": torch.tensor(float(step)), **moments}

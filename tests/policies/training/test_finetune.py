@@ -1,0 +1,222 @@
+"""Training: it learns, it repeats, it can be stopped, its card says what happened, and mistakes are one line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from safetensors.torch import load_file
+
+from orchestrator.cli.policies.training import line
+from policies.contract import PolicyError
+from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
+from policies.mergevla.checkpoint import load_checkpoint, load_tensors
+from policies.mergevla.config import LoraSettings
+from policies.training.augmentation import shift
+from policies.training.finetune import Pace, Settings, finetune, masked_l1, pretrain
+from policies.training.lerobot import Recording, encode_episode
+from policies.training.options import settings_of
+from policies.training.pool import Pool
+from policies.training.schedule import Schedule, rate_at
+from policies.training.state import STATE_FILE, TrainingError
+from policies.training.writing import Attempt, DatasetWriter
+from tests.policies.mergevla.shared import SMALL
+
+LORA = LoraSettings(4)
+QUICK = Settings(steps=6, batch_size=8, warm_up=2, evaluate_every=3, largest_shift=1)
+
+
+def episode(seed, instruction="reach the goal", size=16, steps=12):
+    """The motion's sign is in the picture: bright means +1."""
+    generator = np.random.default_rng(seed)
+    sign = 1.0 if seed % 2 else -1.0
+    frames = list(np.full((steps, size, size, 3), 128 + 100 * sign, np.uint8))
+    actions = np.zeros((steps, 7))
+    actions[:, :3], actions[:, 6] = sign * 0.05, sign
+    return Recording(
+        seed=seed,
+        instruction=instruction,
+        control_hz=20.0,
+        states=generator.normal(size=(steps, 8)),
+        actions=actions,
+        success=np.arange(steps) >= steps - 5,
+        images={"third_person": frames, "wrist": frames},
+    )
+
+
+def dataset(folder, name, seeds=range(6), **options):
+    writer = DatasetWriter(folder / name, {"task": f"null/{name}"})
+    for seed in seeds:
+        recorded = episode(seed, **options)
+        writer.commit([Attempt(seed, "success", len(recorded.actions))], [encode_episode(recorded)])
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    return [dataset(folder, "Reach"), dataset(folder, "Push", range(10, 14), instruction="push the cube")]
+
+
+@pytest.fixture(scope="module")
+def pool(data):
+    return Pool.open(data)
+
+
+@pytest.fixture(scope="module")
+def base(pool, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("base")
+    pretrain(pool, SMALL, folder, QUICK)
+    return folder
+
+
+def stop_after(steps):
+    """A `Stop` that says yes after so many steps."""
+    left = iter(range(steps))
+    return lambda: next(left, None) in (steps - 1, None)
+
+
+def test_loss_falls(pool, tmp_path):
+    settings = replace(QUICK, steps=60, batch_size=16, learning_rate=5e-3)
+    losses = pretrain(pool, SMALL, tmp_path, settings).history.losses
+    assert np.mean(losses[-5:]) < 0.5 * np.mean(losses[:5])
+
+
+def test_held_out_episodes_are_never_trained_on(data):
+    pool = Pool.open(data[:1])
+    seen = {row.tobytes() for step in range(30) for row in pool.sample(16, seed=0, step=step, chunk_length=8).states}
+    held_out = {row.tobytes() for batch in pool.held_out(16, chunk_length=8) for row in batch.states}
+    assert len(held_out) == 12
+    assert not seen & held_out
+
+
+def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
+    again = pretrain(pool, SMALL, tmp_path / "again", QUICK).card
+    other = pretrain(pool, SMALL, tmp_path / "other", replace(QUICK, seed=1)).card
+    assert again.tensor_hash == read_card(base).tensor_hash != other.tensor_hash
+
+
+def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_path):
+    pool = Pool.open(data[:1])
+    whole = finetune(pool, base, tmp_path / "whole", QUICK, lora=LORA)
+    for steps in (1, 2):
+        assert finetune(pool, base, tmp_path / "parts", QUICK, lora=LORA, stop=stop_after(steps)).card is None
+    parts = finetune(Pool.open(data[:1]), base, tmp_path / "parts", QUICK, lora=LORA)
+    ours, theirs = (load_file(tmp_path / name / WEIGHTS) for name in ("whole", "parts"))
+    assert ours.keys() == theirs.keys()
+    assert all(torch.equal(ours[name], theirs[name]) for name in ours)
+    assert parts.history.losses == whole.history.losses
+    assert parts.history.held_out == whole.history.held_out
+    assert not (tmp_path / "parts" / STATE_FILE).exists()
+
+
+def test_the_state_is_written_while_training(pool, tmp_path):
+    there = []
+    pretrain(
+        pool,
+        SMALL,
+        tmp_path,
+        replace(QUICK, save_s=0.0),
+        listener=lambda pace: there.append((tmp_path / STATE_FILE).exists()),
+    )
+    assert there == [False, True, True, True, True, True]
+
+
+def test_a_killed_training_continues_from_the_state_that_was_written(pool, base, tmp_path):
+    def die(pace):
+        if pace.step == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pretrain(pool, SMALL, tmp_path, replace(QUICK, save_s=0.0), listener=die)
+    assert pretrain(pool, SMALL, tmp_path, QUICK).card.tensor_hash == read_card(base).tensor_hash
+
+
+def test_the_card_says_what_it_was_trained_on_and_how(pool, base, data, tmp_path):
+    finetune(Pool.open(data[1:]), base, tmp_path, QUICK, lora=LORA)
+    card = verified_card(tmp_path)
+    assert card.tasks == ("null/Push",)
+    assert card.data_hash == Pool.open(data[1:]).data_hash
+    assert card.lora == LORA
+    assert card.base_hash == read_card(base).tensor_hash
+    assert card.metrics["seed"] == 0
+    assert 0.0 < card.metrics["train_l1"] < 2.0
+    assert 0.0 < card.metrics["held_out_l1"] < 2.0
+    assert read_card(base).tasks == ("null/Push", "null/Reach")
+
+
+def test_an_expert_differs_from_its_base_in_adapters_and_action_expert_only(data, base, tmp_path):
+    finetune(Pool.open(data[:1]), base, tmp_path, QUICK, lora=LORA)
+    before, _ = load_tensors(base)
+    after, _ = load_tensors(tmp_path)
+    backbone = {name for name in before if name.startswith("backbone.")}
+    assert all(torch.equal(before[name], after[name]) for name in backbone)
+    assert {name.split(".")[0] for name in after.keys() - before.keys()} == {"backbone"}
+    assert not torch.equal(before["action_expert.output.weight"], after["action_expert.output.weight"])
+    assert load_checkpoint(tmp_path).card.statistics != read_card(base).statistics
+
+
+def test_the_loss_leaves_out_what_is_masked():
+    predicted, target = torch.zeros(2, 3, 7), torch.ones(2, 3, 7)
+    target[1, 1:] = 100.0
+    mask = torch.tensor([[True, True, True], [True, False, False]])
+    assert masked_l1(predicted, target, mask) == 1.0
+
+
+@given(st.integers(1, 300), st.integers(0, 50), st.sampled_from(Schedule))
+def test_learning_rates_rise_then_never_rise(steps, warm_up, schedule):
+    rates = [rate_at(step, steps=steps, warm_up=warm_up, schedule=schedule) for step in range(steps)]
+    assert all(0.0 < rate <= 1.0 for rate in rates)
+    assert rates[:warm_up] == sorted(rates[:warm_up])
+    assert rates[warm_up:] == sorted(rates[warm_up:], reverse=True)
+
+
+def test_a_shift_moves_down_and_right_and_repeats_the_border():
+    image = np.arange(16, dtype=np.uint8).reshape(1, 4, 4, 1).repeat(3, axis=-1)
+    moved = shift(image, np.array([[1, -1]]), 2)
+    assert moved[0, 1:, :-1, 0].tolist() == image[0, :-1, 1:, 0].tolist()
+    assert moved[0, 0, :-1, 0].tolist() == image[0, 0, 1:, 0].tolist()
+
+
+def test_progress_is_one_line():
+    said = line(Pace(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
+    assert said == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
+
+
+def test_mistakes_are_one_line(pool, base, data, tmp_path):
+    wide = dataset(tmp_path, "Wide", size=32)
+    expert = tmp_path / "expert"
+    finetune(Pool.open(data[:1]), base, expert, QUICK, lora=LORA)
+    mistakes = {
+        "expected 16 px images": lambda: finetune(Pool.open([wide]), base, tmp_path / "a", QUICK, lora=LORA),
+        "expected 16 px images of": lambda: Pool.open([data[0], wide]),
+        "expected a dataset": lambda: Pool.open([tmp_path / "nowhere"]),
+        "expected steps of 1 or more, got 0": lambda: replace(QUICK, steps=0),
+        "expected a learning rate": lambda: replace(QUICK, learning_rate=2.0),
+        "expected a schedule out of cosine, constant": lambda: settings_of(1, 1, 1e-3, "step", 0, 0, 1),
+        "expected a base that stands alone": lambda: finetune(pool, expert, tmp_path / "b", QUICK, lora=LORA),
+        "holds a finished one": lambda: pretrain(pool, SMALL, base, QUICK),
+        "expected a checkpoint's folder or a hub id": lambda: finetune(pool, "none", tmp_path, QUICK, lora=LORA),
+        "expected images of camera top": lambda: pretrain(
+            pool, replace(SMALL, cameras=("top",)), tmp_path / "c", QUICK
+        ),
+    }
+    for message, mistake in mistakes.items():
+        with pytest.raises(PolicyError, match=message) as caught:
+            mistake()
+        assert "\n" not in str(caught.value)
+
+
+def test_a_stopped_training_is_not_continued_with_other_settings(pool, tmp_path):
+    pretrain(pool, SMALL, tmp_path, QUICK, stop=stop_after(2))
+    with pytest.raises(TrainingError, match="expected the same data, base and settings"):
+        pretrain(pool, SMALL, tmp_path, replace(QUICK, seed=5))
+    assert not (tmp_path / CARD).exists()
+
+
+def test_a_broken_state_is_said_to_be_broken(pool, tmp_path):
+    (tmp_path / STATE_FILE).write_bytes(b"nothing")
+    with pytest.raises(TrainingError, match="does not read"):
+        pretrain(pool, SMALL, tmp_path, QUICK)
