@@ -50,7 +50,7 @@ class ConvStems(nn.Module):
 
     def __init__(self, config: ConvStem, cameras: int, image_size: int) -> None:
         super().__init__()
-        self.stems = nn.ModuleList(_stem(config.channels) for _ in range(cameras))
+        self.stems = nn.ModuleList(_stem(config) for _ in range(cameras))
         self.positions = nn.Parameter(torch.randn(cameras, config.patches(image_size), config.width) * 0.02)
 
     def forward(self, images: Tensor) -> Tensor:
@@ -171,10 +171,10 @@ def _fill(module: nn.Module, kind: Callable[..., Any], source: str) -> None:
     module.load_state_dict({name: weights[name] for name in own})
 
 
-def _stem(channels: tuple[int, ...]) -> nn.Sequential:
+def _stem(config: ConvStem) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for before, after in pairwise((3, *channels)):
-        layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.GELU()]
+    for before, after in pairwise((3, *config.channels)):
+        layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.GroupNorm(config.groups, after), nn.GELU()]
     return nn.Sequential(*layers)
 
 
