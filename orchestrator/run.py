@@ -37,8 +37,6 @@ class RunOptions:
     """URL of the store, or None for a file in the run folder."""
     address: str | None = None
     """Ray cluster to join, or None for this machine."""
-    required: tuple[str, ...] = ()
-    """Simulators without which the run must not start."""
     retry_errors: bool = False
     """Play episodes again whose row is an error."""
     media: bool = True

@@ -100,7 +100,6 @@ class _Simulator:
     queue: WorkQueue
     first: Cell
     failed_starts: int = 0
-    works: bool = False
 
 
 @dataclass
@@ -240,7 +239,7 @@ class Scheduler:
             self._give_up(slot.simulator, answer)
             return
         slot.open_task = simulator.first.task
-        simulator.works, simulator.failed_starts = True, 0
+        simulator.failed_starts = 0
         self.observer.started(slot.simulator, answer)
 
     def _give_up(self, name: str, reason: str) -> None:

@@ -43,7 +43,7 @@ def run(
     out.print(f"{plan.suite.name}: {plan.episodes} episodes into {folder}", markup=False, soft_wrap=True)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
-    options = RunOptions(store, address, required, retry_errors, media)
+    options = RunOptions(store, address, retry_errors, media)
     try:
         outcome = run_plan(plan, folder, options, Progress(out))
     except (PlanError, FolderError, RunError, StoreError) as error:

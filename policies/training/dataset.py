@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM, FloatArray
+from adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from policies.training.lerobot import (
     ACTION,
     CODEBASE_VERSION,
@@ -49,18 +49,6 @@ class Batch:
     mask: NDArray[np.bool_]
     """False past the episode's end, shape (b, chunk)."""
     instructions: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """Quantiles of every dimension over all frames (NumPy's linear interpolation), for normalising."""
-
-    state_q01: FloatArray
-    """Shape (8,)."""
-    state_q99: FloatArray
-    action_q01: FloatArray
-    """Shape (7,)."""
-    action_q99: FloatArray
 
 
 class Demonstrations:
@@ -214,13 +202,6 @@ class Demonstrations:
         if not np.isfinite(values).all():
             raise DatasetError(f"{self.folder}: {name}: expected finite numbers, got NaN or infinity")
         return values
-
-
-def statistics(datasets: Sequence[Demonstrations]) -> Statistics:
-    """Statistics of several datasets taken together."""
-    states = np.concatenate([dataset.states for dataset in datasets]).astype(np.float64)
-    actions = np.concatenate([dataset.actions for dataset in datasets]).astype(np.float64)
-    return Statistics(*np.quantile(states, (0.01, 0.99), axis=0), *np.quantile(actions, (0.01, 0.99), axis=0))
 
 
 def pooled_hash(datasets: Sequence[Demonstrations]) -> str:

@@ -94,7 +94,8 @@ def check_taus(taus: Taus) -> None:
 def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
     """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32.
 
-    Differences of weights that were rounded to bf16 lose the small deltas; give `lora_delta` what LoRA learned instead.
+    Differences of weights that were rounded to bf16 lose the small deltas; take
+    `policies.mergevla.lora.lora_deltas` where LoRA did the tuning.
 
     Raises:
         ExpertsDiffer: Names or shapes differ.
@@ -102,26 +103,6 @@ def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
     if problem := difference(base, tuned):
         raise ExpertsDiffer(f"the fine-tuned weights do not fit the base: {problem}")
     return {name: tuned[name].to(torch.float32) - weight.to(torch.float32) for name, weight in base.items()}
-
-
-def lora_delta(a: torch.Tensor, b: torch.Tensor, scaling: float) -> torch.Tensor:
-    """What a LoRA adapter adds to its weight (arXiv 2106.09685): scaling * B A, in fp32.
-
-    Args:
-        a: Shape (rank, inputs).
-        b: Shape (outputs, rank).
-        scaling: alpha / rank.
-
-    Returns:
-        Shape (outputs, inputs).
-
-    Raises:
-        ExpertsDiffer: The factors do not fit each other.
-    """
-    if a.ndim != 2 or b.ndim != 2 or a.shape[0] != b.shape[1]:
-        expected = "expected LoRA factors of shapes (rank, inputs) and (outputs, rank)"
-        raise ExpertsDiffer(f"{expected}, got {tuple(a.shape)} and {tuple(b.shape)}")
-    return (b.to(torch.float32) @ a.to(torch.float32)) * scaling
 
 
 def weights_hash(weights: Weights) -> str:

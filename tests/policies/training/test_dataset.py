@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from policies.training.dataset import Demonstrations, find_datasets, pooled_hash, statistics
+from policies.training.dataset import Demonstrations, find_datasets, pooled_hash
 from policies.training.lerobot import DatasetError
 from tests.policies.training.synthetic import recording, write
 
@@ -65,16 +65,6 @@ def test_preloaded_images_are_the_same(dataset):
     after = dataset.batch(np.array([2, 9]))
     for camera in dataset.spec.cameras:
         assert np.array_equal(before.images[camera], after.images[camera])
-
-
-def test_statistics_are_numpys_quantiles_over_all_frames(dataset, tmp_path):
-    write(tmp_path / "other", [recording(7, 40)])
-    both = [dataset, Demonstrations(tmp_path / "other")]
-    found = statistics(both)
-    actions = np.concatenate([d.actions for d in both]).astype(float)
-    assert np.allclose(found.action_q01, np.quantile(actions, 0.01, axis=0))
-    assert np.allclose(found.action_q99, np.quantile(actions, 0.99, axis=0))
-    assert (found.state_q01.shape, found.action_q99.shape) == ((8,), (7,))
 
 
 def test_the_hash_does_not_depend_on_files_or_order(dataset, recordings, tmp_path):

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from policies.mergevla.merging.taus import ExpertsDiffer, lora_delta, rms, task_vector, weights_hash
+from policies.mergevla.merging.taus import ExpertsDiffer, rms, task_vector, weights_hash
 
 
 def test_a_task_vector_is_what_fine_tuning_added():
@@ -16,21 +16,14 @@ def test_a_task_vector_of_other_weights_is_refused():
         task_vector({}, {"w": torch.zeros(1)})
 
 
-def test_lora_factors_give_the_delta_that_folding_into_bf16_loses():
+def test_folding_into_bf16_loses_small_deltas():
     generator = torch.Generator().manual_seed(0)
     a, b = torch.randn(2, 50, generator=generator), torch.randn(40, 2, generator=generator)
     base = {"w": (torch.randn(40, 50, generator=generator) * 0.03).bfloat16()}
-    delta = lora_delta(a, b, 1e-5)
-    torch.testing.assert_close(delta, b @ a * 1e-5)
+    delta = b @ a * 1e-5
     folded = task_vector({"w": (base["w"].float() + delta).bfloat16()}, base)["w"]
     assert (folded == 0).float().mean() > 0.3
     assert (delta == 0).float().mean() < 0.01
-
-
-@pytest.mark.parametrize(("a", "b"), [((2, 5), (4, 3)), ((2,), (4, 2)), ((5, 2), (4, 2))])
-def test_lora_factors_that_do_not_fit_are_refused(a, b):
-    with pytest.raises(ExpertsDiffer, match="expected LoRA factors"):
-        lora_delta(torch.zeros(a), torch.zeros(b), 1.0)
 
 
 def test_the_hash_of_weights_changes_with_values_names_shapes_and_types_only():
