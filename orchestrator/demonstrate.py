@@ -20,6 +20,7 @@ from policies import catalog as policies
 from policies.training.writing import DatasetWriter
 from results.run import RunStatus
 from suites.loading import load_suite
+from suites.plugins import nearest
 from suites.schema import expand_tasks
 from suites.vocabulary import CAMERAS, Cell, Protocol, RenderProfile, View, content_hash
 
@@ -54,7 +55,7 @@ class Order:
         """What is wrong with it, a line each."""
         known = known_names().tasks
         can = playable(self.tasks)
-        found = [f"unknown task '{task}'; see: gauntlet list" for task in self.tasks if task not in known]
+        found = [f"unknown task '{task}'{nearest(task, known)}" for task in self.tasks if task not in known]
         found += [f"the oracle has no script for '{task}'" for task in self.tasks if task in known and task not in can]
         if not self.tasks:
             found.append("expected at least one task, got none")

@@ -15,6 +15,7 @@ from policies import catalog as policies
 from policies.contract import PolicyError, PolicyMismatch, check_fit
 from results.run import PlannedCell, RunDocument
 from suites.loading import Problem, SuiteError, load_suite
+from suites.plugins import nearest
 from suites.schema import Suite
 from suites.vocabulary import Cell
 
@@ -81,10 +82,19 @@ class Plan:
 
 
 def find_suite(name: str) -> Path:
-    """The path of a suite file, or of the shipped suite of that name."""
+    """The path of a suite file, or of the shipped suite of that name.
+
+    Raises:
+        SuiteError: A name without a suffix that is neither.
+    """
     path = Path(name)
-    shipped = SHIPPED / f"{name}.yaml"
-    return shipped if not path.suffix and not path.exists() and shipped.is_file() else path
+    if path.suffix or path.exists():
+        return path
+    shipped = {file.stem: file for file in SHIPPED.glob("*.yaml")}
+    if name not in shipped:
+        message = f"no such file, and no shipped suite of that name{nearest(name, shipped)}"
+        raise SuiteError([Problem(name, None, message)])
+    return shipped[name]
 
 
 def make_plan(path: Path, *, only: Sequence[str] = ()) -> Plan:
@@ -128,7 +138,11 @@ def make_plan(path: Path, *, only: Sequence[str] = ()) -> Plan:
         name: reason for name in plan.simulators if (reason := simulators.missing_reason(simulators.find(name)))
     }
     required = [f"{name}: {unavailable[name]}" for name in only if name in unavailable]
-    unknown = [f"{name}: the suite does not use this simulator" for name in only if name not in plan.simulators]
+    unknown = [
+        f"{name}: the suite does not use this simulator{nearest(name, plan.simulators)}"
+        for name in only
+        if name not in plan.simulators
+    ]
     if required or unknown:
         raise PlanError("\n".join([*unknown, *required]))
     if len(unavailable) == len(plan.simulators):

@@ -75,6 +75,11 @@ def test_plan_counts_without_starting_anything(tmp_path, suite):
     ("arguments", "expected"),
     [
         (("run", "no-such-suite"), "no-such-suite: no such file"),
+        (("run", "dmeo"), "dmeo: no such file, and no shipped suite of that name; did you mean 'demo'?"),
+        (
+            ("policies", "demonstrate", "robosuite/Lfit", "--out", "d"),
+            "unknown task 'robosuite/Lfit'; did you mean 'robosuite/Lift'?",
+        ),
         (("run", "."), ".: expected a suite file, this is a directory"),
         (("run", "SUITE", "--require", "robosuite"), "robosuite: the suite does not use this simulator"),
         (("run", "SUITE", "--store", "nonsense"), "not a store URL: nonsense; expected sqlite:///FILE or postgresql"),

@@ -159,7 +159,7 @@ class TestWithRay:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("null/Raech",), "gauntlet: unknown task 'null/Raech'; see: gauntlet list"),
+        (("null/Raech",), "gauntlet: unknown task 'null/Raech'; did you mean 'null/Reach'?"),
         (("no-such-suite",), "gauntlet: no-such-suite: no such file"),
         (("null/Reach", "--noise", "2"), "gauntlet: noise: expected 0 to 1, got 2"),
         (("null/Reach", "--camera", "front"), "gauntlet: camera: expected third_person or wrist, got front"),
