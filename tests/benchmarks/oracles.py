@@ -1,0 +1,46 @@
+"""What the oracles reach on seeds 0 to 99 of every task, and how many steps they need."""
+
+import os
+
+from adapters import catalog
+from orchestrator.names import known_names
+from orchestrator.runner import EpisodeRunner, Lease, PolicySource
+from orchestrator.worker_environment import worker_environment
+from results.record import Status
+from suites.vocabulary import Cell, Protocol
+from tests.benchmarks.shared import table
+
+SEEDS = tuple(range(100))
+
+
+def measure() -> list[dict[str, object]]:
+    """Play each oracle on its task within the task's own horizon; nothing is rendered."""
+    shown = {name for name, simulator in catalog.simulators().items() if not simulator.internal}
+    for name in shown:
+        os.environ.update(worker_environment(catalog.find(name)))
+    runner = EpisodeRunner({"oracle": PolicySource("oracle")})
+    found = []
+    for task, known in known_names().tasks.items():
+        if task.partition("/")[0] not in shown:
+            continue
+        results = list(runner.play(Lease(Cell("oracle", "oracle", task, Protocol(known.horizon)), SEEDS)))
+        steps = [result.steps for result in results if result.status == Status.SUCCESS]
+        found.append(
+            {
+                "task": task,
+                "horizon": known.horizon,
+                "successes": len(steps),
+                "episodes": len(results),
+                "mean_steps": sum(steps) / max(len(steps), 1),
+                "most_steps": max(steps, default=None),
+            }
+        )
+    runner.close()
+    table(
+        ("task", "horizon", "successes", "mean steps", "most steps"),
+        [
+            (f["task"], f["horizon"], f"{f['successes']}/{f['episodes']}", f"{f['mean_steps']:.1f}", f["most_steps"])
+            for f in found
+        ],
+    )
+    return found
