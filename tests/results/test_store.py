@@ -70,7 +70,9 @@ def test_runs_in_one_store_do_not_see_each_other(store, path):
 
 
 def test_beginning_a_run_again_is_harmless(store):
+    store.add(rows(planned=2))
     store.begin_run({"suite_name": "another"})
+    assert len(list(store.results())) == len(rows(planned=2))
 
 
 def test_rows_come_in_order_and_in_batches(store):
@@ -114,8 +116,9 @@ def test_a_reader_may_read_while_another_process_writes(store, path):
     reader = Store.open_file(path, "run-1")
     lines = reader.results()
     next(lines)
-    store.add([row(cells()[0], 99)])
-    list(lines)
+    assert store.add([row(cells()[0], 99)]) == 1
+    assert 1 + len(list(lines)) == len(rows(planned=5))
+    assert len(list(reader.results())) == len(rows(planned=5)) + 1
     reader.close()
 
 
@@ -128,7 +131,7 @@ def test_two_may_create_a_store_at_the_same_time(path):
         except StoreError as error:
             wrong.append(error)
 
-    threads = [threading.Thread(target=create) for _ in range(4)]
+    threads = [threading.Thread(target=create) for _ in range(16)]
     for thread in threads:
         thread.start()
     for thread in threads:
