@@ -122,20 +122,22 @@ def test_a_reader_may_read_while_another_process_writes(store, path):
     reader.close()
 
 
-def test_two_may_create_a_store_at_the_same_time(path):
+def test_several_may_create_a_store_at_the_same_time(tmp_path):
     wrong = []
 
-    def create():
+    def create(path):
         try:
             Store.open_file(path, "run-1").close()
         except StoreError as error:
             wrong.append(error)
 
-    threads = [threading.Thread(target=create) for _ in range(16)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    for attempt in range(25):
+        path = tmp_path / f"{attempt}.sqlite"
+        threads = [threading.Thread(target=create, args=(path,)) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
     assert not wrong
 
 
