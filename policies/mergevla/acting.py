@@ -14,7 +14,7 @@ from policies.mergevla.checkpoint import load_checkpoint
 from policies.mergevla.config import Architecture
 from policies.mergevla.lora import folded, has_lora
 from policies.mergevla.model import MergeVLA
-from policies.mergevla.normalisation import Statistics
+from policies.mergevla.normalisation import TaskStatistics
 from policies.mergevla.tokens import Prompts, Tokenizer, tokenizer_for
 
 LARGEST_BATCH = 32
@@ -49,8 +49,11 @@ def stack_images(observations: Sequence[Observation], cameras: Sequence[str]) ->
 class MergeVLAPolicy(StatelessPolicy):
     """Acts by one network. Takes one thread, since a worker is one of many on its machine."""
 
-    def __init__(self, model: MergeVLA, statistics: Statistics, tokenizer: Tokenizer) -> None:
-        """Args: model: without adapters; statistics: of its training data; tokenizer: the architecture's."""
+    def __init__(self, model: MergeVLA, statistics: TaskStatistics, tokenizer: Tokenizer) -> None:
+        """Args: model: without adapters; statistics: of its training data; tokenizer: the architecture's.
+
+        A network that was trained on several tasks is told the episode's, for the statistics.
+        """
         torch.set_num_threads(1)
         self.spec = policy_spec(model.architecture)
         self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -75,14 +78,17 @@ class MergeVLAPolicy(StatelessPolicy):
             raise PolicyError("expected an observation in each query, got a query without one")
         decisions: list[Decision] = []
         for start in range(0, len(observations), LARGEST_BATCH):
-            decisions += [Decision(chunk) for chunk in self._chunks(observations[start : start + LARGEST_BATCH])]
+            part = slice(start, start + LARGEST_BATCH)
+            tasks = [query.episode.task for query in queries[part]]
+            decisions += [Decision(chunk) for chunk in self._chunks(observations[part], tasks)]
         return decisions
 
     @torch.inference_mode()
-    def _chunks(self, observations: Sequence[Observation]) -> FloatArray:
+    def _chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
         images = stack_images(observations, self.spec.cameras).to(self._device)
         prompts: Prompts = self._tokenizer([observation.instruction for observation in observations])
         seen = np.stack([observation.proprioception for observation in observations])
-        proprioception = torch.from_numpy(self._statistics.normalise_proprioception(seen)).float().to(self._device)
+        normalised = self._statistics.normalise_proprioception(tasks, seen)
+        proprioception = torch.from_numpy(normalised).float().to(self._device)
         chunks = self._model(images, prompts.to(self._device), proprioception)
-        return self._statistics.restore_actions(chunks.double().cpu().numpy())
+        return self._statistics.restore_actions(tasks, chunks.double().cpu().numpy())

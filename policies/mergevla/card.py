@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 from policies.contract import PolicyError
 from policies.mergevla.config import Architecture, LoraSettings
-from policies.mergevla.normalisation import Statistics
+from policies.mergevla.normalisation import TaskStatistics
 from suites.vocabulary import content_hash
 
 WEIGHTS, CARD, FORMAT = "model.safetensors", "card.json", 1
@@ -33,9 +33,8 @@ class Card:
     """What a checkpoint says about itself."""
 
     architecture: Architecture
-    statistics: Statistics
-    tasks: tuple[str, ...] = ()
-    """Tasks it was trained on (`simulator/task`)."""
+    statistics: TaskStatistics
+    """Of each task that it was trained on."""
     lora: LoraSettings | None = None
     base: str | None = None
     """Checkpoint that holds the tensors that are not stored here: a folder relative to this one, or a hub id."""
@@ -47,6 +46,11 @@ class Card:
     """Losses, seeds and whatever else training recorded."""
     tensor_hash: str = ""
     """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Tasks that it was trained on (`simulator/task`)."""
+        return self.statistics.tasks
 
     @property
     def digest(self) -> str:
@@ -71,6 +75,7 @@ class Card:
             "format": FORMAT,
             **asdict(self),
             "architecture": self.architecture.as_json(),
+            "statistics": self.statistics.as_json(),
             "metrics": dict(self.metrics),
         }
 
@@ -87,10 +92,9 @@ class Card:
         if not parts.get("statistics"):
             raise CheckpointError("expected normalisation statistics in the card, got none")
         parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
-        parts["statistics"] = Statistics.from_json(parts["statistics"])
+        parts["statistics"] = TaskStatistics.from_json(parts["statistics"])
         try:
             parts["lora"] = LoraSettings(**parts["lora"]) if parts.get("lora") else None
-            parts["tasks"] = tuple(parts.get("tasks", ()))
             return cls(**parts)
         except TypeError as error:
             raise CheckpointError(f"expected a card, got one that does not read: {error}") from None

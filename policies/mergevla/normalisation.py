@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -136,3 +136,72 @@ class Statistics:
         except (KeyError, TypeError, ValueError) as error:
             raise StatisticsError(f"expected normalisation statistics, got ones that do not read: {error}") from None
         return cls(action, proprioception)
+
+
+@dataclass(frozen=True)
+class TaskStatistics:
+    """The statistics of several tasks, since a number may range over centimetres in one and over decimetres in another.
+
+    Where there is one task only, its statistics serve any other too: an expert may be tried on what it did not learn.
+    """
+
+    by_task: Mapping[str, Statistics]
+    """Task (`simulator/task`) to its statistics."""
+
+    def __post_init__(self) -> None:
+        if not self.by_task:
+            raise StatisticsError("expected normalisation statistics of one task at least, got none")
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks, in their order."""
+        return tuple(self.by_task)
+
+    def of(self, task: str) -> Statistics:
+        """The statistics for a task.
+
+        Raises:
+            StatisticsError: There are several tasks' statistics, and not this one's.
+        """
+        if task in self.by_task:
+            return self.by_task[task]
+        if len(self.by_task) > 1:
+            raise StatisticsError(f"expected one of the trained tasks {', '.join(self.by_task)}, got '{task}'")
+        return next(iter(self.by_task.values()))
+
+    def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
+        """Actions (b, ..., 7) of b tasks to [-1, 1]."""
+        return self._each(tasks, actions, Statistics.normalise_actions)
+
+    def restore_actions(self, tasks: Sequence[str], normalised: ArrayLike) -> FloatArray:
+        """The inverse of `normalise_actions` within its range, shape (b, ..., 7)."""
+        return self._each(tasks, normalised, Statistics.restore_actions)
+
+    def normalise_proprioception(self, tasks: Sequence[str], proprioception: ArrayLike) -> FloatArray:
+        """Proprioception (b, 8) of b tasks to [-1, 1]."""
+        return self._each(tasks, proprioception, Statistics.normalise_proprioception)
+
+    def _each(
+        self, tasks: Sequence[str], values: ArrayLike, change: Callable[[Statistics, ArrayLike], FloatArray]
+    ) -> FloatArray:
+        given = np.asarray(values, dtype=np.float64)
+        changed = np.empty_like(given)
+        for task in set(tasks):
+            rows = [row for row, name in enumerate(tasks) if name == task]
+            changed[rows] = change(self.of(task), given[rows])
+        return changed
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain JSON; `TaskStatistics.from_json` is the inverse."""
+        return {task: statistics.as_json() for task, statistics in self.by_task.items()}
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> TaskStatistics:
+        """The statistics that `as_json` wrote.
+
+        Raises:
+            StatisticsError: It is something else.
+        """
+        if not isinstance(plain, Mapping):
+            raise StatisticsError(f"expected normalisation statistics by task, got {type(plain).__name__}")
+        return cls({task: Statistics.from_json(statistics) for task, statistics in plain.items()})

@@ -19,6 +19,7 @@ from policies.training.lerobot import (
     ACTION,
     CODEBASE_VERSION,
     INFO_FILE,
+    JOURNAL_FILE,
     STATE,
     SUCCESS,
     TASKS_FILE,
@@ -49,6 +50,8 @@ class Batch:
     mask: NDArray[np.bool_]
     """False past the episode's end, shape (b, chunk)."""
     instructions: tuple[str, ...]
+    tasks: tuple[str, ...]
+    """The task that each frame shows (`simulator/task`): it decides the normalisation."""
 
 
 class Demonstrations:
@@ -94,6 +97,14 @@ class Demonstrations:
         """Number of episodes."""
         return len(self.starts)
 
+    @cached_property
+    def task(self) -> str:
+        """The task shown: as we recorded it, else the folder's name."""
+        try:
+            return str(json.loads((self.folder / JOURNAL_FILE).read_text(encoding="utf-8"))["source"]["task"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return self.folder.name
+
     @property
     def instructions(self) -> tuple[str, ...]:
         """Every instruction, in order of its first appearance."""
@@ -130,6 +141,7 @@ class Demonstrations:
             actions,
             mask,
             tuple(self._tasks[int(number)] for number in self._task_index[frames]),
+            (self.task,) * len(frames),
         )
 
     def sample(self, size: int, *, seed: int, step: int, chunk_length: int = CHUNK_LENGTH) -> Batch:

@@ -22,7 +22,7 @@ from policies.mergevla.checkpoint import load_checkpoint, save_checkpoint
 from policies.mergevla.config import Architecture, LoraSettings
 from policies.mergevla.lora import add_lora
 from policies.mergevla.model import MergeVLA, build
-from policies.mergevla.normalisation import Statistics
+from policies.mergevla.normalisation import TaskStatistics
 from policies.mergevla.tokens import Prompts, Tokenizer, tokenizer_for
 from policies.training.dataset import Batch
 from policies.training.pool import Pool
@@ -120,7 +120,8 @@ def pretrain(
     """Train the base that experts start from, all its weights, and save it to `out`.
 
     Args:
-        pool: Demonstrations of all tasks; actions and proprioception are normalised by the pool's statistics.
+        pool: Demonstrations of all tasks, each normalised by its own statistics: else the task with the widest motions
+            would decide the loss.
         architecture: Of the network.
         out: Folder of the checkpoint. A training that was stopped there is continued.
         settings: How to train.
@@ -135,7 +136,7 @@ def pretrain(
     model = build(architecture, settings.seed)
     if prepare is not None:
         prepare(model)
-    card = Card(architecture, pool.statistics, tasks=pool.tasks, data_hash=pool.data_hash)
+    card = Card(architecture, pool.statistics, data_hash=pool.data_hash)
     return _train(model, card, None, pool, out, settings, listener, stop)
 
 
@@ -173,7 +174,6 @@ def finetune(
     card = Card(
         start.model.architecture,
         pool.statistics,
-        tasks=pool.tasks,
         lora=lora,
         data_hash=pool.data_hash,
         base_hash=start.card.tensor_hash,
@@ -208,15 +208,15 @@ class _Reader:
     """Turns a batch into what the network is given and should answer."""
 
     architecture: Architecture
-    statistics: Statistics
+    statistics: TaskStatistics
     tokenizer: Tokenizer
     device: torch.device
 
     def loss(self, model: MergeVLA, batch: Batch) -> Tensor:
         pixels = np.stack([batch.images[camera] for camera in self.architecture.cameras], axis=1)
         images = torch.from_numpy(pixels).to(self.device).permute(0, 1, 4, 2, 3).float() / 255.0
-        states = self._tensor(self.statistics.normalise_proprioception(batch.states))
-        target = self._tensor(self.statistics.normalise_actions(batch.actions))
+        states = self._tensor(self.statistics.normalise_proprioception(batch.tasks, batch.states))
+        target = self._tensor(self.statistics.normalise_actions(batch.tasks, batch.actions))
         prompts = without_empty_columns(self.tokenizer(batch.instructions)).to(self.device)
         mask = torch.from_numpy(batch.mask).to(self.device)
         return masked_l1(model(images, prompts, states), target, mask)

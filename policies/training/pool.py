@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from policies.mergevla.normalisation import Statistics
+from policies.mergevla.normalisation import Statistics, TaskStatistics
 from policies.training.augmentation import random_offsets, shift
 from policies.training.dataset import Batch, Demonstrations, find_datasets, pooled_hash
-from policies.training.lerobot import JOURNAL_FILE, DatasetError
+from policies.training.lerobot import DatasetError
 
 HELD_OUT_EVERY = 10
 """One episode in so many is held out, the last of each ten."""
@@ -59,8 +59,8 @@ class Pool:
 
     @property
     def tasks(self) -> tuple[str, ...]:
-        """The tasks shown (`simulator/task`)."""
-        return tuple(task_of(dataset.folder) for dataset in self.datasets)
+        """The tasks shown (`simulator/task`), each once."""
+        return tuple(dict.fromkeys(dataset.task for dataset in self.datasets))
 
     @property
     def frames(self) -> int:
@@ -68,13 +68,17 @@ class Pool:
         return sum(map(len, self._train))
 
     @cached_property
-    def statistics(self) -> Statistics:
-        """Quantiles over all frames to train on."""
+    def statistics(self) -> TaskStatistics:
+        """Of each task, quantiles over its frames to train on."""
         parts = list(zip(self.datasets, self._train, strict=True))
-        return Statistics.of(
-            np.concatenate([dataset.actions[frames] for dataset, frames in parts]),
-            np.concatenate([dataset.states[frames] for dataset, frames in parts]),
-        )
+        found = {}
+        for task in self.tasks:
+            own = [(dataset, frames) for dataset, frames in parts if dataset.task == task]
+            found[task] = Statistics.of(
+                np.concatenate([dataset.actions[frames] for dataset, frames in own]),
+                np.concatenate([dataset.states[frames] for dataset, frames in own]),
+            )
+        return TaskStatistics(found)
 
     @cached_property
     def data_hash(self) -> str:
@@ -102,21 +106,13 @@ class Pool:
             camera: shift(batch.images[camera], random_offsets(generator, size, largest_shift), largest_shift)
             for camera in sorted(batch.images)
         }
-        return Batch(images, batch.states, batch.actions, batch.mask, batch.instructions)
+        return replace(batch, images=images)
 
     def held_out(self, size: int, *, chunk_length: int) -> Iterator[Batch]:
         """Batches of the held-out episodes, always the same; none if every dataset has one episode only."""
         for dataset, frames in zip(self.datasets, self._held_out, strict=True):
             for start in range(0, len(frames), size):
                 yield dataset.batch(frames[start : start + size], chunk_length=chunk_length)
-
-
-def task_of(folder: Path) -> str:
-    """The task that a dataset shows: as we recorded it, else the folder's name."""
-    try:
-        return str(json.loads((folder / JOURNAL_FILE).read_text(encoding="utf-8"))["source"]["task"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return folder.name
 
 
 def _split(dataset: Demonstrations) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -138,4 +134,5 @@ def _joined(parts: Sequence[Batch]) -> Batch:
         np.concatenate([part.actions for part in parts]),
         np.concatenate([part.mask for part in parts]),
         tuple(instruction for part in parts for instruction in part.instructions),
+        tuple(task for part in parts for task in part.tasks),
     )

@@ -9,7 +9,7 @@ from adapters.contract import Observation
 from policies.contract import Query
 from policies.mergevla.config import TINY, ConvStem, ExpertConfig, LanguageModel, Quirks
 from policies.mergevla.model import build
-from policies.mergevla.normalisation import Statistics
+from policies.mergevla.normalisation import Statistics, TaskStatistics
 from policies.mergevla.tokens import tokenizer_for
 from suites.vocabulary import Episode, Protocol
 
@@ -46,6 +46,10 @@ def inputs(architecture, batch=4, seed=0):
 def some_statistics(seed=0):
     generator = np.random.default_rng(seed)
     return Statistics.of(generator.normal(size=(50, 7)), generator.normal(size=(50, 8)))
+
+
+def task_statistics(seed=0, task="null/Reach"):
+    return TaskStatistics({task: some_statistics(seed)})
 
 
 def query(seed, size=SMALL.image_size, instruction=None):

@@ -13,11 +13,11 @@ from policies.mergevla.card import CARD, WEIGHTS, Card, CheckpointError, digest_
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors, save_checkpoint
 from policies.mergevla.config import LoraSettings
 from policies.mergevla.lora import add_lora
-from tests.policies.mergevla.shared import SMALL, inputs, small_model, some_statistics
+from tests.policies.mergevla.shared import SMALL, inputs, small_model, task_statistics
 
 
 def a_card(**changes):
-    return replace(Card(SMALL, some_statistics(), tasks=("null/Reach",), data_hash="d", metrics={"l1": 0.1}), **changes)
+    return replace(Card(SMALL, task_statistics(), data_hash="d", metrics={"l1": 0.1}), **changes)
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_another_base_in_the_bases_place_is_refused(saved, tmp_path):
 def test_the_digest_is_of_the_content_and_not_of_the_place_or_the_metrics(saved, tmp_path):
     save_checkpoint(tmp_path / "same", small_model(), a_card(metrics={}))
     save_checkpoint(tmp_path / "other", small_model(seed=1), a_card())
-    save_checkpoint(tmp_path / "scaled", small_model(), a_card(statistics=some_statistics(1)))
+    save_checkpoint(tmp_path / "scaled", small_model(), a_card(statistics=task_statistics(1)))
     digests = [digest_of(str(f)) for f in (saved, tmp_path / "same", tmp_path / "other", tmp_path / "scaled")]
     assert digests[0] == digests[1]
     assert len(set(digests)) == 3

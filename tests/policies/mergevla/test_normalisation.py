@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from policies.mergevla.normalisation import GRIPPER, Quantiles, Statistics, StatisticsError
+from policies.mergevla.normalisation import GRIPPER, Quantiles, Statistics, StatisticsError, TaskStatistics
 from tests.policies.mergevla.shared import some_statistics
 
 NUMBERS = st.floats(-10, 10, allow_nan=False, width=32)
@@ -59,3 +59,19 @@ def test_statistics_that_cannot_be_are_refused():
         Quantiles.of(np.zeros((0, 7)))
     with pytest.raises(StatisticsError, match="do not read"):
         Statistics.from_json({"action": {}})
+
+
+def test_each_row_is_normalised_by_its_own_task_and_restored():
+    both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
+    unit = np.linspace(-1, 1, 2 * 3 * 7).reshape(2, 3, 7)
+    restored = both.restore_actions(["b/y", "a/x"], unit)
+    np.testing.assert_allclose(restored[0], some_statistics(1).restore_actions(unit[0]))
+    np.testing.assert_allclose(restored[1], some_statistics(0).restore_actions(unit[1]))
+    np.testing.assert_allclose(both.normalise_actions(["b/y", "a/x"], restored), unit, atol=1e-9)
+
+
+def test_statistics_of_one_task_serve_any_other_and_those_of_several_do_not():
+    assert TaskStatistics({"a/x": some_statistics()}).of("b/y") == some_statistics()
+    both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
+    with pytest.raises(StatisticsError, match="one of the trained tasks a/x, b/y, got 'c/z'"):
+        both.of("c/z")

@@ -20,12 +20,12 @@ from policies.mergevla.config import LoraSettings
 from policies.mergevla.lora import add_lora
 from policies.mergevla.policy import KIND
 from suites.vocabulary import Episode, Protocol, View
-from tests.policies.mergevla.shared import SMALL, query, small_model, some_statistics
+from tests.policies.mergevla.shared import SMALL, query, small_model, task_statistics
 
 
 @pytest.fixture
 def options(tmp_path):
-    save_checkpoint(tmp_path / "expert", small_model(), Card(SMALL, some_statistics()))
+    save_checkpoint(tmp_path / "expert", small_model(), Card(SMALL, task_statistics()))
     return {"checkpoint": str(tmp_path / "expert")}
 
 
@@ -68,19 +68,19 @@ def test_actions_in_a_batch_are_the_ones_alone(options):
 
 
 def test_actions_are_restored_by_the_statistics_of_the_checkpoint(options, tmp_path):
-    other = some_statistics(1)
+    other = task_statistics(1)
     save_checkpoint(tmp_path / "other", small_model(), Card(SMALL, other))
     normalised = torch.zeros(1, 8, ACTION_DIM)
     policy = KIND.load({"checkpoint": str(tmp_path / "other")})
     policy._model.forward = lambda *_: normalised
-    np.testing.assert_allclose(policy.act([query(0)])[0].actions, other.restore_actions(normalised[0]))
+    np.testing.assert_allclose(policy.act([query(0)])[0].actions, other.restore_actions(["null/Reach"], normalised)[0])
 
 
 def test_a_checkpoint_with_adapters_acts_too(tmp_path):
     model = small_model()
     add_lora(model, LoraSettings(rank=2), 0)
-    save_checkpoint(tmp_path / "a", model, Card(SMALL, some_statistics(), lora=LoraSettings(rank=2)))
-    save_checkpoint(tmp_path / "b", small_model(), Card(SMALL, some_statistics()))
+    save_checkpoint(tmp_path / "a", model, Card(SMALL, task_statistics(), lora=LoraSettings(rank=2)))
+    save_checkpoint(tmp_path / "b", small_model(), Card(SMALL, task_statistics()))
     one, two = (KIND.load({"checkpoint": str(tmp_path / name)}).act([query(0)])[0] for name in "ab")
     np.testing.assert_allclose(one.actions, two.actions, atol=1e-6)
 
