@@ -87,8 +87,9 @@ class Card:
             PolicyError: It is something else, or its statistics are missing.
         """
         parts = dict(plain)
-        if parts.pop("format", None) != FORMAT:
-            raise CheckpointError(f"expected a card of format {FORMAT}, got {plain.get('format')}")
+        if (kind := parts.pop("kind", None)) is not None:
+            raise CheckpointError(f"expected a checkpoint of one network, got a {kind} one")
+        check_format(parts.pop("format", None))
         if not parts.get("statistics"):
             raise CheckpointError("expected normalisation statistics in the card, got none")
         parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
@@ -125,6 +126,15 @@ def read_card(folder: Path) -> Card:
     Raises:
         PolicyError: There is none, or it does not read.
     """
+    return Card.from_json(card_json(folder))
+
+
+def card_json(folder: Path) -> dict[str, Any]:
+    """What the card's file in `folder` holds.
+
+    Raises:
+        CheckpointError: There is none, or it holds no JSON object.
+    """
     try:
         plain = json.loads((folder / CARD).read_text())
     except FileNotFoundError:
@@ -133,7 +143,17 @@ def read_card(folder: Path) -> Card:
         raise CheckpointError(f"expected JSON in '{folder / CARD}', got: {error}") from None
     if not isinstance(plain, dict):
         raise CheckpointError(f"expected a JSON object in '{folder / CARD}', got {type(plain).__name__}")
-    return Card.from_json(plain)
+    return plain
+
+
+def check_format(came: object) -> None:
+    """Refuse a card that another version wrote.
+
+    Raises:
+        CheckpointError: It did.
+    """
+    if came != FORMAT:
+        raise CheckpointError(f"expected a card of format {FORMAT}, got {came}")
 
 
 def verified_card(folder: Path) -> Card:
@@ -143,18 +163,17 @@ def verified_card(folder: Path) -> Card:
         PolicyError: They are not.
     """
     card = read_card(folder)
-    _check_hash(folder / WEIGHTS, card.tensor_hash, hash_tensors(folder / WEIGHTS))
+    check_hash(folder / WEIGHTS, card.tensor_hash, hash_tensors(folder / WEIGHTS))
     if card.base is not None:
-        base = read_card(base_folder(folder, card))
-        _check_hash(folder / CARD, card.base_hash or "", base.tensor_hash)
+        base = read_card(base_folder(folder, card.base))
+        check_hash(folder / CARD, card.base_hash or "", base.tensor_hash)
     return card
 
 
-def base_folder(folder: Path, card: Card) -> Path:
-    """Where the checkpoint is that `card` builds on."""
-    assert card.base is not None
-    beside = folder / card.base
-    return locate(str(beside) if beside.is_dir() else card.base)
+def base_folder(folder: Path, base: str) -> Path:
+    """Where the checkpoint is that the card in `folder` builds on and calls `base`."""
+    beside = folder / base
+    return locate(str(beside) if beside.is_dir() else base)
 
 
 def digest_of(reference: str) -> str:
@@ -166,7 +185,7 @@ def digest_of(reference: str) -> str:
     folder = locate(reference)
     card = verified_card(folder)
     if card.base is not None:
-        verified_card(base_folder(folder, card))
+        verified_card(base_folder(folder, card.base))
     return card.digest
 
 
@@ -210,7 +229,12 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
     return 8 + length, header
 
 
-def _check_hash(path: Path, expected: str, came: str) -> None:
+def check_hash(path: Path, expected: str, came: str) -> None:
+    """Refuse tensors that are not the ones a card speaks of.
+
+    Raises:
+        CheckpointError: The hashes differ.
+    """
     if expected != came:
         raise CheckpointError(f"expected tensors of hash {expected[:16] or '(none)'} for '{path}', got {came[:16]}")
 

@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from safetensors.torch import load_file, save_file
@@ -25,7 +26,10 @@ from policies.mergevla.card import (
 )
 from policies.mergevla.config import Architecture
 from policies.mergevla.lora import add_lora, has_lora, plain_name
+from policies.mergevla.merged_card import MergedCard
 from policies.mergevla.model import MergeVLA
+
+AnyCard = TypeVar("AnyCard", Card, MergedCard)
 
 
 @dataclass(frozen=True)
@@ -55,16 +59,25 @@ def save_checkpoint(folder: Path, model: MergeVLA, card: Card, base: str | Path 
     if card.architecture != model.architecture or (card.lora is not None) != has_lora(model):
         raise CheckpointError("expected a card of the model's own architecture and LoRA, got another's")
     tensors = tensors_of(model)
-    _check_finite(tensors, folder)
+    check_finite(tensors, folder)
     folder.mkdir(parents=True, exist_ok=True)
     if base is not None:
         shared, base_card = load_tensors(base)
         if base_card.base is not None:
             raise CheckpointError(f"expected a base that stands alone, got '{base}', which builds on {base_card.base}")
         tensors = {n: t for n, t in tensors.items() if n not in shared or not torch.equal(t, shared[n])}
-        card = replace(card, base=_name_of_base(folder, base), base_hash=base_card.tensor_hash)
+        card = replace(card, base=name_of_base(folder, base), base_hash=base_card.tensor_hash)
+    return write_folder(folder, tensors, card)
+
+
+def write_folder(folder: Path, tensors: Mapping[str, Tensor], card: AnyCard) -> AnyCard:
+    """Write tensors and card into a folder that exists, each complete under its name or not there.
+
+    Returns:
+        The card with the tensors' hash.
+    """
     partial = folder / f"{WEIGHTS}.partial"
-    save_file(tensors, partial)
+    save_file(dict(tensors), partial)
     card = card.sealed(hash_tensors(partial))
     partial.replace(folder / WEIGHTS)
     text = folder / f"{CARD}.partial"
@@ -86,7 +99,7 @@ def load_checkpoint(reference: str | Path, expected: Architecture | None = None)
     """
     folder = locate(str(reference))
     if expected is not None:
-        _check_architecture(folder, expected, read_card(folder).architecture)
+        check_architecture(folder, expected, read_card(folder).architecture)
     tensors, card = load_tensors(folder)
     model = empty_model(card)
     own = model.state_dict()
@@ -112,14 +125,14 @@ def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], Card]:
     card = verified_card(folder)
     tensors: dict[str, Tensor] = {}
     if card.base is not None:
-        beneath = base_folder(folder, card)
+        beneath = base_folder(folder, card.base)
         base_card = verified_card(beneath)
         if base_card.base is not None:
             raise CheckpointError(f"expected a base that stands alone, got '{beneath}', which builds on another")
-        _check_architecture(beneath, card.architecture, base_card.architecture)
+        check_architecture(beneath, card.architecture, base_card.architecture)
         tensors = load_file(beneath / WEIGHTS)
     tensors |= load_file(folder / WEIGHTS)
-    _check_finite(tensors, folder)
+    check_finite(tensors, folder)
     return tensors, card
 
 
@@ -137,20 +150,30 @@ def empty_model(card: Card) -> MergeVLA:
     return model
 
 
-def _name_of_base(folder: Path, base: str | Path) -> str:
+def name_of_base(folder: Path, base: str | Path) -> str:
     """A folder relative to the checkpoint's own, so that both can be moved together; a hub id as it is."""
     if not Path(base).is_dir():
         return str(base)
     return Path(os.path.relpath(Path(base).resolve(), folder.resolve())).as_posix()
 
 
-def _check_finite(tensors: Mapping[str, Tensor], folder: Path) -> None:
+def check_finite(tensors: Mapping[str, Tensor], folder: Path) -> None:
+    """Refuse NaN and infinity.
+
+    Raises:
+        CheckpointError: There are some; `folder` is for the message.
+    """
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise CheckpointError(f"'{folder}': expected finite weights, got NaN or infinity in {name}")
 
 
-def _check_architecture(folder: Path, expected: Architecture, came: Architecture) -> None:
+def check_architecture(folder: Path, expected: Architecture, came: Architecture) -> None:
+    """Refuse another architecture than the expected one.
+
+    Raises:
+        CheckpointError: It is another; `folder` is for the message.
+    """
     if expected == came:
         return
     ours, theirs = expected.as_json(), came.as_json()

@@ -11,9 +11,11 @@ from typing import Any
 
 import torch
 
-from policies.mergevla.merging.masks import LAMBDA, Mask, packed_bytes
-from policies.mergevla.merging.merged import MaskRule, MergedTau, merge
-from policies.mergevla.merging.taus import ExpertsDiffer, Tau, Taus, Weights, rms
+from policies.mergevla.merging.errors import ExpertsDiffer
+from policies.mergevla.merging.masks import Mask, packed_bytes
+from policies.mergevla.merging.merged import MergedTau, merge
+from policies.mergevla.merging.recipe import LAMBDA, MaskRule
+from policies.mergevla.merging.taus import Tau, Taus, Weights, rms
 from policies.mergevla.merging.trunk import block_of, depth_of
 
 NULL_SHAPE = (640, 640)

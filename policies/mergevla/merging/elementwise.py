@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import torch
 
-from policies.mergevla.merging.taus import Tau, Taus, check_range, check_taus, names_of, order_free_sum, stack
+from policies.mergevla.merging.errors import check_range
+from policies.mergevla.merging.taus import Tau, Taus, check_taus, names_of, order_free_sum, stack
 
 
 def mean(taus: Taus) -> dict[str, torch.Tensor]:

@@ -7,27 +7,17 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from policies.mergevla.merging.taus import ExpertsDiffer, MergeError, Tau, Taus, Weights, check_range, difference
+from policies.mergevla.merging.errors import ExpertsDiffer, MergeError
+from policies.mergevla.merging.recipe import LAMBDA, check_lambda
+from policies.mergevla.merging.taus import Tau, Taus, Weights, difference
 
 Mask = Mapping[str, torch.Tensor]
 """Weight name to a boolean tensor of the weight's shape, True where the merged value is kept."""
-LAMBDA = 0.6
-"""The paper's lambda in all benchmarks."""
-MAX_LAMBDA = 2.0
 _BITS, _SHAPE = "bits/", "shape/"
 
 
 class MaskMismatch(MergeError):
     """The mask belongs to another model, or its stored form is damaged."""
-
-
-def check_lambda(value: float) -> None:
-    """Refuse a lambda outside (0, 2].
-
-    Raises:
-        OutOfRange: It is outside, or not a number.
-    """
-    check_range("lambda", value, 0, MAX_LAMBDA, closed="(]")
 
 
 def task_mask(tau: Tau, merged: Tau, lambda_: float = LAMBDA) -> dict[str, torch.Tensor]:

@@ -4,26 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import torch
 
 from policies.mergevla.merging.elementwise import emr_modulators
-from policies.mergevla.merging.masks import LAMBDA, Mask, add, lambdas_of, masked, task_masks
+from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
+from policies.mergevla.merging.masks import Mask, add, lambdas_of, masked, task_masks
 from policies.mergevla.merging.operators import merge_taus
-from policies.mergevla.merging.taus import ExpertsDiffer, OutOfRange, Tau, Taus, Weights
-
-
-class MaskRule(StrEnum):
-    """What each task keeps of the merged task vector."""
-
-    NONE = "none"
-    """Everything: one model for all tasks."""
-    TASK = "task"
-    """S_m, see `masks.task_mask` (arXiv 2511.18810)."""
-    EMR = "emr"
-    """Agreement in sign and one rescaler, see `elementwise.emr_modulators` (arXiv 2405.17461)."""
+from policies.mergevla.merging.recipe import LAMBDA, MaskRule
+from policies.mergevla.merging.taus import Tau, Taus, Weights
 
 
 @dataclass(frozen=True, eq=False)

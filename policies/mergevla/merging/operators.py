@@ -11,8 +11,9 @@ from typing import Any
 import torch
 
 from policies.mergevla.merging.elementwise import dare, emr, mean, task_arithmetic, ties
+from policies.mergevla.merging.errors import MergeError, check_range
 from policies.mergevla.merging.spectral import knots, task_singular_vectors, wudi
-from policies.mergevla.merging.taus import MergeError, Taus, check_range
+from policies.mergevla.merging.taus import Taus
 
 
 class UnknownOperator(MergeError):

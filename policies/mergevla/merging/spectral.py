@@ -10,15 +10,8 @@ from typing import Literal
 import torch
 
 from policies.mergevla.merging.elementwise import elect_and_sum
-from policies.mergevla.merging.taus import (
-    OutOfRange,
-    Taus,
-    check_range,
-    check_taus,
-    names_of,
-    order_free_sum,
-    stack,
-)
+from policies.mergevla.merging.errors import OutOfRange, check_range
+from policies.mergevla.merging.taus import Taus, check_taus, names_of, order_free_sum, stack
 
 
 def _is_matrix(deltas: torch.Tensor) -> bool:

@@ -13,15 +13,8 @@ from dataclasses import dataclass
 import torch
 
 from policies.mergevla.merging.elementwise import mean
-from policies.mergevla.merging.taus import (
-    DifferentBases,
-    ExpertsDiffer,
-    MergeError,
-    Weights,
-    check_base,
-    check_range,
-    task_vector,
-)
+from policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer, MergeError, check_range
+from policies.mergevla.merging.taus import Weights, check_base, task_vector
 
 
 class BadPattern(MergeError):

@@ -115,7 +115,7 @@ def test_nan_weights_are_neither_saved_nor_loaded(saved, monkeypatch):
         model.action_queries[0, 0] = torch.nan
     with pytest.raises(CheckpointError, match="NaN or infinity in action_queries"):
         save_checkpoint(saved, model, a_card())
-    monkeypatch.setattr("policies.mergevla.checkpoint._check_finite", lambda *_: None)
+    monkeypatch.setattr("policies.mergevla.checkpoint.check_finite", lambda *_: None)
     save_checkpoint(saved, model, a_card())
     monkeypatch.undo()
     refused(saved, "NaN or infinity in action_queries")

@@ -17,8 +17,9 @@ from policies.mergevla.merging.diagnostics import (
     report,
     selfish_rate,
 )
-from policies.mergevla.merging.merged import MaskRule, merge
-from policies.mergevla.merging.taus import ExpertsDiffer
+from policies.mergevla.merging.errors import ExpertsDiffer
+from policies.mergevla.merging.merged import merge
+from policies.mergevla.merging.recipe import MaskRule
 from tests.policies.mergevla.merging.strategies import random_taus
 
 BLOCKS = r"blocks\.(\d+)\."

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from policies.mergevla.merging.elementwise import task_arithmetic
+from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from policies.mergevla.merging.masks import (
     MaskMismatch,
     apply_mask,
@@ -19,7 +20,6 @@ from policies.mergevla.merging.masks import (
     task_masks,
     unpack_mask,
 )
-from policies.mergevla.merging.taus import ExpertsDiffer, OutOfRange
 from tests.policies.mergevla.merging.strategies import copied, equal, random_taus, taus
 
 lambdas = st.floats(0, 2, exclude_min=True)

@@ -4,10 +4,11 @@ import pytest
 import torch
 
 from policies.mergevla.merging.elementwise import emr, emr_modulators
+from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from policies.mergevla.merging.masks import masked, task_masks
-from policies.mergevla.merging.merged import MaskRule, merge
+from policies.mergevla.merging.merged import merge
 from policies.mergevla.merging.operators import OPERATORS
-from policies.mergevla.merging.taus import ExpertsDiffer, OutOfRange
+from policies.mergevla.merging.recipe import MaskRule
 from tests.policies.mergevla.merging.strategies import close, copied, equal, random_taus
 
 

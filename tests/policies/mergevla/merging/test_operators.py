@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from policies.contract import PolicyError
 from policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
+from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from policies.mergevla.merging.operators import OPERATORS, UnknownOperator, find_operator, merge_taus
 from policies.mergevla.merging.spectral import knots, task_singular_vectors
-from policies.mergevla.merging.taus import ExpertsDiffer, OutOfRange
 from tests.policies.mergevla.merging.strategies import close, copied, equal, random_taus, taus
 
 QUICK = {"wudi": {"steps": 3}}

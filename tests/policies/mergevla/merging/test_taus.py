@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from policies.mergevla.merging.taus import ExpertsDiffer, rms, task_vector, weights_hash
+from policies.mergevla.merging.errors import ExpertsDiffer
+from policies.mergevla.merging.taus import rms, task_vector, weights_hash
 
 
 def test_a_task_vector_is_what_fine_tuning_added():

@@ -3,8 +3,9 @@
 import pytest
 import torch
 
+from policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer, OutOfRange
 from policies.mergevla.merging.merged import merge
-from policies.mergevla.merging.taus import DifferentBases, ExpertsDiffer, OutOfRange, weights_hash
+from policies.mergevla.merging.taus import weights_hash
 from policies.mergevla.merging.trunk import (
     BadPattern,
     depth_of,

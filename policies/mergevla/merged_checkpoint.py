@@ -1,0 +1,183 @@
+"""Saving and loading merged models as folders, laid out as those of one network are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from safetensors.torch import load_file
+from torch import Tensor
+
+from policies.mergevla.card import WEIGHTS, CheckpointError, base_folder, locate
+from policies.mergevla.checkpoint import check_architecture, check_finite, load_tensors, name_of_base, write_folder
+from policies.mergevla.lora import Factors
+from policies.mergevla.merged_card import MergedCard, verified_merged_card
+from policies.mergevla.merged_model import Parts
+from policies.mergevla.merging.errors import ExpertsDiffer
+from policies.mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack_mask, unpack_mask
+from policies.mergevla.merging.merged import MergedTau
+from policies.mergevla.merging.recipe import BackboneRule, MaskRule
+from policies.mergevla.merging.taus import Weights
+from policies.mergevla.merging_experts import Merging
+
+TAU, TRUNK, MASK, HEAD, ADAPTER, SUBSPACE, ROUTER = "tau", "trunk", "mask", "head", "adapter", "subspace", "router"
+"""First words of the tensors' names. What belongs to an expert follows its number; experts are named in the card."""
+
+Calibrations = Mapping[str, Mapping[str, Tensor]]
+"""Name of a router to the tensors that it was fitted to."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergedCheckpoint:
+    """A merged model and what is known about it."""
+
+    parts: Parts
+    card: MergedCard
+    calibrations: Calibrations
+
+
+def save_merged(folder: Path, merging: Merging, calibrations: Calibrations | None = None) -> MergedCard:
+    """Write a merged checkpoint; the base stays where it is.
+
+    Args:
+        folder: Where to, made if need be.
+        merging: What came of the merge.
+        calibrations: Of the routers that need one.
+
+    Returns:
+        The card as written.
+
+    Raises:
+        CheckpointError: NaN or infinite weights.
+    """
+    parts, calibrations = merging.parts, calibrations or {}
+    tensors = _tensors(parts)
+    for name, calibration in calibrations.items():
+        tensors |= _under(f"{ROUTER}/{name}", calibration)
+    check_finite(tensors, folder)
+    _, base_card = load_tensors(merging.base)
+    folder.mkdir(parents=True, exist_ok=True)
+    card = MergedCard(
+        architecture=parts.architecture,
+        statistics=parts.statistics,
+        recipe=parts.recipe,
+        instructions=parts.instructions,
+        expert_digests=parts.expert_digests,
+        base=name_of_base(folder, merging.base),
+        base_hash=base_card.tensor_hash,
+        rescalers=parts.merged.rescalers,
+        routers=tuple(calibrations),
+        report=json.loads(merging.report.to_json()),
+    )
+    return write_folder(folder, {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, card)
+
+
+def load_merged(reference: str | Path) -> MergedCheckpoint:
+    """Read a merged checkpoint, verified.
+
+    Raises:
+        PolicyError: No merged checkpoint, truncated, not of the card's hash, with NaN weights, with a mask for another
+            model, or on a base of another architecture.
+    """
+    folder = locate(str(reference))
+    card = verified_merged_card(folder)
+    base, base_card = load_tensors(base_folder(folder, card.base))
+    check_architecture(folder, card.architecture, base_card.architecture)
+    tensors = load_file(folder / WEIGHTS)
+    check_finite(tensors, folder)
+    sections = {name.partition("/")[0] for name in tensors}
+    if odd := sorted(sections - {TAU, TRUNK, MASK, HEAD, ADAPTER, SUBSPACE, ROUTER}):
+        raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {odd[0]}")
+    try:
+        parts = _parts(card, tensors, base)
+    except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
+        raise type(error)(f"'{folder}': {error}") from None
+    calibrations = {name: _section(tensors, f"{ROUTER}/{name}") for name in card.routers}
+    return MergedCheckpoint(parts, card, calibrations)
+
+
+def _tensors(parts: Parts) -> dict[str, Tensor]:
+    tensors = _under(TAU, parts.merged.tau) | _under(TRUNK, parts.trunk)
+    for number, expert in enumerate(parts.statistics.tasks):
+        tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
+        if parts.merged.masks:
+            tensors |= _under(f"{MASK}/{number}", pack_mask(parts.merged.masks[expert]))
+        for weight, factors in parts.adapters.get(expert, {}).items():
+            scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
+            tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
+        adapter, task = parts.subspaces[expert]
+        tensors |= {f"{SUBSPACE}/{number}/v_adapter": adapter, f"{SUBSPACE}/{number}/v_task": task}
+    return tensors
+
+
+def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:
+    numbered = {expert: str(number) for number, expert in enumerate(card.experts)}
+    recipe, tau = card.recipe, _section(tensors, TAU)
+    rule = recipe.masks if tau else MaskRule.NONE
+    masks = {expert: _mask(tensors, n, tau) for expert, n in numbered.items()} if rule is not MaskRule.NONE else {}
+    per_expert = recipe.lambda_ if isinstance(recipe.lambda_, Mapping) else dict.fromkeys(card.experts, recipe.lambda_)
+    merged = MergedTau(
+        experts=card.experts,
+        operator=recipe.operator,
+        alpha=recipe.alpha,
+        rule=rule,
+        tau=tau,
+        masks=masks,
+        lambdas=per_expert if rule is MaskRule.TASK else {},
+        rescalers=card.rescalers,
+        options=recipe.options,
+    )
+    selects = recipe.backbone is BackboneRule.SELECT
+    return Parts(
+        architecture=card.architecture,
+        statistics=card.statistics,
+        instructions=card.instructions,
+        recipe=recipe,
+        base=base,
+        merged=merged,
+        trunk=_section(tensors, TRUNK),
+        adapters={expert: _adapters(tensors, n, base) for expert, n in numbered.items()} if selects else {},
+        heads={expert: _section(tensors, f"{HEAD}/{n}") for expert, n in numbered.items()},
+        subspaces={expert: _subspaces(tensors, n) for expert, n in numbered.items()},
+        expert_digests=card.expert_digests,
+    )
+
+
+def _mask(tensors: Weights, number: str, tau: Weights) -> Mask:
+    mask = unpack_mask(_section(tensors, f"{MASK}/{number}"))
+    check_mask(mask, tau)
+    return mask
+
+
+def _adapters(tensors: Weights, number: str, base: Weights) -> dict[str, Factors]:
+    section = _section(tensors, f"{ADAPTER}/{number}")
+    found = {}
+    for weight in sorted({name.rpartition("/")[0] for name in section}):
+        if weight not in base or not {f"{weight}/a", f"{weight}/b"} <= section.keys():
+            raise ExpertsDiffer(f"expected both factors of a weight of the base, got {weight}")
+        a, b, shape = section[f"{weight}/a"], section[f"{weight}/b"], base[weight].shape
+        if a.shape[0] != b.shape[1] or a[0].numel() * b.shape[0] != shape.numel():
+            raise ExpertsDiffer(
+                f"expected factors of shape {tuple(shape)} for {weight}, got {(*b.shape,)}, {(*a.shape,)}"
+            )
+        found[weight] = Factors(a, b, 1.0, shape)
+    return found
+
+
+def _subspaces(tensors: Weights, number: str) -> tuple[Tensor, Tensor]:
+    section = _section(tensors, f"{SUBSPACE}/{number}")
+    if section.keys() != {"v_adapter", "v_task"}:
+        raise CheckpointError(f"expected the value projections of expert {number}, got {', '.join(section) or 'none'}")
+    return section["v_adapter"], section["v_task"]
+
+
+def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {f"{prefix}/{name}": tensor for name, tensor in tensors.items()}
+
+
+def _section(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {
+        name.removeprefix(f"{prefix}/"): tensor for name, tensor in tensors.items() if name.startswith(f"{prefix}/")
+    }

@@ -1,0 +1,173 @@
+"""Several experts merged into one model: a shared backbone and trunk, masks, and a head for each task."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from policies.contract import PolicyError
+from policies.mergevla.backbone import HiddenStates
+from policies.mergevla.config import Architecture
+from policies.mergevla.lora import BACKBONE, Factors
+from policies.mergevla.merging.errors import ExpertsDiffer
+from policies.mergevla.merging.merged import MergedTau
+from policies.mergevla.merging.recipe import Recipe
+from policies.mergevla.merging.taus import Tau, Weights, difference
+from policies.mergevla.model import MergeVLA
+from policies.mergevla.normalisation import TaskStatistics
+from policies.mergevla.tokens import tokenizer_for
+
+MOST_MODELS = 16
+"""Networks that are kept in memory; weights that equal the base's are shared."""
+SUBSPACE = 8
+"""Right singular vectors of an expert's own value projections that are kept for a router (arXiv 2511.18810: k_r)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Everything that a merged model is made of. Names are those of the plain network."""
+
+    architecture: Architecture
+    statistics: TaskStatistics
+    """Of each expert's task, in the experts' order."""
+    instructions: Mapping[str, str]
+    """Expert to the instruction of its task."""
+    recipe: Recipe
+    base: Weights
+    """Theta_0: all weights of the base."""
+    merged: MergedTau
+    """Of the backbone, and of the trunk under `TrunkRule.VECTORS`."""
+    trunk: Weights
+    """The mean of the trunks under `TrunkRule.MEAN`, else empty."""
+    adapters: Mapping[str, Mapping[str, Factors]]
+    """Expert to its adapters under `BackboneRule.SELECT`, else empty."""
+    heads: Mapping[str, Weights]
+    """Expert to the weights that it keeps: the last k blocks, and the output layer unless that is merged."""
+    subspaces: Mapping[str, tuple[Tensor, Tensor]]
+    """Expert to what `leading` leaves of its own value projections (v_adapter, v_task) in the last merged block."""
+    expert_digests: Mapping[str, str] = field(default_factory=dict)
+    """Expert to the digest of the checkpoint that was merged."""
+
+    def __post_init__(self) -> None:
+        experts = self.statistics.tasks
+        found = (self.merged.experts, self.heads, self.subspaces, self.instructions, self.adapters or experts)
+        for names in found:
+            if set(names) != set(experts):
+                raise ExpertsDiffer(f"expected the experts {', '.join(experts)} in all parts, got {', '.join(names)}")
+        for own in (self.merged.tau, self.trunk, *self.heads.values()):
+            if problem := difference({name: self.base[name] for name in own if name in self.base}, own):
+                raise ExpertsDiffer(f"expected weights of the base's names and shapes: {problem}")
+        trained = {name for name in self.base if not name.startswith(BACKBONE)}
+        for expert, head in self.heads.items():
+            if missing := sorted(trained - self.merged.tau.keys() - self.trunk.keys() - head.keys()):
+                raise ExpertsDiffer(f"expert {expert}: expected {missing[0]} to be merged or kept, it is neither")
+
+
+class MergedModel:
+    """A merged model: the network of each expert, made when it is first asked for.
+
+    This is what routers see of it, too (`policies.mergevla.routing.contract.Candidates`).
+    """
+
+    def __init__(self, parts: Parts, *, device: torch.device | None = None, most_models: int = MOST_MODELS) -> None:
+        """Args: parts: what it is made of; device: where networks run, the CPU by default; most_models: in memory."""
+        self.parts = parts
+        self.architecture = parts.architecture
+        self.experts = parts.statistics.tasks
+        self.instructions = parts.instructions
+        self.kept_blocks = parts.recipe.kept_blocks
+        self.device = device or torch.device("cpu")
+        self.tokenizer = tokenizer_for(parts.architecture)
+        self._most_models = most_models
+        self._models: OrderedDict[str | None, MergeVLA] = OrderedDict()
+
+    def weights(self, expert: str | None) -> dict[str, Tensor]:
+        """All weights with which an expert runs, of the base's types; None for those of the base.
+
+        Raises:
+            PolicyError: It is no expert of this model.
+        """
+        parts = self.parts
+        if expert is None:
+            return dict(parts.base)
+        self._check(expert)
+        deltas: dict[str, Tensor] = {**parts.merged.of(expert)}
+        deltas |= {name: factors.delta() for name, factors in parts.adapters.get(expert, {}).items()}
+        replaced = {**parts.trunk, **parts.heads[expert]}
+        return {name: _tuned(name, weight, deltas, replaced) for name, weight in parts.base.items()}
+
+    def model(self, expert: str | None) -> MergeVLA:
+        """The network of an expert, to be evaluated; None for the base.
+
+        Raises:
+            PolicyError: It is no expert of this model.
+        """
+        if expert not in self._models:
+            with torch.inference_mode(False), torch.random.fork_rng(devices=[]):
+                model = MergeVLA(self.architecture)
+                model.load_state_dict(self.weights(expert), assign=True)
+                self._models[expert] = model.requires_grad_(False).eval().to(self.device)
+            while len(self._models) > self._most_models:
+                self._models.popitem(last=False)
+        self._models.move_to_end(expert)
+        return self._models[expert]
+
+    @torch.inference_mode()
+    def hidden_states(self, expert: str | None, images: Tensor, instructions: Sequence[str]) -> HiddenStates:
+        """What an expert's backbone sees: (h_T, h_A) of every layer; None for the base's.
+
+        Args:
+            expert: Its name, or None.
+            images: Shape (B, cameras, 3, H, W), in [0, 1].
+            instructions: B of them.
+
+        Raises:
+            PolicyError: It is no expert of this model, or a shape is not the architecture's.
+        """
+        if len(images) != len(instructions):
+            raise PolicyError(f"expected an instruction for each of {len(images)} images, got {len(instructions)}")
+        prompts = self.tokenizer(instructions).to(self.device)
+        return self.model(expert).hidden_states(images.to(self.device), prompts)
+
+    def value_weights(self, expert: str) -> tuple[tuple[Tensor, Tensor], ...]:
+        """(v_adapter, v_task) of each block as that expert runs it, each of shape (width, width).
+
+        Raises:
+            PolicyError: It is no expert of this model.
+        """
+        blocks = self.model(self._check(expert)).action_expert.blocks
+        return tuple((block.v_adapter.weight, block.v_task.weight) for block in blocks)
+
+    def own_value_weights(self, expert: str) -> tuple[Tensor, Tensor]:
+        """(v_adapter, v_task) of the expert's own last merged block, L - k - 1 from 0, before it was merged.
+
+        Each of shape (SUBSPACE or the width, width): with the leading singular values and right singular vectors of the
+        whole projection, since nothing else of it is stored.
+
+        Raises:
+            PolicyError: It is no expert of this model.
+        """
+        adapter, task = self.parts.subspaces[self._check(expert)]
+        return adapter.to(self.device), task.to(self.device)
+
+    def _check(self, expert: str) -> str:
+        if expert not in self.experts:
+            raise ExpertsDiffer(f"expected one of the merged experts {', '.join(self.experts)}, got {expert}")
+        return expert
+
+
+def leading(projection: Tensor, rank: int = SUBSPACE) -> Tensor:
+    """diag(s) V^T of the leading singular triplets, shape (at most rank, inputs), fp32."""
+    _, values, vectors = torch.linalg.svd(projection.detach().float(), full_matrices=False)
+    return (values[:rank, None] * vectors[:rank]).contiguous()
+
+
+def _tuned(name: str, weight: Tensor, deltas: Tau, replaced: Weights) -> Tensor:
+    """One weight of an expert; summed in fp32, rounded once."""
+    if name in replaced:
+        return replaced[name].to(weight.dtype)
+    return (weight.float() + deltas[name]).to(weight.dtype) if name in deltas else weight

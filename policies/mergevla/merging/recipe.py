@@ -1,0 +1,102 @@
+"""How experts are to be merged. Light: no torch, so that a checkpoint's card can be read without it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from policies.mergevla.merging.errors import MergeError, OutOfRange, check_range
+
+LAMBDA = 0.6
+"""The paper's lambda in all benchmarks."""
+MAX_LAMBDA = 2.0
+
+
+class MaskRule(StrEnum):
+    """What each task keeps of the merged task vector."""
+
+    NONE = "none"
+    """Everything: one model for all tasks."""
+    TASK = "task"
+    """S_m, see `masks.task_mask` (arXiv 2511.18810)."""
+    EMR = "emr"
+    """Agreement in sign and one rescaler, see `elementwise.emr_modulators` (arXiv 2405.17461)."""
+
+
+class TrunkRule(StrEnum):
+    """How what comes before the kept blocks is shared: action queries, proprioception and action expert."""
+
+    MEAN = "mean"
+    """Uniform mean, for trunks of any initialisation (arXiv 2511.18810)."""
+    VECTORS = "vectors"
+    """Task vectors from the shared initialisation, by the operator and the masks of the backbone."""
+
+
+class BackboneRule(StrEnum):
+    """What each task's backbone is."""
+
+    MERGED = "merged"
+    """The base plus what the task reads of the merged task vector."""
+    SELECT = "select"
+    """The base plus the expert's own adapter: the baseline that merges no backbone at all."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One way of merging."""
+
+    operator: str = "ties"
+    """Name out of `operators.OPERATORS`."""
+    alpha: float = 1.0
+    """Scale of the merged task vector."""
+    masks: MaskRule = MaskRule.TASK
+    lambda_: float | Mapping[str, float] = LAMBDA
+    """Of the task masks: one for all, or expert name to its own."""
+    trunk: TrunkRule = TrunkRule.VECTORS
+    kept_blocks: int = 1
+    """k, the last blocks of the action expert, which each task keeps with the output layer."""
+    merge_output: bool = False
+    """Merge the output layer with the trunk. With k = 0 and no masks, this is naive merging of everything."""
+    backbone: BackboneRule = BackboneRule.MERGED
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Of the operator."""
+
+    def __post_init__(self) -> None:
+        for name, rule in (("masks", MaskRule), ("trunk", TrunkRule), ("backbone", BackboneRule)):
+            value = getattr(self, name)
+            if value not in tuple(rule):
+                raise OutOfRange(f"expected {name} out of {', '.join(rule)}, got {value}")
+            object.__setattr__(self, name, rule(value))
+        check_range("alpha", self.alpha, 0, math.inf)
+        check_range("k, the blocks kept per task,", self.kept_blocks, 0, math.inf, closed="[)", whole=True)
+        for value in self.lambda_.values() if isinstance(self.lambda_, Mapping) else (self.lambda_,):
+            check_lambda(value)
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain JSON; `Recipe.from_json` is the inverse."""
+        lambdas = dict(self.lambda_) if isinstance(self.lambda_, Mapping) else self.lambda_
+        return {**asdict(self), "lambda_": lambdas, "options": dict(self.options)}
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Recipe:
+        """The recipe that `as_json` wrote.
+
+        Raises:
+            MergeError: It is something else, or a value is out of range.
+        """
+        try:
+            return cls(**plain)
+        except TypeError as error:
+            raise MergeError(f"expected a recipe for merging, got one that does not read: {error}") from None
+
+
+def check_lambda(value: float) -> None:
+    """Refuse a lambda outside (0, 2].
+
+    Raises:
+        OutOfRange: It is outside, or not a number.
+    """
+    check_range("lambda", value, 0, MAX_LAMBDA, closed="(]")

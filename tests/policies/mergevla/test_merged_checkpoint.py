@@ -1,0 +1,194 @@
+"""Merged checkpoints: what is saved comes back, and what is wrong is refused in one line."""
+
+import json
+import pickle
+import subprocess
+import sys
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from policies.contract import PolicyError
+from policies.mergevla.card import CARD, WEIGHTS, CheckpointError, digest_of, hash_tensors
+from policies.mergevla.checkpoint import load_checkpoint
+from policies.mergevla.merged_card import merged_digest_of
+from policies.mergevla.merged_checkpoint import load_merged, save_merged
+from policies.mergevla.merged_model import MergedModel
+from policies.mergevla.merging.recipe import BackboneRule, MaskRule, TrunkRule
+from tests.policies.mergevla.experts import TASKS, merging, save_base, save_experts
+from tests.policies.mergevla.test_checkpoint import Exploding
+
+FITTED = {"calibrated": {"mean": torch.arange(3.0)}}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    return save_experts(tmp_path_factory.mktemp("zoo"))
+
+
+@pytest.fixture(scope="module")
+def made(folders):
+    return merging(folders)
+
+
+@pytest.fixture
+def saved(made, tmp_path):
+    save_merged(tmp_path / "merged", made, FITTED)
+    return tmp_path / "merged"
+
+
+def rewrite(folder, **changes):
+    card = json.loads((folder / CARD).read_text())
+    (folder / CARD).write_text(json.dumps({**card, **changes}))
+
+
+def change(folder, edit):
+    """Change tensors, and the card's hash with them: a forgery that only a look at the tensors can find."""
+    tensors = load_file(folder / WEIGHTS)
+    edit(tensors)
+    save_file(tensors, folder / WEIGHTS)
+    rewrite(folder, tensor_hash=hash_tensors(folder / WEIGHTS))
+
+
+def refused(folder, match):
+    with pytest.raises(PolicyError, match=match) as caught:
+        load_merged(folder)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("trunk", TrunkRule)
+@pytest.mark.parametrize("backbone", BackboneRule)
+@pytest.mark.parametrize("masks", MaskRule)
+def test_what_is_saved_comes_back(folders, tmp_path, trunk, backbone, masks):
+    made = merging(folders, operator="emr", trunk=trunk, backbone=backbone, masks=masks)
+    card = save_merged(tmp_path, made, FITTED)
+    back = load_merged(tmp_path)
+    assert back.card == card
+    assert card.experts == TASKS
+    ours, theirs = MergedModel(made.parts), MergedModel(back.parts)
+    for task in (None, *TASKS):
+        a, b = ours.weights(task), theirs.weights(task)
+        assert all(torch.equal(a[name], b[name]) for name in a)
+    assert torch.equal(back.calibrations["calibrated"]["mean"], torch.arange(3.0))
+    for task in TASKS:
+        pairs = zip(ours.own_value_weights(task), theirs.own_value_weights(task), strict=True)
+        assert all(torch.equal(a, b) for a, b in pairs)
+    assert theirs.instructions == ours.instructions
+
+
+def test_the_card_keeps_recipe_report_and_what_was_merged(saved, made):
+    card = load_merged(saved).card
+    assert card.recipe == made.parts.recipe
+    assert card.report == json.loads(made.report.to_json())
+    assert set(card.expert_digests) == set(TASKS)
+
+
+def test_masks_take_a_bit_for_each_entry(saved):
+    tensors = load_file(saved / WEIGHTS)
+    tau = {name.removeprefix("tau/"): tensor for name, tensor in tensors.items() if name.startswith("tau/")}
+    bits = {name: len(tensors[f"mask/0/bits/{name}"]) for name in tau}
+    assert bits == {name: -(-tensor.numel() // 8) for name, tensor in tau.items()}
+
+
+def test_the_digest_is_of_the_content_and_found_without_torch(saved, folders, tmp_path):
+    save_merged(tmp_path / "same", merging(folders), FITTED)
+    save_merged(tmp_path / "other", merging(folders, lambda_=0.5), FITTED)
+    save_merged(tmp_path / "unfitted", merging(folders))
+    names = (saved, tmp_path / "same", tmp_path / "other", tmp_path / "unfitted")
+    digests = [merged_digest_of(str(name)) for name in names]
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+    program = (
+        "import sys; from policies.mergevla.merged_card import merged_digest_of as d; "
+        f"print(d({str(saved)!r})); assert not {{'torch', 'transformers', 'peft', 'safetensors'}} & sys.modules.keys()"
+    )
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == digests[0]
+
+
+@pytest.mark.parametrize("keep", [0, 4, 200, -1])
+def test_a_truncated_file_is_refused(saved, keep):
+    data = (saved / WEIGHTS).read_bytes()
+    (saved / WEIGHTS).write_bytes(data[:keep])
+    refused(saved, "truncated")
+
+
+def test_a_changed_tensor_is_refused(saved):
+    data = bytearray((saved / WEIGHTS).read_bytes())
+    data[-1] ^= 1
+    (saved / WEIGHTS).write_bytes(data)
+    refused(saved, "expected tensors of hash")
+    with pytest.raises(CheckpointError, match="expected tensors of hash"):
+        merged_digest_of(str(saved))
+
+
+def test_a_pickle_is_refused_and_never_opened(saved, tmp_path):
+    (saved / WEIGHTS).write_bytes(pickle.dumps(Exploding()))
+    refused(saved, "another format")
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "model.pt").write_bytes(pickle.dumps(Exploding()))
+    refused(tmp_path / "p", "got model.pt, a pickle: refused")
+
+
+def test_nan_is_neither_saved_nor_loaded(saved, folders, tmp_path):
+    made = merging(folders)
+    next(iter(made.parts.merged.tau.values())).fill_(torch.nan)
+    with pytest.raises(CheckpointError, match="NaN or infinity in tau/"):
+        save_merged(tmp_path / "nan", made)
+    change(saved, lambda tensors: tensors["head/1/action_expert.output.bias"].fill_(torch.nan))
+    refused(saved, "NaN or infinity in head/1/action_expert.output.bias")
+
+
+def test_a_mask_for_another_model_is_refused(saved):
+    name = "backbone.projector.0.weight"
+    change(saved, lambda tensors: tensors.update({f"mask/1/shape/{name}": torch.tensor([8, 32])}))
+    refused(saved, rf"the mask is for another model: weight {name}: expected shape \(16, 16\), got \(8, 32\)")
+    change(saved, lambda tensors: [tensors.pop(f"mask/1/{part}/{name}") for part in ("bits", "shape")])
+    refused(saved, f"the mask is for another model: weight {name} is missing")
+
+
+def test_a_missing_head_is_refused(saved):
+    change(saved, lambda tensors: tensors.pop("head/1/action_expert.output.bias"))
+    refused(saved, "expert null/Slow: expected action_expert.output.bias to be merged or kept, it is neither")
+
+
+def test_a_weight_of_another_shape_is_refused(saved):
+    change(saved, lambda tensors: tensors.update({"head/1/action_expert.output.bias": torch.zeros(6)}))
+    refused(saved, r"weight action_expert.output.bias: expected shape \(7,\), got \(6,\)")
+
+
+def test_missing_statistics_are_refused(saved):
+    rewrite(saved, statistics=None)
+    refused(saved, "expected normalisation statistics of each merged expert")
+    statistics = json.loads((saved / CARD).read_text())["statistics"]
+    assert statistics is None
+
+
+def test_a_recipe_out_of_range_is_refused(saved):
+    recipe = json.loads((saved / CARD).read_text())["recipe"]
+    rewrite(saved, recipe={**recipe, "lambda_": 7})
+    refused(saved, "expected lambda")
+
+
+def test_another_base_in_the_bases_place_is_refused(tmp_path):
+    made = merging(save_experts(tmp_path))
+    save_merged(tmp_path / "merged", made)
+    save_base(tmp_path / "base", seed=5)
+    refused(tmp_path / "merged", "expected tensors of hash")
+
+
+def test_a_plain_checkpoint_is_no_merged_one_and_the_reverse(saved, folders):
+    refused(folders[0], "expected a merged checkpoint, got one network")
+    for use in (load_checkpoint, digest_of):
+        with pytest.raises(CheckpointError, match="expected a checkpoint of one network, got a merged one") as caught:
+            use(str(saved))
+        assert "\n" not in str(caught.value)
+
+
+def test_merged_checkpoint_and_base_can_move_together(tmp_path):
+    save_merged(tmp_path / "zoo" / "merged", merging(save_experts(tmp_path / "zoo")))
+    before = merged_digest_of(str(tmp_path / "zoo" / "merged"))
+    (tmp_path / "zoo").rename(tmp_path / "moved")
+    assert merged_digest_of(str(tmp_path / "moved" / "merged")) == before
+    assert load_merged(tmp_path / "moved" / "merged").card.base == "../base"
