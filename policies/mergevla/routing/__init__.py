@@ -1,0 +1,1 @@
+"""Task inference: which expert of a merged model the first observation of an episode calls for."""

@@ -1,0 +1,87 @@
+"""Routers by name, and the fitting of those that learn from first frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from torch import Tensor
+
+from policies.mergevla.routing.calibrated import CalibratedRouter, fit_calibration
+from policies.mergevla.routing.centroids import Centroids, NearestCentroidRouter, fit_centroids
+from policies.mergevla.routing.contract import Candidates, Router, RoutingError, Sighting
+from policies.mergevla.routing.controls import InstructionMatchRouter, OracleRouter, RandomRouter
+from policies.mergevla.routing.gaussian import Calibration
+from policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter
+from suites.plugins import nearest
+
+UNFITTED: Mapping[str, Callable[..., Router]] = {
+    router.name: router
+    for router in (PaperCodedRouter, PaperWrittenRouter, RandomRouter, InstructionMatchRouter, OracleRouter)
+}
+"""Routers that need the candidates only."""
+FITTED: Mapping[str, Callable[[Mapping[str, Tensor]], Router]] = {
+    CalibratedRouter.name: lambda tensors: CalibratedRouter(Calibration.from_tensors(tensors)),
+    NearestCentroidRouter.name: lambda tensors: NearestCentroidRouter(Centroids.from_tensors(tensors)),
+}
+"""Routers that are fitted to first frames."""
+NAMES = tuple(sorted([*UNFITTED, *FITTED]))
+"""All routers."""
+
+
+def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Tensor] | None = None) -> Router:
+    """The router of that name.
+
+    Args:
+        name: One of `NAMES`.
+        sees_instruction: False blanks the instruction while routing.
+        stored: What `fit_routers` gave, for routers that are fitted.
+
+    Raises:
+        RoutingError: Unknown name, or a router that is not fitted or whose tensors do not read.
+    """
+    if name in UNFITTED:
+        return UNFITTED[name](sees_instruction=sees_instruction)
+    if name not in FITTED:
+        raise RoutingError(f"unknown router '{name}'{nearest(name, NAMES)}")
+    prefix = _prefix(name, sees_instruction=sees_instruction)
+    tensors = {key.removeprefix(prefix): tensor for key, tensor in (stored or {}).items() if key.startswith(prefix)}
+    if not tensors:
+        raise RoutingError(f"router '{name}': expected tensors {prefix}* fitted to first frames, got none")
+    try:
+        return FITTED[name](tensors)
+    except RoutingError as error:
+        raise RoutingError(f"router '{name}': {error}") from None
+
+
+def fit_routers(
+    candidates: Candidates,
+    frames: Mapping[str, Sequence[Sighting]],
+    held_out: Mapping[str, Sequence[Sighting]],
+) -> dict[str, Tensor]:
+    """Fit every router that can be fitted, with the instruction and without.
+
+    Args:
+        candidates: Of which only the base is run.
+        frames: Expert to first observations for its class.
+        held_out: Expert to others, for temperature and thresholds.
+
+    Returns:
+        Tensors by `<router>/<instructed | unaided>/<name>`, for a safetensors file.
+
+    Raises:
+        RoutingError: An expert without frames, or frames that do not tell anything apart.
+    """
+    tensors: dict[str, Tensor] = {}
+    for sees_instruction in (True, False):
+        fitted: Mapping[str, Calibration | Centroids] = {
+            CalibratedRouter.name: fit_calibration(candidates, frames, held_out, sees_instruction=sees_instruction),
+            NearestCentroidRouter.name: fit_centroids(candidates, frames, held_out, sees_instruction=sees_instruction),
+        }
+        for name, values in fitted.items():
+            prefix = _prefix(name, sees_instruction=sees_instruction)
+            tensors |= {prefix + key: tensor.contiguous() for key, tensor in values.as_tensors().items()}
+    return tensors
+
+
+def _prefix(name: str, *, sees_instruction: bool) -> str:
+    return f"{name}/{'instructed' if sees_instruction else 'unaided'}/"

@@ -1,0 +1,67 @@
+"""First observations of recorded demonstrations, to fit routers on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from policies.mergevla.routing.contract import RoutingError, Sighting
+from policies.training.dataset import Demonstrations
+from policies.training.pool import task_of
+from suites.vocabulary import content_hash
+
+HELD_OUT_EVERY = 4
+"""One episode in so many is held out, the last of each four. Training holds out one in ten, too few to fit a temperature
+and a 95 % quantile on: an episode has one first frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class FirstSightings:
+    """First observations by expert, in two disjoint sets of episodes."""
+
+    frames: Mapping[str, Sequence[Sighting]]
+    """To fit classes on."""
+    held_out: Mapping[str, Sequence[Sighting]]
+    """To fit temperature and thresholds on."""
+
+
+def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) -> FirstSightings:
+    """The first frame of every episode; of several datasets of one task, all.
+
+    Args:
+        datasets: Of which only the first frames' images are decoded.
+        cameras: The architecture's, in its order.
+
+    Raises:
+        RoutingError: A dataset with fewer than two episodes, so that none can be held out.
+        DatasetError: A dataset without such a camera, or with a broken image.
+    """
+    frames: dict[str, list[Sighting]] = {}
+    held_out: dict[str, list[Sighting]] = {}
+    for dataset in datasets:
+        task = task_of(dataset.folder)
+        every = min(HELD_OUT_EVERY, dataset.episodes)
+        if every < 2:
+            raise RoutingError(f"{dataset.folder}: expected two episodes or more, got {dataset.episodes}")
+        for index, sighting in enumerate(_sightings(dataset, task, cameras)):
+            part = held_out if index % every == every - 1 else frames
+            part.setdefault(task, []).append(sighting)
+    return FirstSightings(frames, held_out)
+
+
+def _sightings(dataset: Demonstrations, task: str, cameras: Sequence[str]) -> list[Sighting]:
+    starts = dataset.starts
+    batch = dataset.batch(starts, chunk_length=1)
+    pixels = np.stack([batch.images[camera] for camera in cameras], axis=1)
+    images = torch.from_numpy(pixels).permute(0, 1, 4, 2, 3).float() / 255.0
+    return [
+        Sighting(images[i], batch.instructions[i], batch.states[i].astype(np.float64), _key(dataset, task, i), task)
+        for i in range(len(starts))
+    ]
+
+
+def _key(dataset: Demonstrations, task: str, episode: int) -> str:
+    return content_hash({"demonstration": task, "dataset": dataset.folder.name, "episode": episode})

@@ -1,0 +1,132 @@
+"""The paper's router (arXiv 2511.18810): energy of each candidate's hidden states in its value projections' subspaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from policies.mergevla.backbone import HiddenStates
+from policies.mergevla.routing.contract import Candidates, Routed, Sighting, answer, hidden_states
+
+RANK = 8
+"""k_r, the right singular vectors that span a subspace."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subspaces:
+    """What one candidate's hidden states are projected onto."""
+
+    action: Tensor
+    """P_A, leading right singular vectors of v_adapter, shape (8, width)."""
+    task: Tensor
+    """P_T, those of v_task, shape (8, width)."""
+
+    @classmethod
+    def of(cls, v_adapter: Tensor, v_task: Tensor) -> Subspaces:
+        """Those of a block's value projections."""
+        return cls(leading_right_vectors(v_adapter), leading_right_vectors(v_task))
+
+
+def leading_right_vectors(weight: Tensor, rank: int = RANK) -> Tensor:
+    """The right singular vectors of the largest singular values, in fp32, shape (rank, width)."""
+    return torch.linalg.svd(weight.detach().float(), full_matrices=False).Vh[:rank]
+
+
+def energy(states: Tensor, subspace: Tensor) -> Tensor:
+    """Mean over the tokens of ||P h||_2.
+
+    The length of the projection does not depend on which orthonormal basis of the subspace P holds.
+
+    Args:
+        states: Hidden states, shape (B, tokens, width).
+        subspace: P, shape (rank, width).
+
+    Returns:
+        Shape (B,).
+    """
+    return (states.float() @ subspace.to(states.device).mT).norm(dim=-1).mean(dim=-1)
+
+
+class _SubspaceRouter:
+    """A pass of every candidate. The subspaces are computed once for a candidates object."""
+
+    name: str
+
+    def __init__(self, *, sees_instruction: bool = True) -> None:
+        """Args: sees_instruction: False blanks the instruction."""
+        self.sees_instruction = sees_instruction
+        self._fitted_to: Candidates | None = None
+        self._subspaces: dict[str, Subspaces] = {}
+
+    def passes(self, experts: int) -> int:
+        """One per expert."""
+        return experts
+
+    def route(self, sightings: Sequence[Sighting], candidates: Candidates) -> list[Routed]:
+        """Raw scores r_m. Their softmax, which the paper takes next, changes no choice and is no probability.
+
+        Raises:
+            PolicyError: Images of another shape than the architecture's.
+        """
+        if self._fitted_to is not candidates:
+            self._subspaces = {expert: self._subspaces_of(candidates, expert) for expert in candidates.experts}
+            self._fitted_to = candidates
+        scores = {expert: self._scores(sightings, candidates, expert) for expert in candidates.experts}
+        return [answer({expert: found[i] for expert, found in scores.items()}) for i in range(len(sightings))]
+
+    def _scores(self, sightings: Sequence[Sighting], candidates: Candidates, expert: str) -> list[float]:
+        found: list[float] = []
+        for hidden in hidden_states(candidates, expert, sightings, sees_instruction=self.sees_instruction):
+            found += self._score(hidden, self._subspaces[expert], candidates.kept_blocks).tolist()
+        return found
+
+    def _subspaces_of(self, candidates: Candidates, expert: str) -> Subspaces:
+        raise NotImplementedError
+
+    def _score(self, hidden: HiddenStates, subspaces: Subspaces, kept_blocks: int) -> Tensor:
+        raise NotImplementedError
+
+
+class PaperCodedRouter(_SubspaceRouter):
+    """As the released code has it.
+
+    Candidate m: r_m = (mean_tokens ||P_A,m h_A|| + mean_tokens ||P_T,m h_T||) / 2, with P of the expert's own, unmerged
+    block of index b = L - k - 1 (from 0), and the hidden states of index b + 2 of the candidate's backbone, one layer
+    past those that this block reads. Like is projected onto like.
+    """
+
+    name = "paper-coded"
+
+    def _subspaces_of(self, candidates: Candidates, expert: str) -> Subspaces:
+        return Subspaces.of(*candidates.own_value_weights(expert))
+
+    def _score(self, hidden: HiddenStates, subspaces: Subspaces, kept_blocks: int) -> Tensor:
+        layer = hidden_index(len(hidden.task) - 1, kept_blocks)
+        return (energy(hidden.action[layer], subspaces.action) + energy(hidden.task[layer], subspaces.task)) / 2
+
+
+class PaperWrittenRouter(_SubspaceRouter):
+    """As the paper's text has it.
+
+    Candidate m: r_m = (||P_T h_A|| + ||P_A h_T||) / 2 at l = L, the pairs crossed, with P of the last block of the
+    merged action expert as candidate m runs it. The text does not say how tokens become one norm: their mean, as coded.
+    """
+
+    name = "paper-written"
+
+    def _subspaces_of(self, candidates: Candidates, expert: str) -> Subspaces:
+        return Subspaces.of(*candidates.value_weights(expert)[-1])
+
+    def _score(self, hidden: HiddenStates, subspaces: Subspaces, kept_blocks: int) -> Tensor:
+        return (energy(hidden.action[-1], subspaces.task) + energy(hidden.task[-1], subspaces.action)) / 2
+
+
+def hidden_index(layers: int, kept_blocks: int) -> int:
+    """Which hidden states the coded router reads: block index L - k - 1 plus 2.
+
+    The code always keeps a block; without one that index is past the last, so the last is taken.
+    """
+    return min(layers - kept_blocks + 1, layers)
