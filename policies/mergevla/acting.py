@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -46,19 +48,95 @@ def stack_images(observations: Sequence[Observation], cameras: Sequence[str]) ->
     return pixels.unflatten(0, (len(observations), len(cameras)))
 
 
+def observed(queries: Sequence[Query]) -> list[Observation]:
+    """The queries' observations.
+
+    Raises:
+        PolicyError: A query has none.
+    """
+    observations = [query.observation for query in queries if query.observation is not None]
+    if len(observations) != len(queries):
+        raise PolicyError("expected an observation in each query, got a query without one")
+    return observations
+
+
+def device_here() -> torch.device:
+    """Where networks run: on the GPU if there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A network and what it takes to ask it."""
+
+    model: MergeVLA
+    """Without adapters."""
+    statistics: TaskStatistics
+    """Of its training data."""
+    tokenizer: Tokenizer
+    """The architecture's."""
+
+    @torch.inference_mode()
+    def chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
+        """An action chunk for each observation in one forward pass, shape (B, chunk, 7), in the contract's units.
+
+        Args:
+            observations: What is seen.
+            tasks: Whose statistics to use, one for each observation.
+
+        Raises:
+            PolicyError: Observations that the network was not made for, or a task without statistics.
+        """
+        device = next(self.model.parameters()).device
+        images = stack_images(observations, self.model.architecture.cameras).to(device)
+        prompts: Prompts = self.tokenizer([observation.instruction for observation in observations])
+        seen = np.stack([observation.proprioception for observation in observations])
+        normalised = self.statistics.normalise_proprioception(tasks, seen)
+        proprioception = torch.from_numpy(normalised).float().to(device)
+        chunks = self.model(images, prompts.to(device), proprioception)
+        return self.statistics.restore_actions(tasks, chunks.double().cpu().numpy())
+
+
+def load_network(reference: str | Path, device: torch.device) -> Network:
+    """The network of a checkpoint, a folder or a hub id, in evaluation mode.
+
+    Raises:
+        PolicyError: It cannot be used.
+    """
+    checkpoint = load_checkpoint(reference)
+    model = folded(checkpoint.model) if has_lora(checkpoint.model) else checkpoint.model
+    return Network(model.eval().to(device), checkpoint.card.statistics, tokenizer_for(model.architecture))
+
+
+def chunks_by(
+    observations: Sequence[Observation],
+    experts: Sequence[str],
+    chunks: Callable[[str, Sequence[Observation]], FloatArray],
+) -> list[FloatArray]:
+    """An action chunk for each observation, in order, each expert's in batches of their own.
+
+    Args:
+        observations: What is seen.
+        experts: Who is to act, one for each observation.
+        chunks: What an expert answers to a batch of at most `LARGEST_BATCH`.
+    """
+    answers: dict[int, FloatArray] = {}
+    for expert in dict.fromkeys(experts):
+        own = [index for index, name in enumerate(experts) if name == expert]
+        for start in range(0, len(own), LARGEST_BATCH):
+            part = own[start : start + LARGEST_BATCH]
+            answers |= dict(zip(part, chunks(expert, [observations[index] for index in part]), strict=True))
+    return [answers[index] for index in range(len(observations))]
+
+
 class MergeVLAPolicy(StatelessPolicy):
     """Acts by one network. Takes one thread, since a worker is one of many on its machine."""
 
-    def __init__(self, model: MergeVLA, statistics: TaskStatistics, tokenizer: Tokenizer) -> None:
-        """Args: model: without adapters; statistics: of its training data; tokenizer: the architecture's.
-
-        A network that was trained on several tasks is told the episode's, for the statistics.
-        """
+    def __init__(self, network: Network) -> None:
+        """Args: network: One that was trained on several tasks is told the episode's, for the statistics."""
         torch.set_num_threads(1)
-        self.spec = policy_spec(model.architecture)
-        self._device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        self._model = model.eval().to(self._device)
-        self._statistics, self._tokenizer = statistics, tokenizer
+        self.spec = policy_spec(network.model.architecture)
+        self._network = network
 
     @classmethod
     def from_checkpoint(cls, reference: str) -> MergeVLAPolicy:
@@ -67,28 +145,14 @@ class MergeVLAPolicy(StatelessPolicy):
         Raises:
             PolicyError: It cannot be used.
         """
-        checkpoint = load_checkpoint(reference)
-        model = folded(checkpoint.model) if has_lora(checkpoint.model) else checkpoint.model
-        return cls(model, checkpoint.card.statistics, tokenizer_for(model.architecture))
+        return cls(load_network(reference, device_here()))
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """A chunk for each query, in batches; an answer does not depend on what else is in its batch (within 1e-5)."""
-        observations = [query.observation for query in queries if query.observation is not None]
-        if len(observations) != len(queries):
-            raise PolicyError("expected an observation in each query, got a query without one")
+        observations = observed(queries)
         decisions: list[Decision] = []
         for start in range(0, len(observations), LARGEST_BATCH):
             part = slice(start, start + LARGEST_BATCH)
             tasks = [query.episode.task for query in queries[part]]
-            decisions += [Decision(chunk) for chunk in self._chunks(observations[part], tasks)]
+            decisions += [Decision(chunk) for chunk in self._network.chunks(observations[part], tasks)]
         return decisions
-
-    @torch.inference_mode()
-    def _chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
-        images = stack_images(observations, self.spec.cameras).to(self._device)
-        prompts: Prompts = self._tokenizer([observation.instruction for observation in observations])
-        seen = np.stack([observation.proprioception for observation in observations])
-        normalised = self._statistics.normalise_proprioception(tasks, seen)
-        proprioception = torch.from_numpy(normalised).float().to(self._device)
-        chunks = self._model(images, prompts.to(self._device), proprioception)
-        return self._statistics.restore_actions(tasks, chunks.double().cpu().numpy())

@@ -47,7 +47,7 @@ class MergedCard:
     rescalers: Mapping[str, float] = field(default_factory=dict)
     """Expert to EMR's rescaler; empty without EMR's masks."""
     routers: tuple[str, ...] = ()
-    """Routers whose calibration is stored."""
+    """Routers that were fitted, whose tensors are stored."""
     report: Mapping[str, Any] = field(default_factory=dict)
     """`merging.diagnostics.MergeReport` of the merge."""
     tensor_hash: str = ""

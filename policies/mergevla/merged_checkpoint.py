@@ -25,9 +25,6 @@ from policies.mergevla.merging_experts import Merging
 TAU, TRUNK, MASK, HEAD, ADAPTER, SUBSPACE, ROUTER = "tau", "trunk", "mask", "head", "adapter", "subspace", "router"
 """First words of the tensors' names. What belongs to an expert follows its number; experts are named in the card."""
 
-Calibrations = Mapping[str, Mapping[str, Tensor]]
-"""Name of a router to the tensors that it was fitted to."""
-
 
 @dataclass(frozen=True, eq=False)
 class MergedCheckpoint:
@@ -35,16 +32,17 @@ class MergedCheckpoint:
 
     parts: Parts
     card: MergedCard
-    calibrations: Calibrations
+    fitted: Weights
+    """What routers were fitted to, by `<router>/...`, as `routing.catalog.fit_routers` gives it."""
 
 
-def save_merged(folder: Path, merging: Merging, calibrations: Calibrations | None = None) -> MergedCard:
+def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -> MergedCard:
     """Write a merged checkpoint; the base stays where it is.
 
     Args:
         folder: Where to, made if need be.
         merging: What came of the merge.
-        calibrations: Of the routers that need one.
+        fitted: What routers were fitted to, see `MergedCheckpoint`.
 
     Returns:
         The card as written.
@@ -52,10 +50,8 @@ def save_merged(folder: Path, merging: Merging, calibrations: Calibrations | Non
     Raises:
         CheckpointError: NaN or infinite weights.
     """
-    parts, calibrations = merging.parts, calibrations or {}
-    tensors = _tensors(parts)
-    for name, calibration in calibrations.items():
-        tensors |= _under(f"{ROUTER}/{name}", calibration)
+    parts = merging.parts
+    tensors = _tensors(parts) | _under(ROUTER, fitted or {})
     check_finite(tensors, folder)
     _, base_card = load_tensors(merging.base)
     folder.mkdir(parents=True, exist_ok=True)
@@ -68,7 +64,7 @@ def save_merged(folder: Path, merging: Merging, calibrations: Calibrations | Non
         base=name_of_base(folder, merging.base),
         base_hash=base_card.tensor_hash,
         rescalers=parts.merged.rescalers,
-        routers=tuple(calibrations),
+        routers=tuple(sorted({name.partition("/")[0] for name in fitted or {}})),
         report=json.loads(merging.report.to_json()),
     )
     return write_folder(folder, {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, card)
@@ -94,8 +90,7 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
         parts = _parts(card, tensors, base)
     except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
         raise type(error)(f"'{folder}': {error}") from None
-    calibrations = {name: _section(tensors, f"{ROUTER}/{name}") for name in card.routers}
-    return MergedCheckpoint(parts, card, calibrations)
+    return MergedCheckpoint(parts, card, _section(tensors, ROUTER))
 
 
 def _tensors(parts: Parts) -> dict[str, Tensor]:

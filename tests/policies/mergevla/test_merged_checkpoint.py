@@ -19,7 +19,7 @@ from policies.mergevla.merging.recipe import BackboneRule, MaskRule, TrunkRule
 from tests.policies.mergevla.experts import TASKS, merging, save_base, save_experts
 from tests.policies.mergevla.test_checkpoint import Exploding
 
-FITTED = {"calibrated": {"mean": torch.arange(3.0)}}
+FITTED = {"calibrated/unaided/means": torch.arange(3.0)}
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_what_is_saved_comes_back(folders, tmp_path, trunk, backbone, masks):
     for task in (None, *TASKS):
         a, b = ours.weights(task), theirs.weights(task)
         assert all(torch.equal(a[name], b[name]) for name in a)
-    assert torch.equal(back.calibrations["calibrated"]["mean"], torch.arange(3.0))
+    assert torch.equal(back.fitted["calibrated/unaided/means"], torch.arange(3.0))
     for task in TASKS:
         pairs = zip(ours.own_value_weights(task), theirs.own_value_weights(task), strict=True)
         assert all(torch.equal(a, b) for a, b in pairs)

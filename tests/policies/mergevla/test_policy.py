@@ -72,7 +72,7 @@ def test_actions_are_restored_by_the_statistics_of_the_checkpoint(options, tmp_p
     save_checkpoint(tmp_path / "other", small_model(), Card(SMALL, other))
     normalised = torch.zeros(1, 8, ACTION_DIM)
     policy = KIND.load({"checkpoint": str(tmp_path / "other")})
-    policy._model.forward = lambda *_: normalised
+    policy._network.model.forward = lambda *_: normalised
     np.testing.assert_allclose(policy.act([query(0)])[0].actions, other.restore_actions(["null/Reach"], normalised)[0])
 
 

@@ -1,0 +1,160 @@
+"""Experts and merged models that act: each query by the network that its episode calls for."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from adapters.contract import PROPRIOCEPTION_DIM, FloatArray, Observation
+from policies.contract import Decision, PolicyError, PolicyMismatch, Query, Routing, StatelessPolicy
+from policies.mergevla.acting import (
+    Network,
+    chunks_by,
+    device_here,
+    load_network,
+    observed,
+    policy_spec,
+    stack_images,
+)
+from policies.mergevla.card import read_card
+from policies.mergevla.merged_checkpoint import load_merged
+from policies.mergevla.merged_model import MOST_MODELS, MergedModel
+from policies.mergevla.routing.catalog import router as router_named
+from policies.mergevla.routing.contract import Router, Sighting
+from suites.plugins import nearest
+from suites.vocabulary import Episode
+
+
+class ExpertsPolicy(StatelessPolicy):
+    """Acts by the expert of the episode's task: what merging is measured against. Takes one thread."""
+
+    def __init__(self, folders: Mapping[str, Path], *, most_models: int = MOST_MODELS) -> None:
+        """Take experts; each is read when its task first comes up.
+
+        Args:
+            folders: Task to its expert's checkpoint.
+            most_models: Networks kept in memory.
+
+        Raises:
+            PolicyError: They do not need or produce the same.
+        """
+        torch.set_num_threads(1)
+        specs = {task: policy_spec(read_card(folder).architecture) for task, folder in folders.items()}
+        first, self.spec = next(iter(specs.items()))
+        for task, spec in specs.items():
+            if spec != self.spec:
+                raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
+        self._folders, self._most_models = dict(folders), most_models
+        self._networks: OrderedDict[str, Network] = OrderedDict()
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Refuse episodes of a task that no expert was trained on."""
+        for episode in episodes:
+            self._check(episode.task)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """A chunk for each query; an answer does not depend on what else is in its batch (within 1e-5)."""
+        observations, tasks = observed(queries), [self._check(query.episode.task) for query in queries]
+        return [Decision(chunk) for chunk in chunks_by(observations, tasks, self._chunks)]
+
+    def _chunks(self, task: str, observations: Sequence[Observation]) -> FloatArray:
+        if task not in self._networks:
+            self._networks[task] = load_network(self._folders[task], device_here())
+            while len(self._networks) > self._most_models:
+                self._networks.popitem(last=False)
+        self._networks.move_to_end(task)
+        return self._networks[task].chunks(observations, [task] * len(observations))
+
+    def _check(self, task: str) -> str:
+        if task not in self._folders:
+            raise PolicyError(f"expected a task that has an expert, got '{task}'{nearest(task, self._folders)}")
+        return task
+
+
+class MergedPolicy:
+    """Acts by a merged model as the expert that the router chose from the episode's first observation.
+
+    The choice is kept until the episode ends. Takes one thread.
+    """
+
+    def __init__(self, model: MergedModel, router: Router) -> None:
+        torch.set_num_threads(1)
+        self.spec = policy_spec(model.architecture)
+        self._model, self._router = model, router
+        self._chosen: dict[str, str] = {}
+        if router.passes(len(model.experts)):
+            # What is made at the first use only, such as networks and subspaces, would count as the first episode's
+            # latency.
+            router.route([_blank(model)], model)
+
+    @classmethod
+    def from_checkpoint(cls, reference: str, router: str, *, sees_instruction: bool) -> MergedPolicy:
+        """The policy of a merged checkpoint.
+
+        Args:
+            reference: A folder or a hub id.
+            router: Name out of `routing.catalog.NAMES`.
+            sees_instruction: Whether the router does; the expert that acts always does.
+
+        Raises:
+            PolicyError: The checkpoint cannot be used, or the router is unknown or was not fitted.
+        """
+        checkpoint = load_merged(reference)
+        chosen = router_named(router, sees_instruction=sees_instruction, stored=checkpoint.fitted)
+        return cls(MergedModel(checkpoint.parts, device=device_here()), chosen)
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes: nothing is known of them."""
+        self.finish(episodes)
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Forget these episodes."""
+        for episode in episodes:
+            self._chosen.pop(episode.id, None)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """A chunk for each query, and the routing with an episode's first.
+
+        An answer does not depend on what else is in its batch (within 1e-5).
+        """
+        observations = observed(queries)
+        new = self._route(queries, stack_images(observations, self.spec.cameras) if observations else torch.empty(0))
+        experts = [self._chosen[query.episode.id] for query in queries]
+        chunks = chunks_by(observations, experts, self._chunks)
+        return [Decision(chunk, new.pop(query.episode.id, None)) for query, chunk in zip(queries, chunks, strict=True)]
+
+    def _route(self, queries: Sequence[Query], images: Tensor) -> dict[str, Routing]:
+        """Choose for the episodes that are new; what was chosen, by episode."""
+        sightings: dict[str, Sighting] = {}
+        for query, frames in zip(queries, images, strict=True):
+            episode, observation = query.episode, query.observation
+            assert observation is not None
+            if episode.id not in self._chosen and episode.id not in sightings:
+                sightings[episode.id] = Sighting(
+                    frames, observation.instruction, observation.proprioception, episode.id, episode.task
+                )
+        if not sightings:
+            return {}
+        started = time.perf_counter()
+        answers = self._router.route(list(sightings.values()), self._model)
+        waited = time.perf_counter() - started
+        self._chosen |= {name: routed.choice for name, routed in zip(sightings, answers, strict=True)}
+        return {
+            name: Routing(routed.scores, routed.choice, waited) for name, routed in zip(sightings, answers, strict=True)
+        }
+
+    def _chunks(self, expert: str, observations: Sequence[Observation]) -> FloatArray:
+        network = Network(self._model.model(expert), self._model.parts.statistics, self._model.tokenizer)
+        return network.chunks(observations, [expert] * len(observations))
+
+
+def _blank(model: MergedModel) -> Sighting:
+    architecture = model.architecture
+    images = torch.zeros(len(architecture.cameras), 3, architecture.image_size, architecture.image_size)
+    return Sighting(images, "", np.zeros(PROPRIOCEPTION_DIM), "", model.experts[0])
