@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles")
+BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference")
 FOLDER = Path("runs/bench")
 
 

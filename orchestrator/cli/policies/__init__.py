@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import typer
 
-from orchestrator.cli.policies import demonstrate, finetune, pretrain
+from orchestrator.cli.policies import demonstrate, finetune, merge, pretrain
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.command("demonstrate")(demonstrate.demonstrate)
 app.command("pretrain")(pretrain.pretrain)
 app.command("finetune")(finetune.finetune)
+app.command("merge")(merge.merge)

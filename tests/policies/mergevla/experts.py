@@ -10,21 +10,23 @@ from policies.mergevla.config import LoraSettings
 from policies.mergevla.lora import add_lora, folded
 from policies.mergevla.merging.recipe import Recipe
 from policies.mergevla.merging_experts import merge_experts, read_experts
-from tests.policies.mergevla.shared import SMALL, small_model, task_statistics
+from policies.mergevla.model import build
+from tests.policies.mergevla.shared import SMALL, task_statistics
 
-TASKS = ("null/Reach", "null/Slow", "null/Missing")
-INSTRUCTIONS = {"null/Reach": "reach", "null/Slow": "wait", "null/Missing": "look"}
+TASKS = ("null/Reach", "null/Slow", "null/Raise")
+INSTRUCTIONS = {"null/Reach": "reach", "null/Slow": "wait", "null/Raise": "look"}
 RANK = 2
 
 
-def save_base(folder: Path, seed=0) -> Path:
-    save_checkpoint(folder, small_model(seed), Card(SMALL, task_statistics(task="null/All")))
+def save_base(folder: Path, seed=0, architecture=SMALL) -> Path:
+    save_checkpoint(folder, build(architecture, seed), Card(architecture, task_statistics(task="null/All")))
     return folder
 
 
 def save_expert(folder: Path, base: Path, task: str, seed: int, *, size=0.05, rank=RANK) -> Path:
     """An expert whose every trainable weight was moved at random."""
     model = load_checkpoint(base).model
+    architecture = model.architecture
     lora = LoraSettings(rank)
     add_lora(model, lora, seed)
     generator = torch.Generator().manual_seed(seed)
@@ -32,21 +34,21 @@ def save_expert(folder: Path, base: Path, task: str, seed: int, *, size=0.05, ra
         for parameter in model.parameters():
             if parameter.requires_grad:
                 parameter += size * torch.randn(parameter.shape, generator=generator)
-    save_checkpoint(folder, model, Card(SMALL, task_statistics(seed, task), lora=lora), base=base)
+    save_checkpoint(folder, model, Card(architecture, task_statistics(seed, task), lora=lora), base=base)
     return folder
 
 
-def save_experts(folder: Path, tasks=TASKS) -> list[Path]:
+def save_experts(folder: Path, tasks=TASKS, architecture=SMALL) -> list[Path]:
     """A base in `folder/base`, and an expert for each task beside it in `folder/experts`."""
-    base = save_base(folder / "base")
+    base = save_base(folder / "base", architecture=architecture)
     return [
         save_expert(folder / "experts" / task.replace("/", "-"), base, task, seed)
         for seed, task in enumerate(tasks, start=1)
     ]
 
 
-def merging(folders, recipe=None, **changes):
-    return merge_experts(read_experts(folders), recipe or Recipe(**changes), INSTRUCTIONS)
+def merging(folders, recipe=None, instructions=INSTRUCTIONS, **changes):
+    return merge_experts(read_experts(folders), recipe or Recipe(**changes), instructions)
 
 
 def plain(folder):

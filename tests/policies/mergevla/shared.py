@@ -52,11 +52,11 @@ def task_statistics(seed=0, task="null/Reach"):
     return TaskStatistics({task: some_statistics(seed)})
 
 
-def query(seed, size=SMALL.image_size, instruction=None):
+def query(seed, size=SMALL.image_size, instruction=None, task="null/Reach"):
     generator = np.random.default_rng(seed)
     images = {
         camera: generator.integers(0, 256, (size, size, 3)).astype(np.uint8) for camera in ("third_person", "wrist")
     }
     words = instruction or INSTRUCTIONS[seed % len(INSTRUCTIONS)]
-    episode = Episode("p", "p", "null/Reach", seed, Protocol(40))
+    episode = Episode("p", "p", task, seed, Protocol(40))
     return Query(episode, 0, Observation(images, generator.normal(size=8), words))

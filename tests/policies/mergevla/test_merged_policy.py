@@ -57,8 +57,7 @@ def kind_and_options(request, folders, merged):
 
 
 def of_task(seed, task=None):
-    asked = query(seed)
-    return replace(asked, episode=replace(asked.episode, task=task or TASKS[seed % len(TASKS)]))
+    return query(seed, task=task or TASKS[seed % len(TASKS)])
 
 
 class Fixed:

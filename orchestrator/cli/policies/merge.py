@@ -1,0 +1,192 @@
+"""`gauntlet policies merge`: merge experts into one model that infers its task."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+from rich.table import Table
+
+from orchestrator.cli.policies.training import needs_training_packages
+from orchestrator.cli.shared import BadInput, out
+from policies.contract import PolicyError
+from policies.mergevla.card import CARD, WEIGHTS, CheckpointError, card_json
+from policies.mergevla.merged_card import KIND
+from policies.mergevla.merged_policy import expert_folders
+from policies.mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
+from policies.mergevla.merging.recipe import LAMBDA, BackboneRule, MaskRule, Recipe, TrunkRule
+from suites.plugins import nearest
+
+Rule = TypeVar("Rule", MaskRule, TrunkRule)
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from policies.mergevla.merged_model import Parts
+    from policies.mergevla.merging.diagnostics import MergeReport
+    from policies.training.dataset import Demonstrations
+
+
+def merge(
+    experts: Annotated[list[str], typer.Argument(metavar="EXPERTS...", help="Checkpoints, or folders of them.")],
+    out_folder: Annotated[Path, typer.Option("--out", help="Folder of the merged checkpoint.")],
+    operator: Annotated[str, typer.Option(help="mean, ta, ties, dare, tsv, knots, wudi or emr.")] = "ties",
+    masks: Annotated[
+        str | None, typer.Option(help="none, task or emr; by default task, and emr for operator emr.")
+    ] = None,
+    lambdas: Annotated[
+        list[str] | None, typer.Option("--lambda", metavar="NUMBER|TASK=NUMBER", help="Of the task masks. Repeatable.")
+    ] = None,
+    alpha: Annotated[float, typer.Option(help="Scale of the merged task vector.")] = 1.0,
+    trunk: Annotated[
+        str, typer.Option(help="vectors: merged as the backbone is; mean: averaged, as in the paper.")
+    ] = "vectors",
+    keep_blocks: Annotated[int, typer.Option(help="k, the last blocks that each task keeps.")] = 1,
+    merge_output: Annotated[bool, typer.Option(help="Merge the output layer with the trunk.")] = False,
+    select: Annotated[bool, typer.Option(help="Keep each task's own adapter instead of merging backbones.")] = False,
+    options: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Of the operator. Repeatable.")
+    ] = None,
+    demonstrations: Annotated[
+        list[Path] | None,
+        typer.Option(help="Datasets, or folders of them, to fit routers on. Repeatable. Without, some cannot be used."),
+    ] = None,
+) -> None:
+    """Merge experts of one base, which must stay where it is, and say what merging did to them."""
+    with needs_training_packages():
+        from policies.mergevla.merged_checkpoint import save_merged
+        from policies.mergevla.merging_experts import merge_experts, read_experts
+    try:
+        _check_out(out_folder)
+        read = read_experts(_checkpoints(experts))
+        recipe = Recipe(
+            operator=operator,
+            alpha=alpha,
+            masks=_rule(MaskRule, masks or (MaskRule.EMR if operator == "emr" else MaskRule.TASK)),
+            lambda_=_lambdas(lambdas or (), tuple(read.by_task)),
+            trunk=_rule(TrunkRule, trunk),
+            kept_blocks=keep_blocks,
+            merge_output=merge_output,
+            backbone=BackboneRule.SELECT if select else BackboneRule.MERGED,
+            options=_options(options or ()),
+        )
+        shown = _datasets(demonstrations or (), tuple(read.by_task))
+        merging = merge_experts(read, recipe, {dataset.task: dataset.instructions[0] for dataset in shown})
+        card = save_merged(out_folder, merging, _fit(merging.parts, shown) if shown else None)
+    except PolicyError as error:
+        raise BadInput(str(error)) from None
+    except OSError as error:
+        raise BadInput(f"{out_folder}: {error.strerror}") from None
+    _show(merging.report, recipe)
+    size = (out_folder / WEIGHTS).stat().st_size / 1e6
+    routers = f"fitted routers: {', '.join(card.routers)}" if card.routers else "no router was fitted"
+    said = f"{out_folder}: {len(card.experts)} experts merged, {size:.1f} MB beside the base; {routers}"
+    out.print(said, markup=False, soft_wrap=True)
+
+
+def _checkpoints(references: Sequence[str]) -> list[str]:
+    """The experts' checkpoints, those in folders of them included."""
+    found: list[str] = []
+    for reference in references:
+        folder = Path(reference)
+        if folder.is_dir() and not (folder / CARD).exists() and not (folder / WEIGHTS).exists():
+            found += map(str, expert_folders(folder).values())
+        else:
+            found.append(reference)
+    return found
+
+
+def _check_out(folder: Path) -> None:
+    """Refuse to write over anything but an earlier merged checkpoint."""
+    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and card_json(folder).get("kind") != KIND)):
+        raise CheckpointError(f"expected a new folder or that of a merged checkpoint for --out, got '{folder}'")
+
+
+def _rule(rules: type[Rule], value: str) -> Rule:
+    if value not in tuple(rules):
+        raise OutOfRange(f"expected one of {', '.join(rules)}, got '{value}'")
+    return rules(value)
+
+
+def _lambdas(given: Sequence[str], experts: tuple[str, ...]) -> float | dict[str, float]:
+    """One number for all, or one for each expert if any was named."""
+    for_all, named = LAMBDA, {}
+    for text in given:
+        task, _, number = text.rpartition("=")
+        if task and task not in experts:
+            raise ExpertsDiffer(f"expected --lambda for one of the experts, got '{task}'{nearest(task, experts)}")
+        try:
+            value = float(number)
+        except ValueError:
+            raise OutOfRange(f"expected --lambda NUMBER or TASK=NUMBER, got '{text}'") from None
+        if task:
+            named[task] = value
+        else:
+            for_all = value
+    return {expert: named.get(expert, for_all) for expert in experts} if named else for_all
+
+
+def _options(given: Sequence[str]) -> dict[str, Any]:
+    """Names to numbers, or to text where that is no number."""
+    found: dict[str, Any] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not name or not equals:
+            raise MergeError(f"expected --option NAME=VALUE, got '{text}'")
+        try:
+            found[name] = json.loads(value)
+        except ValueError:
+            found[name] = value
+    return found
+
+
+def _datasets(folders: Sequence[Path], tasks: tuple[str, ...]) -> list[Demonstrations]:
+    """The demonstrations of these tasks.
+
+    Raises:
+        PolicyError: A folder without datasets, or datasets that leave a task out.
+    """
+    from policies.training.dataset import Demonstrations, find_datasets
+
+    found = sorted({path.resolve(): path for folder in folders for path in find_datasets(folder)}.values())
+    datasets = [dataset for dataset in map(Demonstrations, found) if dataset.task in tasks]
+    missing = [task for task in tasks if task not in {dataset.task for dataset in datasets}]
+    if folders and missing:
+        raise MergeError(f"expected demonstrations of each expert's task, got none of {missing[0]}")
+    return datasets
+
+
+def _fit(parts: Parts, datasets: Sequence[Demonstrations]) -> dict[str, Tensor]:
+    from policies.mergevla.merged_model import MergedModel
+    from policies.mergevla.routing.catalog import fit_routers
+    from policies.mergevla.routing.demonstrations import first_sightings
+
+    first = first_sightings(datasets, parts.architecture.cameras)
+    return fit_routers(MergedModel(parts), first.frames, first.held_out)
+
+
+def _show(report: MergeReport, recipe: Recipe) -> None:
+    """What the masks keep of the merged vector, beside what they would keep of unrelated ones."""
+    table = Table("expert", box=None, pad_edge=False)
+    for title in ("keep rate", "chance", "cosine", "chance", "mask KB", "own KB", "as LoRA KB"):
+        table.add_column(title, justify="right")
+    observed, chance = report.observed, report.null
+    for expert in report.experts:
+        size = report.bytes_per_task[expert]
+        rates = (observed.keep[expert], chance.keep[expert], observed.cosine[expert], chance.cosine[expert])
+        sizes = (size.mask, size.head, size.lora)
+        table.add_row(
+            expert,
+            *(f"{rate:.3f}" for rate in rates),
+            *("-" if count is None else f"{count / 1e3:.1f}" for count in sizes),
+        )
+    out.print(table)
+    out.print(f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f}; {report.entries} weights merged")
+    for part, distances in report.block_distances.items():
+        first_kept = len(distances) - recipe.kept_blocks
+        trunk, head = (" ".join(f"{d:.3f}" for d in some) for some in (distances[:first_kept], distances[first_kept:]))
+        said = f"distance of experts by block, {part}: merged {trunk or 'none'}; kept {head or 'none'}"
+        out.print(said, soft_wrap=True)
