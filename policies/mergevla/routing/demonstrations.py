@@ -10,12 +10,11 @@ import torch
 
 from policies.mergevla.routing.contract import RoutingError, Sighting
 from policies.training.dataset import Demonstrations
-from policies.training.pool import task_of
 from suites.vocabulary import content_hash
 
 HELD_OUT_EVERY = 4
-"""One episode in so many is held out, the last of each four. Training holds out one in ten, too few to fit a temperature
-and a 95 % quantile on: an episode has one first frame."""
+"""One episode in so many is held out, the last of each four. Training's one in ten is too few for a temperature and a
+95 % quantile: an episode has one first frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +35,13 @@ def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) 
         cameras: The architecture's, in its order.
 
     Raises:
-        RoutingError: A dataset with fewer than two episodes, so that none can be held out.
-        DatasetError: A dataset without such a camera, or with a broken image.
+        RoutingError: A dataset without such a camera, or with one episode only, so that none can be held out.
+        DatasetError: A broken image.
     """
     frames: dict[str, list[Sighting]] = {}
     held_out: dict[str, list[Sighting]] = {}
     for dataset in datasets:
-        task = task_of(dataset.folder)
+        task = dataset.task
         every = min(HELD_OUT_EVERY, dataset.episodes)
         if every < 2:
             raise RoutingError(f"{dataset.folder}: expected two episodes or more, got {dataset.episodes}")
@@ -53,6 +52,10 @@ def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) 
 
 
 def _sightings(dataset: Demonstrations, task: str, cameras: Sequence[str]) -> list[Sighting]:
+    missing = [camera for camera in cameras if camera not in dataset.spec.cameras]
+    if missing:
+        came = ", ".join(sorted(dataset.spec.cameras))
+        raise RoutingError(f"{dataset.folder}: expected camera {missing[0]}, got {came}")
     starts = dataset.starts
     batch = dataset.batch(starts, chunk_length=1)
     pixels = np.stack([batch.images[camera] for camera in cameras], axis=1)

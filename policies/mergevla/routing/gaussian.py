@@ -51,7 +51,7 @@ class Calibration:
         return (white[:, None] - self.centres.double()).norm(dim=-1)
 
     def log_posterior(self, features: Tensor) -> Tensor:
-        """log p(class | features) with equal priors at the temperature, shape (n, experts), float64."""
+        """Log-probability of each class with equal priors at the temperature, shape (n, experts), float64."""
         return torch.log_softmax(self.distances(features).square() / (-2.0 * self.temperature), dim=1)
 
     def unknown(self, features: Tensor) -> Tensor:
@@ -97,9 +97,7 @@ class Calibration:
         )
 
 
-def fit(
-    frames: Labelled, held_out: Labelled, reading: Reading = Reading(), components: int = COMPONENTS
-) -> Calibration:
+def fit(frames: Labelled, held_out: Labelled, reading: Reading, components: int = COMPONENTS) -> Calibration:
     """Fit the classes, then the temperature and the threshold.
 
     Args:
@@ -138,7 +136,7 @@ def ledoit_wolf(residuals: Tensor) -> Tensor:
 
     With S = X^T X / n, m = tr S / p and squared norms |A|^2 = sum of squares / p: d2 = |S - m I|^2,
     b2 = min(d2, sum_k |x_k x_k^T - S|^2 / n^2), and the estimate is (b2 / d2) m I + (1 - b2 / d2) S. O. Ledoit and
-    M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", J. Multivariate Analysis 88 (2004).
+    M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", J. Multivariate Anal. 88 (2004).
 
     Args:
         residuals: X, shape (n, p), n >= 1.

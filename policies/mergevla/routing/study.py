@@ -46,7 +46,7 @@ class Calibrated:
     expected_error: float
     """Mean over the episodes of |confidence - accuracy| of their bin (C. Guo et al., arXiv 1706.04599)."""
     brier: float
-    """Mean of the squared distance between probabilities and truth, 0 to 2 (G. W. Brier, Monthly Weather Rev. 78, 1950)."""
+    """Mean of the squared distance between probabilities and truth, 0 to 2 (Brier, Monthly Weather Rev. 78, 1950)."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Detection:
     """How well a score tells unknown tasks (positive) from known ones (negative)."""
 
     auroc: float
-    """Probability that an unknown one's score is the higher, ties counting half (Hanley and McNeil, Radiology 143, 1982)."""
+    """Probability that an unknown one's score is higher, ties counting half (Hanley and McNeil, Radiology 1982)."""
     false_positive_rate: float
     """Share of known ones called unknown at the highest threshold that finds 95 % of the unknown ones."""
     known: int

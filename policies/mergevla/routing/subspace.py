@@ -1,4 +1,4 @@
-"""The paper's router (arXiv 2511.18810): energy of each candidate's hidden states in its value projections' subspaces."""
+"""The paper's router (arXiv 2511.18810): each candidate's energy in the subspaces of its values."""
 
 from __future__ import annotations
 

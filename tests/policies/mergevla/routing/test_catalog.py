@@ -1,0 +1,95 @@
+"""Routers by name, and fitted ones on a small network."""
+
+import pytest
+import torch
+from safetensors.torch import load, save
+
+from policies.contract import PolicyError
+from policies.mergevla.routing.calibrated import fit_calibration
+from policies.mergevla.routing.catalog import NAMES, fit_routers, router
+from policies.mergevla.routing.contract import RoutingError
+from policies.mergevla.routing.features import Pooling, Reading, features_of
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, sighting, sightings
+
+FITTED = ("calibrated", "nearest-centroid")
+
+
+@pytest.fixture(scope="module")
+def candidates():
+    return SmallCandidates()
+
+
+@pytest.fixture(scope="module")
+def stored(candidates):
+    return fit_routers(candidates, frames(0, 8), frames(50, 6))
+
+
+def test_all_routers_are_there():
+    assert set(NAMES) == {"paper-coded", "paper-written", "random", "instruction-match", "oracle", *FITTED}
+
+
+@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize("sees_instruction", [True, False])
+def test_fitted_routers_route_new_frames_right_after_safetensors(name, sees_instruction, candidates, stored):
+    chosen = router(name, sees_instruction=sees_instruction, stored=load(save(stored)))
+    new = [sighting(9000 + i, task) for i in range(4) for task in EXPERTS]
+    routed = chosen.route(new, candidates)
+    assert [one.choice for one in routed] == [one.task for one in new]
+    assert all(one.unknown is not None and one.rejected is not None for one in routed)
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_a_frame_of_no_known_task_is_rejected(name, candidates, stored):
+    strange = sighting(0)
+    black = type(strange)(strange.images * 0, "", strange.proprioception, "0", strange.task)
+    assert router(name, sees_instruction=False, stored=stored).route([black], candidates)[0].rejected
+
+
+def test_the_calibrated_scores_are_log_probabilities(candidates, stored):
+    for routed in router("calibrated", stored=stored).route(sightings(), candidates):
+        assert torch.tensor(list(routed.scores.values())).exp().sum() == pytest.approx(1.0)
+
+
+def test_flat_features_keep_the_patches_places_and_the_mean_does_not(candidates):
+    batch, width = sightings(5), 16
+    patches = candidates.hidden_states(None, batch[0].images[None], [""]).task[-1].shape[1]
+    shapes = {
+        Reading(False): patches * width,
+        Reading(True): (patches + 1) * width,
+        Reading(False, pooling=Pooling.MEAN): width,
+        Reading(True, layer=0, pooling=Pooling.MEAN): 2 * width,
+    }
+    assert {r: features_of(candidates, batch, r).shape[1] for r in shapes} == shapes
+    with pytest.raises(RoutingError, match="expected a layer from -3 to 2, got 3"):
+        features_of(candidates, batch, Reading(layer=3))
+
+
+def test_another_layer_is_remembered(candidates):
+    calibration = fit_calibration(candidates, frames(0, 4), frames(50, 4), sees_instruction=False, layer=1)
+    back = type(calibration).from_tensors(calibration.as_tensors())
+    assert back.reading == Reading(False, 1)
+
+
+def test_a_misspelt_router_gets_the_nearest_name():
+    with pytest.raises(PolicyError, match="unknown router 'paper-code'; did you mean 'paper-coded'"):
+        router("paper-code")
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_a_router_that_is_not_fitted_is_refused(name, stored):
+    with pytest.raises(PolicyError, match=f"router '{name}': expected tensors {name}/unaided/.* got none"):
+        router(name, sees_instruction=False, stored={})
+    broken = {key: tensor for key, tensor in stored.items() if not key.endswith("centres")}
+    with pytest.raises(PolicyError, match=f"router '{name}': expected centres"):
+        router(name, stored=broken)
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_a_router_fitted_to_other_experts_is_refused(name, stored):
+    with pytest.raises(PolicyError, match="got null/Push: the model has no such expert"):
+        router(name, stored=stored).route(sightings(1), SmallCandidates(EXPERTS[1:]))
+
+
+def test_an_expert_without_frames_is_refused(candidates):
+    with pytest.raises(RoutingError, match="expected first frames of expert null/Open, got none"):
+        fit_calibration(candidates, {**frames(0, 4), "null/Open": []}, frames(50, 4), sees_instruction=True)

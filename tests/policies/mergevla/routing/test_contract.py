@@ -1,0 +1,110 @@
+"""What every router promises."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from policies.mergevla.routing.catalog import NAMES, fit_routers, router
+from policies.mergevla.routing.contract import RoutingError, answer
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, sighting, sightings
+
+PASSES = {"paper-coded": 3, "paper-written": 3, "calibrated": 1, "nearest-centroid": 1}
+
+
+@pytest.fixture(scope="module")
+def candidates():
+    return SmallCandidates()
+
+
+@pytest.fixture(scope="module")
+def stored(candidates):
+    return fit_routers(candidates, frames(0, 8), frames(50, 6))
+
+
+def close(a, b):
+    same = a.choice == b.choice and a.rejected == b.rejected and a.scores.keys() == b.scores.keys()
+    near = all(a.scores[e] == pytest.approx(b.scores[e], rel=1e-5, abs=1e-5) for e in a.scores)
+    return same and near and (a.unknown == b.unknown or a.unknown == pytest.approx(b.unknown, rel=1e-5, abs=1e-5))
+
+
+@pytest.mark.parametrize("sees_instruction", [True, False])
+@pytest.mark.parametrize("name", NAMES)
+def test_an_answer_depends_on_its_own_sighting_alone(name, sees_instruction, candidates, stored):
+    chosen = router(name, sees_instruction=sees_instruction, stored=stored)
+    batch = sightings()
+    together = chosen.route(batch, candidates)
+    assert [answer.scores.keys() for answer in together] == [set(EXPERTS)] * len(batch)
+    assert all(close(chosen.route([one], candidates)[0], a) for one, a in zip(batch, together, strict=True))
+    backwards = chosen.route(batch[::-1], candidates)[::-1]
+    assert all(map(close, together, backwards))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_order_of_the_experts_changes_nothing(name, candidates, stored):
+    chosen, batch = router(name, stored=stored), sightings()
+    reordered = SmallCandidates(EXPERTS[::-1])
+    assert all(map(close, chosen.route(batch, candidates), chosen.route(batch, reordered)))
+
+
+@pytest.mark.parametrize("name", ["paper-coded", "paper-written"])
+def test_a_candidate_leaves_no_trace_on_the_next(name, candidates):
+    batch = sightings(3)
+    fewer = SmallCandidates(EXPERTS[1:])
+    all_of_them, some = (router(name).route(batch, c) for c in (candidates, fewer))
+    for a, b in zip(all_of_them, some, strict=True):
+        assert all(a.scores[e] == pytest.approx(b.scores[e], abs=1e-6) for e in fewer.experts)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_decision_takes_the_passes_that_it_says(name, stored):
+    candidates = SmallCandidates()
+    chosen = router(name, stored=stored)
+    chosen.route(sightings(2), candidates)
+    assert len(candidates.passes) == chosen.passes(3) == PASSES.get(name, 0)
+    assert chosen.passes(9) == {3: 9, 1: 1, 0: 0}[chosen.passes(3)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_blanked_instruction_is_not_seen(name, candidates, stored):
+    told = [sighting(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
+    told[1] = replace(told[0], instruction=told[1].instruction)
+    blind = router(name, sees_instruction=False, stored=stored)
+    assert not blind.sees_instruction
+    one, other = blind.route(told, candidates)
+    assert close(one, other)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_to_route_is_no_error(name, candidates, stored):
+    assert router(name, stored=stored).route([], candidates) == []
+
+
+def test_of_equal_scores_the_first_name_is_chosen():
+    assert answer({"b": 1.0, "a": 1.0, "c": 0.0}).choice == "a"
+    assert answer({"a": 1.0}, unknown=2.0).rejected is None
+    assert [answer({"a": 1.0}, 2.0, threshold).rejected for threshold in (1.0, 2.0)] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"images": torch.zeros(3, 16, 16)},
+            r"expected images of shape \(cameras, 3, H, W\) in \[0, 1\], got \(3, 16,",
+        ),
+        ({"images": torch.zeros(2, 3, 16, 16, dtype=torch.uint8)}, "got .* of torch.uint8"),
+        ({"proprioception": np.zeros(7)}, r"expected proprioception of shape \(8,\), got \(7,\)"),
+    ],
+)
+def test_a_sighting_of_another_shape_is_refused(change, message):
+    with pytest.raises(RoutingError, match=message):
+        replace(sighting(0), **change)
+
+
+@pytest.mark.parametrize("name", PASSES)
+def test_images_of_another_size_are_refused(name, candidates, stored):
+    large = replace(sighting(0), images=torch.zeros(2, 3, 32, 32))
+    with pytest.raises(RoutingError, match=r"expected images of shape \(2, 3, 16, 16\), got \(2, 3, 32, 32\)"):
+        router(name, stored=stored).route([large], candidates)

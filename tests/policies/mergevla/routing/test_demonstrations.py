@@ -1,0 +1,47 @@
+"""First observations of recorded demonstrations."""
+
+import numpy as np
+import pytest
+
+from policies.mergevla.routing.contract import RoutingError
+from policies.mergevla.routing.demonstrations import first_sightings
+from policies.training.dataset import Demonstrations
+from tests.policies.training.synthetic import recording, write
+
+CAMERAS = ("wrist", "third_person")
+
+
+def dataset(folder, episodes):
+    recordings = [recording(seed, 6 + seed) for seed in range(episodes)]
+    write(folder, recordings)
+    return Demonstrations(folder), recordings
+
+
+def test_the_first_frame_of_every_episode_is_split_four_to_one(tmp_path):
+    found, recordings = dataset(tmp_path / "set", 9)
+    split = first_sightings([found], CAMERAS)
+    assert split.frames.keys() == split.held_out.keys() == {"null/Reach"}
+    frames, held_out = split.frames["null/Reach"], split.held_out["null/Reach"]
+    assert (len(frames), len(held_out)) == (7, 2)
+    for one, original in zip(held_out, [recordings[3], recordings[7]], strict=True):
+        expected = np.stack([original.images[camera][0] for camera in CAMERAS]).transpose(0, 3, 1, 2) / 255.0
+        assert one.images.numpy() == pytest.approx(expected, abs=1e-6)
+        assert one.proprioception == pytest.approx(original.states[0], abs=1e-6)
+        assert (one.instruction, one.task) == (original.instruction, "null/Reach")
+    assert len({one.episode_id for one in [*frames, *held_out]}) == 9
+
+
+def test_datasets_of_one_task_are_joined(tmp_path):
+    parts = [dataset(tmp_path / name, count)[0] for name, count in (("one", 4), ("two", 2))]
+    split = first_sightings(parts, CAMERAS)
+    assert (len(split.frames["null/Reach"]), len(split.held_out["null/Reach"])) == (4, 2)
+
+
+def test_a_dataset_that_cannot_be_split_is_refused(tmp_path):
+    with pytest.raises(RoutingError, match="expected two episodes or more, got 1"):
+        first_sightings([dataset(tmp_path / "set", 1)[0]], CAMERAS)
+
+
+def test_a_camera_that_was_not_recorded_is_refused(tmp_path):
+    with pytest.raises(RoutingError, match="expected camera overhead, got third_person, wrist"):
+        first_sightings([dataset(tmp_path / "set", 2)[0]], ("overhead",))

@@ -1,0 +1,71 @@
+"""The paper's routers against its formulae, written out naively."""
+
+import numpy as np
+import pytest
+import torch
+
+from policies.mergevla.routing.subspace import (
+    PaperCodedRouter,
+    PaperWrittenRouter,
+    energy,
+    hidden_index,
+    leading_right_vectors,
+)
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, sightings, values
+
+
+def naive_energy(tokens, weight):
+    basis = np.linalg.svd(weight.detach().numpy().astype(np.float64))[2][:8]
+    return np.mean([np.sqrt(sum((row @ token) ** 2 for row in basis)) for token in tokens.detach().numpy()])
+
+
+def hidden(candidates, expert, one):
+    return candidates.hidden_states(expert, one.images[None], [one.instruction])
+
+
+@pytest.mark.parametrize(("kept_blocks", "layer"), [(1, 2), (0, 2)])
+def test_the_coded_router_projects_like_onto_like_one_layer_on(kept_blocks, layer):
+    candidates, batch = SmallCandidates(kept_blocks=kept_blocks), sightings(3)
+    for one, routed in zip(batch, PaperCodedRouter().route(batch, candidates), strict=True):
+        for expert in EXPERTS:
+            states = hidden(candidates, expert, one)
+            adapter, task = candidates.own_value_weights(expert)
+            expected = (naive_energy(states.action[layer][0], adapter) + naive_energy(states.task[layer][0], task)) / 2
+            assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
+        assert routed.choice == max(routed.scores, key=routed.scores.get)
+        assert (routed.unknown, routed.rejected) == (None, None)
+
+
+def test_the_written_router_crosses_the_pairs_at_the_last_layer():
+    candidates, batch = SmallCandidates(), sightings(3)
+    for one, routed in zip(batch, PaperWrittenRouter().route(batch, candidates), strict=True):
+        for expert in EXPERTS:
+            states = hidden(candidates, expert, one)
+            adapter, task = values(candidates.models[expert].action_expert.blocks[-1])
+            expected = (naive_energy(states.action[-1][0], task) + naive_energy(states.task[-1][0], adapter)) / 2
+            assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(("layers", "kept", "index"), [(24, 1, 24), (24, 2, 23), (24, 3, 22), (24, 0, 24), (4, 3, 2)])
+def test_the_coded_router_reads_block_index_plus_two(layers, kept, index):
+    assert hidden_index(layers, kept) == index
+
+
+@pytest.mark.parametrize("kind", [PaperCodedRouter, PaperWrittenRouter])
+def test_subspaces_are_computed_once_for_a_model_and_anew_for_another(kind):
+    router, one, other = kind(), SmallCandidates(), SmallCandidates(EXPERTS[:2])
+    for _ in range(2):
+        router.route(sightings(2), one)
+    assert one.factorised == 3
+    assert router.route(sightings(1), other)[0].scores.keys() == set(EXPERTS[:2])
+    assert other.factorised == 2
+
+
+def test_stored_singular_vectors_serve_as_well_as_the_weights():
+    generator = torch.Generator().manual_seed(0)
+    weight, states = torch.randn(16, 16, generator=generator), torch.randn(2, 5, 16, generator=generator)
+    vectors = leading_right_vectors(weight)
+    again = leading_right_vectors(vectors)
+    assert vectors.shape == (8, 16)
+    assert torch.allclose(vectors @ vectors.mT, torch.eye(8), atol=1e-5)
+    assert torch.allclose(energy(states, vectors), energy(states, again), atol=1e-5)
