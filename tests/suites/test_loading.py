@@ -218,7 +218,11 @@ def test_a_suite_can_say_which_policies_the_report_compares(tmp_path):
         (": random\n  r", ": oracle\n  r", "7: merging names policy 'oracle' twice; each side is another policy"),
         ("  oracle_routed: random\n", "", "5: missing key 'oracle_routed'"),
         ("oracle_routed", "oracle_route", "7: unknown key 'oracle_route'; did you mean 'oracle_routed'?"),
-        ("routed: [merged, merged-2]", "routed: []", "8: merging.routed: expected at least one entry, found an empty list"),
+        (
+            "routed: [merged, merged-2]",
+            "routed: []",
+            "8: merging.routed: expected at least one entry, found an empty list",
+        ),
     ],
 )
 def test_a_mistake_in_the_merging_block_is_named_with_its_line(problems, right, wrong, problem):

@@ -39,7 +39,14 @@ def test_the_horizon_is_the_tasks_own_unless_the_suite_sets_it():
 
 @pytest.mark.parametrize(
     "changes",
-    [{"workers": 3}, {"name": "t"}, {"error_tolerance": 0.5}, {"tasks": ["b/One", "a/One"]}, {"description": "x"}, MERGING],
+    [
+        {"workers": 3},
+        {"name": "t"},
+        {"error_tolerance": 0.5},
+        {"tasks": ["b/One", "a/One"]},
+        {"description": "x"},
+        MERGING,
+    ],
 )
 def test_the_hash_ignores_how_a_suite_is_run(changes):
     assert suite(**changes).content_hash(DIGESTS, NAMES) == suite().content_hash(DIGESTS, NAMES)
