@@ -7,16 +7,17 @@ from pathlib import Path
 from rich.table import Table
 
 from orchestrator.cli.shared import fail, out
-from results.report import read_tables
+from results.report import read_merging, read_tables
+from results.report.merging import compact_table, losses_table
 from results.report.text import NOTHING, TextTable, rate_text, summary_table
 from results.run import RunError
 from results.tables import Tables
 
 
 def print_summary(folder: Path) -> None:
-    """Print success per task and policy, and per policy and simulator, as the folder's report has it."""
+    """Print success per task and policy, per policy and simulator, and what merging cost, as the report has it."""
     try:
-        tables = read_tables(folder)
+        tables, merging = read_tables(folder), read_merging(folder)
     except RunError as error:
         fail(str(error))
         return
@@ -28,6 +29,16 @@ def print_summary(folder: Path) -> None:
     out.print()
     out.print(_rich(_fitting(summary_table(tables)), title="Per simulator"))
     out.print()
+    if merging is None:
+        return
+    title = f"Expert ({merging.expert}), merged and told its task ({merging.told}), merged and inferring it"
+    out.print(_rich(compact_table(merging), title=title))
+    out.print()
+    for comparison in merging.routed:
+        table = losses_table(comparison)
+        last = TextTable(table.header, table.rows[-1:], table.labels)
+        out.print(_rich(last, title=f"Success lost by {comparison.policy}, percentage points"))
+        out.print()
 
 
 def _per_task(tables: Tables) -> TextTable:
