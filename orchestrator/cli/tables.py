@@ -8,7 +8,7 @@ from rich.table import Table
 
 from orchestrator.cli.shared import fail, out
 from results.report import read_merging, read_tables
-from results.report.merging import compact_table, losses_table
+from results.report.merging import compact_table, overall_table
 from results.report.text import NOTHING, TextTable, rate_text, summary_table
 from results.run import RunError
 from results.tables import Tables
@@ -31,14 +31,12 @@ def print_summary(folder: Path) -> None:
     out.print()
     if merging is None:
         return
-    title = f"Expert ({merging.expert}), merged and told its task ({merging.told}), merged and inferring it"
-    out.print(_rich(compact_table(merging), title=title))
-    out.print()
     for comparison in merging.routed:
-        table = losses_table(comparison)
-        last = TextTable(table.header, table.rows[-1:], table.labels)
-        out.print(_rich(last, title=f"Success lost by {comparison.policy}, percentage points"))
+        title = f"Expert ({merging.expert}), told ({merging.told}) and routed ({comparison.policy})"
+        out.print(_rich(compact_table(comparison), title=title))
         out.print()
+    out.print(_rich(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
+    out.print()
 
 
 def _per_task(tables: Tables) -> TextTable:

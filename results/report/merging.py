@@ -55,23 +55,23 @@ def comparison_table(merging: Merging) -> TextTable:
     return TextTable(tuple(header), tuple(lines), 1)
 
 
-def compact_table(merging: Merging) -> TextTable:
-    """The same for a terminal: rates without intervals, and how many episodes each is of."""
-    routed = [comparison.policy for comparison in merging.routed]
-    several = len(routed) > 1
-    header = ["task", "expert", "told"]
-    for name in routed:
-        header += [f"routed: {name}" if several else "routed", "router accuracy"]
+def compact_table(comparison: RoutedComparison) -> TextTable:
+    """The same of one routed policy, for a terminal: rates without intervals, and how many episodes each is of."""
     lines = []
-    for place, row in enumerate(_lines(merging.routed[0])):
-        rates: list[Rate | None] = [row.expert, row.told]
-        for comparison in merging.routed:
-            line = _lines(comparison)[place]
-            rates += [line.routed, accuracy(comparison, line)]
+    for row in _lines(comparison):
+        rates = (row.expert, row.told, row.routed, accuracy(comparison, row))
         judged = sorted({rate.trials for rate in rates if rate is not None and rate.trials})
-        shown = [NOTHING if rate is None else text.percent(rate.rate) for rate in rates]
+        shown = (NOTHING if rate is None else text.percent(rate.rate) for rate in rates)
         lines.append((label(row), *shown, "/".join(map(str, judged)) or NOTHING))
-    return TextTable((*header, "n"), tuple(lines), 1)
+    return TextTable(("task", "expert", "told", "routed", "router accuracy", "n"), tuple(lines), 1)
+
+
+def overall_table(merging: Merging) -> TextTable:
+    """What was lost over all tasks, a column per routed policy."""
+    names = ("loss by merging", "loss by routing", "both", "retention", "pairs", "left out")
+    columns = [_losses(comparison.overall)[1:] for comparison in merging.routed]
+    header = ("percentage points", *(comparison.policy for comparison in merging.routed))
+    return TextTable(header, tuple((name, *values) for name, *values in zip(names, *columns, strict=True)), 1)
 
 
 def losses_table(comparison: RoutedComparison) -> TextTable:

@@ -58,14 +58,15 @@ def test_the_section_fetches_nothing_and_runs_nothing(folder):
 
 def test_tables_are_rectangular_and_name_every_task(folder):
     merging = read_merging(folder)
-    tables = [words.comparison_table(merging), words.compact_table(merging), words.router_table(merging)]
+    tables = [words.comparison_table(merging), words.overall_table(merging), words.router_table(merging)]
     for comparison in merging.routed:
-        tables += [words.losses_table(comparison), words.confusion_table(comparison.router.confusion)]
+        tables += [words.compact_table(comparison), words.losses_table(comparison)]
+        tables += [words.confusion_table(comparison.router.confusion)]
         tables.append(words.calibration_table(comparison))
     for table in tables:
         assert table.rows
         assert all(len(line) == len(table.header) for line in table.rows)
-    assert [line[0] for line in words.compact_table(merging).rows] == [
+    assert [line[0] for line in words.compact_table(merging.routed[0]).rows] == [
         *TASKS,
         "maniskill, all",
         "pybullet, all",
@@ -80,7 +81,7 @@ def test_policies_that_do_not_route_have_no_router_but_losses(tmp_path):
     write_report(folder)
     merging = read_merging(folder)
     assert [comparison.router for comparison in merging.routed] == [None, None]
-    assert words.compact_table(merging).rows[-1] == ("all", "100 %", "100 %", "100 %", "–", "100 %", "–", "15")
+    assert words.compact_table(merging.routed[0]).rows[-1] == ("all", "100 %", "100 %", "100 %", "–", "15")
     for text in texts(folder):
         assert "Merging and routing" in text
         assert "calibration error" not in text
