@@ -14,7 +14,7 @@ import numpy as np
 
 from adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from adapters.frames import STATE_QUANTUM
-from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk
+from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk, check_routing
 from results.record import EpisodeResult, Status
 from suites.vocabulary import SUCCESS_HOLD, Episode
 
@@ -93,7 +93,8 @@ def rollout(
             decision = _ask(policy, query)
             chunk = check_chunk(decision.actions)
         queries += 1
-        routing = routing or decision.routing
+        if routing is None and decision.routing is not None:
+            routing = check_routing(decision.routing)
         chunk = chunk[: min(protocol.replan_every, protocol.horizon - steps)]
         chunk[:, ignored] = 0.0
         fitting = np.clip(chunk, low, high)
@@ -132,6 +133,9 @@ def rollout(
         actions_hash=actions.hexdigest()[:16],
         inferred_task=routing.choice if routing else None,
         routing_scores=json.dumps(dict(routing.scores), sort_keys=True) if routing else None,
+        unknown_score=routing.unknown if routing else None,
+        rejected=routing.rejected if routing else None,
+        routing_s=routing.latency_s if routing else 0.0,
         started_at=started,
         wall_s=time.perf_counter() - clock,
         **phases.as_fields(),

@@ -210,7 +210,9 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         check_same(plan, document, folder)
         if document.store_url is not None and options.store is None:
             raise PlanError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
-        return document.model_copy(update={"status": RunStatus.RUNNING, "reason": None, "workers": workers})
+        return document.model_copy(
+            update={"status": RunStatus.RUNNING, "reason": None, "workers": workers, "merging": plan.suite.merging}
+        )
     cards = simulators.task_cards()
     distributions = [d for name in plan.simulators for d in simulators.find(name).distributions]
     return RunDocument(
@@ -224,6 +226,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         started_at=time.time(),
         plan=plan.planned_cells(),
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
+        merging=plan.suite.merging,
         workers=workers,
         skipped=dict(plan.unavailable),
         provenance=provenance.collect(distributions),

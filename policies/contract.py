@@ -63,9 +63,14 @@ class Routing:
     """How a merged policy inferred its task."""
 
     scores: Mapping[str, float]
-    """Expert name to score, higher is likelier."""
+    """Expert (the task it is for, `simulator/task`) to score, higher is likelier. Logarithms of probabilities where
+    their exponentials add up to 1; a report then says how well they are calibrated."""
     choice: str
     latency_s: float
+    unknown: float | None = None
+    """How unlike any known task the observation is, higher is less like one; None if the router does not say."""
+    rejected: bool | None = None
+    """Whether that is beyond the router's threshold; None if it has none."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,30 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
         if spec.image_size not in (None, observation_spec.image_size):
             sizes = f"{spec.image_size} px images, the suite renders {observation_spec.image_size} px"
             raise PolicyMismatch(f"the policy was made for {sizes}")
+
+
+def check_routing(routing: Routing) -> Routing:
+    """A policy's routing evidence in Python's own types, scores rounded to 1e-6 so that records compare equal.
+
+    Raises:
+        PolicyMismatch: A score is NaN or infinite, the choice has no score, or the latency is none.
+    """
+    scores = {str(name): _rounded(score, f"score of {name}") for name, score in routing.scores.items()}
+    if scores and routing.choice not in scores:
+        raise PolicyMismatch(f"expected the router's choice among {', '.join(sorted(scores))}; got {routing.choice}")
+    latency_s = _rounded(routing.latency_s, "latency")
+    if latency_s < 0:
+        raise PolicyMismatch(f"expected a routing latency of 0 s or more, got {latency_s}")
+    unknown = None if routing.unknown is None else _rounded(routing.unknown, "score for an unknown task")
+    rejected = None if routing.rejected is None else bool(routing.rejected)
+    return Routing(scores, str(routing.choice), float(routing.latency_s), unknown, rejected)
+
+
+def _rounded(value: float, what: str) -> float:
+    number = float(value)
+    if not np.isfinite(number):
+        raise PolicyMismatch(f"expected a finite number as the router's {what}, got {number}")
+    return round(number, 6) + 0.0  # -0.0 would be written differently
 
 
 def check_chunk(actions: FloatArray) -> FloatArray:

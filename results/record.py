@@ -52,7 +52,11 @@ class EpisodeResult:
     final_state_hash: Annotated[str, "Hash of the physical state at the end."]
     actions_hash: Annotated[str, "Hash of the executed actions, in order."]
     inferred_task: Annotated[str | None, "Expert that a routing policy chose, if it routes."] = None
-    routing_scores: Annotated[str | None, "Router's score per expert as JSON, if it routes."] = None
+    routing_scores: Annotated[str | None, "Router's score per expert as JSON (rounded to 1e-6), if it routes."] = None
+    unknown_score: Annotated[
+        float | None, "Router's score for a task unlike any it knows (rounded to 1e-6), if it gives one."
+    ] = None
+    rejected: Annotated[bool | None, "The router took the task for an unknown one, if it can."] = None
     error: Annotated[str | None, "What went wrong, if the status is error."] = None
 
     attempts: Annotated[int, "Times the episode was begun, this one included."] = 1
@@ -66,6 +70,7 @@ class EpisodeResult:
     physics_s: Annotated[float, "Time in control steps (s)."] = 0.0
     render_s: Annotated[float, "Time in observing (s)."] = 0.0
     inference_s: Annotated[float, "Time in the policy (s)."] = 0.0
+    routing_s: Annotated[float, "Time the policy took to infer its task, a part of inference_s (s)."] = 0.0
     wait_s: Annotated[float, "Time the worker had nothing to do before this episode (s)."] = 0.0
     wall_s: Annotated[float, "Time from the episode's start to its end, without build, load and wait (s)."] = 0.0
 
@@ -123,6 +128,7 @@ TELEMETRY = (
     "physics_s",
     "render_s",
     "inference_s",
+    "routing_s",
     "wait_s",
     "wall_s",
 )
@@ -149,7 +155,10 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
     """The values of the `OUTCOME` fields, in order, alike before and after a database: zero has no sign there."""
     values = (getattr(result, name) for name in OUTCOME)
-    return tuple(value + 0.0 if name in _REAL else value for name, value in zip(OUTCOME, values, strict=True))
+    return tuple(
+        value + 0.0 if name in _REAL and value is not None else value
+        for name, value in zip(OUTCOME, values, strict=True)
+    )
 
 
 def rows_hash(rows: Iterable[tuple[Any, ...]]) -> str:

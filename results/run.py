@@ -9,6 +9,8 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from suites.schema import MergingEntry
+
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
 MEDIA_FOLDER = "media"
@@ -87,6 +89,8 @@ class RunDocument(_Model):
     plan: tuple[PlannedCell, ...]
     instructions: dict[str, str] = Field(default_factory=dict)
     """Task to its goal in words."""
+    merging: MergingEntry | None = None
+    """Which policies the report compares to say what merging and routing cost."""
     workers: dict[str, int] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session."""
     skipped: dict[str, str] = Field(default_factory=dict)

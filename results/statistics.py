@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
 
 CONFIDENCE = 0.95
 """Probability with which an interval covers the true rate, unless another is asked for."""
@@ -11,10 +16,50 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A confidence interval of a rate, within [0, 1]."""
+    """A confidence interval: of a rate within [0, 1], of a difference of rates within [-1, 1]."""
 
     low: float
     high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Outcomes of two sides on the same trials, counted."""
+
+    both: int
+    """Trials in which both succeeded."""
+    first_only: int
+    second_only: int
+    neither: int
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a negative count."""
+        if min(self.both, self.first_only, self.second_only, self.neither) < 0:
+            raise ValueError(f"expected counts, got {self}")
+
+    @property
+    def trials(self) -> int:
+        """Trials of each side."""
+        return self.both + self.first_only + self.second_only + self.neither
+
+    @property
+    def first(self) -> int:
+        """Successes of the first side."""
+        return self.both + self.first_only
+
+    @property
+    def second(self) -> int:
+        """Successes of the second side."""
+        return self.both + self.second_only
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its confidence interval."""
+
+    value: float
+    interval: Interval | None
+    """None where the data do not give one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +150,94 @@ def rate_bounds(
     assert worst_interval is not None  # there is a trial
     assert best_interval is not None
     return RateBounds(successes / total, best / total, Interval(worst_interval.low, best_interval.high))
+
+
+def paired_difference(pairs: Pairs, confidence: float = CONFIDENCE) -> Estimate | None:
+    """Rate of the first side minus rate of the second on the same trials, with a hybrid score interval.
+
+    R. G. Newcombe, "Improved confidence intervals for the difference between binomial proportions based on paired
+    data", Statistics in Medicine 17 (1998) 2635-2650, method 10: the Wilson intervals (l1, u1) and (l2, u2) of the two
+    rates p1 and p2 are combined, with phi the correlation of the outcomes,
+
+        p1 - p2 - sqrt((p1 - l1)² - 2 phi (p1 - l1)(u2 - p2) + (u2 - p2)²)
+        p1 - p2 + sqrt((u1 - p1)² - 2 phi (u1 - p1)(p2 - l2) + (p2 - l2)²)
+
+    where a positive phi is corrected for continuity. Over several fixed tasks together it is on the wide, safe side.
+
+    Args:
+        pairs: The outcomes.
+        confidence: Between 0 and 1, exclusive.
+
+    Returns:
+        Difference and interval, or None without trials.
+
+    Raises:
+        ValueError: The confidence is outside (0, 1).
+    """
+    n = pairs.trials
+    one, two = wilson_intervals([pairs.first, pairs.second], [n, n], confidence)
+    if one is None or two is None:
+        return None
+    p1, p2, phi = pairs.first / n, pairs.second / n, _phi(pairs)
+    below = _combined(p1 - one.low, two.high - p2, phi)
+    above = _combined(one.high - p1, p2 - two.low, phi)
+    return Estimate(p1 - p2, Interval(max(p1 - p2 - below, -1.0), min(p1 - p2 + above, 1.0)))
+
+
+def _phi(pairs: Pairs) -> float:
+    """Correlation of the outcomes as Newcombe's method 10 takes it: 0 if one side always succeeds or always fails."""
+    n = pairs.trials
+    spread = pairs.first * (n - pairs.first) * pairs.second * (n - pairs.second)
+    if spread == 0:
+        return 0.0
+    covariance = float(pairs.both * pairs.neither - pairs.first_only * pairs.second_only)
+    return (max(covariance - n / 2, 0.0) if covariance > 0 else covariance) / math.sqrt(spread)
+
+
+def _combined(a: float, b: float, phi: float) -> float:
+    return math.sqrt(max(a * a - 2 * phi * a * b + b * b, 0.0))
+
+
+def paired_ratio(
+    strata: Sequence[Pairs], generator: np.random.Generator, confidence: float = CONFIDENCE, draws: int = 4000
+) -> Estimate | None:
+    """Successes of the first side per success of the second on the same trials, with a bootstrap interval.
+
+    Pairs are drawn anew within each stratum, and the interval is that of percentiles: B. Efron and R. J. Tibshirani,
+    "An Introduction to the Bootstrap" (1993), chapters 8 and 13.
+
+    Args:
+        strata: One per task, since tasks are fixed and pairs are not exchanged between them.
+        generator: Draws; the same state gives the same interval.
+        confidence: Between 0 and 1, exclusive.
+        draws: Data sets drawn.
+
+    Returns:
+        The ratio, or None if the second side never succeeds. It has no interval where all pairs agree, for then drawing
+        them anew shows no spread, however few they are; nor where some data set drawn has no success of the second.
+
+    Raises:
+        ValueError: The confidence is outside (0, 1).
+    """
+    import numpy as np
+
+    _check_confidence(confidence)
+    first, second = sum(pairs.first for pairs in strata), sum(pairs.second for pairs in strata)
+    if not second:
+        return None
+    if not any(pairs.first_only or pairs.second_only for pairs in strata):
+        return Estimate(1.0, None)
+    tops, bottoms = np.zeros(draws), np.zeros(draws)
+    for pairs in strata:
+        if pairs.trials:
+            counts = np.array([pairs.both, pairs.first_only, pairs.second_only, pairs.neither])
+            drawn = generator.multinomial(pairs.trials, counts / pairs.trials, size=draws)
+            tops += drawn[:, 0] + drawn[:, 1]
+            bottoms += drawn[:, 0] + drawn[:, 2]
+    if not bottoms.all():
+        return Estimate(first / second, None)
+    low, high = np.quantile(tops / bottoms, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return Estimate(first / second, Interval(float(low), float(high)))
 
 
 def _check_confidence(confidence: float) -> None:

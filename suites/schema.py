@@ -95,6 +95,29 @@ class Seeds(_Model):
         return iter(range(self.start, self.start + self.count))
 
 
+class MergingEntry(_Model):
+    """Which of the suite's policies stand for what in a comparison of experts with the model merged from them."""
+
+    expert: Name
+    """Acts as each task's own expert."""
+    oracle_routed: Name
+    """The merged policy, told the true task."""
+    routed: tuple[Name, ...] = Field(min_length=1)
+    """The merged policy inferring the task, once for each router compared."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        if isinstance(value, dict) and isinstance(value.get("routed"), str):
+            return {**value, "routed": [value["routed"]]}
+        return value
+
+    def places(self) -> list[tuple[tuple[str | int, ...], str]]:
+        """Every policy named, with where it stands in the file."""
+        routed = [(("merging", "routed", i), name) for i, name in enumerate(self.routed)]
+        return [(("merging", "expert"), self.expert), (("merging", "oracle_routed"), self.oracle_routed), *routed]
+
+
 class Suite(_Model):
     """Tasks x policies x conditions x seeds, plus how to run and judge them."""
 
@@ -124,6 +147,8 @@ class Suite(_Model):
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Share of errors among the planned episodes at which the run ends early."""
+    merging: MergingEntry | None = None
+    """Has the report say what merging and routing cost; no part of what is evaluated."""
 
     def worker_count(self, simulator: str) -> int:
         """Worker processes for that simulator."""
@@ -231,6 +256,19 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
         for simulator in suite.workers:
             if simulator not in names.simulators:
                 add((("workers", simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
+    return problems + (_check_merging(suite.merging, seen_policies) if suite.merging else [])
+
+
+def _check_merging(merging: MergingEntry, policies: Iterable[str]) -> list[tuple[tuple[str | int, ...], str]]:
+    known = list(policies)
+    problems: list[tuple[tuple[str | int, ...], str]] = []
+    seen: set[str] = set()
+    for place, name in merging.places():
+        if name not in known:
+            problems.append((place, f"merging names no policy of this suite: '{name}'{nearest(name, known)}"))
+        elif name in seen:
+            problems.append((place, f"merging names policy '{name}' twice; each side is another policy"))
+        seen.add(name)
     return problems
 
 

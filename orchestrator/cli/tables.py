@@ -7,16 +7,17 @@ from pathlib import Path
 from rich.table import Table
 
 from orchestrator.cli.shared import fail, out
-from results.report import read_tables
+from results.report import read_merging, read_tables
+from results.report.merging import compact_table, overall_table
 from results.report.text import NOTHING, TextTable, rate_text, summary_table
 from results.run import RunError
 from results.tables import Tables
 
 
 def print_summary(folder: Path) -> None:
-    """Print success per task and policy, and per policy and simulator, as the folder's report has it."""
+    """Print success per task and policy, per policy and simulator, and what merging cost, as the report has it."""
     try:
-        tables = read_tables(folder)
+        tables, merging = read_tables(folder), read_merging(folder)
     except RunError as error:
         fail(str(error))
         return
@@ -27,6 +28,14 @@ def print_summary(folder: Path) -> None:
     out.print(_rich(_per_task(tables), title="Success rate with 95 % Wilson interval, per task"))
     out.print()
     out.print(_rich(_fitting(summary_table(tables)), title="Per simulator"))
+    out.print()
+    if merging is None:
+        return
+    for comparison in merging.routed:
+        title = f"Expert ({merging.expert}), told ({merging.told}) and routed ({comparison.policy})"
+        out.print(_rich(compact_table(comparison), title=title))
+        out.print()
+    out.print(_rich(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
     out.print()
 
 

@@ -29,9 +29,26 @@ SENTENCES = {
     "wait": "A worker with nothing to do.",
     "busy": "Worker time after start-up spent in simulator or policy: "
     "(reset + physics + render + inference) / (wall + wait).",
+    "expert": "Each task's own policy, before merging.",
+    "told": "The merged policy, told the true task (oracle-routed).",
+    "routed": "The merged policy, inferring its task from the first observation.",
+    "loss": "Difference of success rates in percentage points, with Newcombe's paired interval (95 %). By merging: "
+    "expert minus told. By routing: told minus routed. Both: their sum.",
+    "pairs": "Episodes of the same task and seed on which all three sides have a verdict; pairs with an error or "
+    "a missing row are left out of the losses and counted.",
+    "retention": "Successes of the routed policy per success of the expert; the interval is a bootstrap over pairs "
+    "within tasks, and absent where all pairs agree.",
+    "accuracy": "Episodes whose task was inferred rightly, of those in which one was inferred.",
+    "calibration": "Calibration error: mean distance of accuracy and the probability that the router gave its choice. "
+    "Brier score: mean squared distance of all its probabilities from the truth, 0 to 2. Both where its scores are "
+    "logarithms of probabilities.",
+    "regret": "Success lost on the misrouted pairs: told minus routed, in percentage points.",
+    "latency": "Time to infer the task, once per episode.",
     "skipped": "The simulator could not run on this machine; its episodes count as missing.",
 }
 """One explanation per term, shown where it first appears."""
+MERGING_TERMS = ("expert", "told", "routed", "loss", "pairs", "retention")
+ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {
     RunStatus.COMPLETE: "Complete",

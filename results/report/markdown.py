@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from results.merging import Merging
 from results.report import facts, text
+from results.report import merging as words
 from results.report.facts import SENTENCES
 from results.report.summary import ERROR_GROUPS
 from results.report.text import TextTable, escape, markdown
@@ -11,7 +13,7 @@ from results.tables import Tables
 from results.timing import PHASES
 
 
-def render_markdown(document: RunDocument, tables: Tables) -> str:
+def render_markdown(document: RunDocument, tables: Tables, merging: Merging | None = None) -> str:
     """The whole report as GitHub Markdown."""
     parts = [
         f"# {escape(document.suite_name)}",
@@ -25,6 +27,7 @@ def render_markdown(document: RunDocument, tables: Tables) -> str:
     for simulator in tables.simulators:
         parts += [f"### {escape(simulator)}", markdown(text.task_table(tables, simulator))]
     parts.append(_says("done", "error", "bounds"))
+    parts += _merging(merging) if merging else []
     parts += _not_run(tables) + _errors(tables) + _timing(tables)
     rows = tuple(facts.provenance(document, tables))
     parts += ["## Provenance", markdown(TextTable(("what", "value"), rows, 2))]
@@ -36,6 +39,19 @@ def render_markdown(document: RunDocument, tables: Tables) -> str:
 
 def _says(*terms: str) -> str:
     return "\n".join(f"- {term}: {escape(SENTENCES[term])}" for term in terms)
+
+
+def _merging(merging: Merging) -> list[str]:
+    parts = ["## Merging and routing", _says(*facts.MERGING_TERMS), markdown(words.comparison_table(merging))]
+    if any(comparison.router for comparison in merging.routed):
+        parts += ["### Routers", _says(*facts.ROUTER_TERMS), markdown(words.router_table(merging))]
+    for comparison in merging.routed:
+        parts += [f"### Losses of {escape(comparison.policy)}", markdown(words.losses_table(comparison))]
+        if comparison.router:
+            parts += ["True task and inferred task:", markdown(words.confusion_table(comparison.router.confusion))]
+        bins = words.calibration_table(comparison)
+        parts += ["Accuracy by confidence:", markdown(bins)] if bins else []
+    return parts
 
 
 def _not_run(tables: Tables) -> list[str]:

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from results.merging import Merging
 from results.record import Status
 from results.report import facts, text
+from results.report import merging as words
 from results.report.media import Video, task_picture
 from results.report.summary import ERROR_GROUPS
 from results.run import RunDocument
@@ -56,7 +58,9 @@ class Card:
     lines: tuple[CardLine, ...]
 
 
-def render_page(folder: Path, document: RunDocument, tables: Tables, videos: Sequence[Video]) -> str:
+def render_page(
+    folder: Path, document: RunDocument, tables: Tables, videos: Sequence[Video], merging: Merging | None = None
+) -> str:
     """The whole page as HTML.
 
     Args:
@@ -64,6 +68,7 @@ def render_page(folder: Path, document: RunDocument, tables: Tables, videos: Seq
         document: The run.
         tables: Its numbers.
         videos: Those to show, embedded or left out.
+        merging: What merging and routing cost, if the suite asks for it.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -91,6 +96,10 @@ def render_page(folder: Path, document: RunDocument, tables: Tables, videos: Seq
         cards=_cards(folder, document, tables, videos),
         left_out=[video for video in videos if video.source is None],
         phases=PHASES,
+        merging=merging,
+        words=words,
+        merging_terms=list(facts.MERGING_TERMS),
+        router_terms=list(facts.ROUTER_TERMS),
         run=shlex.quote(str(folder)),
         style=(HERE / "report.css").read_text(encoding="utf-8"),
     )

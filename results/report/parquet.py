@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,10 +50,11 @@ def write_parquet(path: Path, document: RunDocument, store: Store) -> None:
             writer.write_table(pa.Table.from_arrays(arrays, schema=columns))
 
 
-def read_frame(path: Path) -> pd.DataFrame:
-    """The columns `COLUMNS` of an `episodes.parquet`, texts with few values as categories."""
+def read_frame(path: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
+    """Columns of an `episodes.parquet`, texts with few values as categories."""
     import pyarrow.parquet as pq
 
-    assert set(COLUMNS) <= set(FIELDS)
-    table = pq.read_table(path, columns=list(COLUMNS), read_dictionary=list(CATEGORIES))
+    assert set(columns) <= set(FIELDS)
+    categories = [name for name in CATEGORIES if name in columns]
+    table = pq.read_table(path, columns=list(columns), read_dictionary=categories)
     return table.to_pandas(split_blocks=True, self_destruct=True)

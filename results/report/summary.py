@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from results.merging import Merging
 from results.run import Provenance, RunDocument, RunStatus
 from results.statistics import CONFIDENCE
 from results.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
@@ -60,9 +61,11 @@ class Summary(BaseModel):
     policy_digests: dict[str, str]
     """Policy to the hash of its content."""
     provenance: Provenance
+    merging: Merging | None = None
+    """What merging and routing cost, if the suite asks for it."""
 
 
-def build_summary(document: RunDocument, tables: Tables) -> Summary:
+def build_summary(document: RunDocument, tables: Tables, merging: Merging | None = None) -> Summary:
     """The summary of a run."""
     return Summary(
         run_id=document.run_id,
@@ -88,4 +91,5 @@ def build_summary(document: RunDocument, tables: Tables) -> Summary:
         workers=document.workers,
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
         provenance=document.provenance,
+        merging=merging,
     )

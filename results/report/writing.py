@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from results import merging
+from results.merging import Merging, build_merging
 from results.report.markdown import render_markdown
 from results.report.media import choose_videos
 from results.report.page import render_page
@@ -61,9 +63,10 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     tables = build_tables(document, frame)
     videos = choose_videos(folder, frame)
     del frame
-    _write_text(paths.summary, build_summary(document, tables).model_dump_json(indent=1) + "\n")
-    _write_text(paths.markdown, render_markdown(document, tables))
-    _write_text(paths.html, render_page(folder, document, tables, videos))
+    compared = _compare(document, paths.episodes)
+    _write_text(paths.summary, build_summary(document, tables, compared).model_dump_json(indent=1) + "\n")
+    _write_text(paths.markdown, render_markdown(document, tables, compared))
+    _write_text(paths.html, render_page(folder, document, tables, videos, compared))
     return paths
 
 
@@ -73,11 +76,28 @@ def read_tables(folder: Path) -> Tables:
     Raises:
         RunError: The folder is no run, or has no report yet.
     """
-    document = read_run(folder)
+    return build_tables(read_run(folder), read_frame(_written(folder)))
+
+
+def read_merging(folder: Path) -> Merging | None:
+    """What merging and routing cost, from a report that was written before; None if the suite does not ask for it.
+
+    Raises:
+        RunError: The folder is no run, or has no report yet.
+    """
+    return _compare(read_run(folder), _written(folder))
+
+
+def _written(folder: Path) -> Path:
+    read_run(folder)
     file = ReportPaths.of(folder).episodes
     if not file.exists():
         raise RunError(f"{folder}: no report yet; write it with: gauntlet report {folder}")
-    return build_tables(document, read_frame(file))
+    return file
+
+
+def _compare(document: RunDocument, file: Path) -> Merging | None:
+    return None if document.merging is None else build_merging(document, read_frame(file, merging.COLUMNS))
 
 
 def _write_rows(file: Path, document: RunDocument, url: str) -> None:

@@ -165,6 +165,44 @@ def test_the_first_routing_decision_is_recorded():
     assert (result.inferred_task, result.routing_scores) == ("a", '{"a": 0.9, "b": 0.1}')
 
 
+class Routes(Scripted):
+    """Answers with fixed routing evidence."""
+
+    def __init__(self, routing):
+        super().__init__()
+        self.routing = routing
+
+    def act(self, queries):
+        return [Decision(self.chunk, self.routing) for _ in queries]
+
+
+def test_routing_evidence_is_recorded_rounded():
+    scores = {"b": np.float32(-0.1234567), "a": -4e-7}
+    result = rollout(Counting(), Routes(Routing(scores, "a", 0.25, unknown=1.23456789, rejected=np.True_)), episode())
+    assert result.routing_scores == '{"a": 0.0, "b": -0.123457}'
+    assert (result.unknown_score, result.rejected, result.routing_s) == (1.234568, True, 0.25)
+
+
+def test_a_policy_that_does_not_route_leaves_no_evidence():
+    result = rollout(Counting(), Scripted(), episode())
+    assert (result.inferred_task, result.unknown_score, result.rejected, result.routing_s) == (None, None, None, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("routing", "message"),
+    [
+        (Routing({"a": float("nan")}, "a", 0.0), "finite number as the router's score of a, got nan"),
+        (Routing({"a": float("-inf")}, "a", 0.0), "score of a, got -inf"),
+        (Routing({"a": 0.0, "b": 0.0}, "c", 0.0), "choice among a, b; got c"),
+        (Routing({"a": 0.0}, "a", -1.0), "latency of 0 s or more, got -1.0"),
+        (Routing({"a": 0.0}, "a", 0.0, unknown=float("inf")), "score for an unknown task, got inf"),
+    ],
+)
+def test_routing_evidence_that_says_nothing_is_refused(routing, message):
+    with pytest.raises(PolicyMismatch, match=message):
+        rollout(Counting(), Routes(routing), episode())
+
+
 def test_a_watcher_sees_every_step():
     seen = []
     rollout(Counting(), Scripted(), episode(horizon=10), watcher=lambda simulation, step: seen.append(step))

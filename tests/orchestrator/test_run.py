@@ -76,6 +76,19 @@ def test_a_run_leaves_its_rows_its_document_and_its_report(run, suite):
     assert read_run(run.folder).rows_hash == outcome.document.rows_hash
 
 
+MERGING = """
+merging: {expert: oracle, oracle_routed: random, routed: zero}
+"""
+
+
+def test_which_policies_the_report_compares_may_change_when_a_run_is_continued(run, suite):
+    text = SUITE.replace("[oracle, random]", "[oracle, random, zero]").replace("count: 20", "count: 4")
+    assert run(suite(text)).document.merging is None
+    outcome = run(suite(text + MERGING))
+    assert outcome.document.merging.routed == ("zero",)
+    assert "## Merging and routing" in (run.folder / "report.md").read_text()
+
+
 def test_running_again_plays_nothing_again(run, suite):
     path = suite()
     first = run(path)

@@ -186,3 +186,45 @@ def test_a_huge_file_is_refused_unread(tmp_path):
     path.write_bytes(b"#" * 1_000_001)
     with pytest.raises(SuiteError, match="at most 1000000 bytes"):
         load_suite(path, NAMES)
+
+
+MERGING = """
+name: a-suite
+policies: [oracle, random, {name: merged, kind: random}, {name: merged-2, kind: random}]
+tasks: [robosuite/Lift]
+seeds: {count: 4}
+merging:
+  expert: oracle
+  oracle_routed: random
+  routed: [merged, merged-2]
+"""
+
+
+def test_a_suite_can_say_which_policies_the_report_compares(tmp_path):
+    merging = load(tmp_path, MERGING).merging
+    assert (merging.expert, merging.oracle_routed, merging.routed) == ("oracle", "random", ("merged", "merged-2"))
+    assert load(tmp_path, SOUND).merging is None
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "problem"),
+    [
+        (
+            "expert: oracle",
+            "expert: oracel",
+            "6: merging names no policy of this suite: 'oracel'; did you mean 'oracle'?",
+        ),
+        ("merged-2]\n", "mergd]\n", "8: merging names no policy of this suite: 'mergd'; did you mean 'merged'?"),
+        (": random\n  r", ": oracle\n  r", "7: merging names policy 'oracle' twice; each side is another policy"),
+        ("  oracle_routed: random\n", "", "5: missing key 'oracle_routed'"),
+        ("oracle_routed", "oracle_route", "7: unknown key 'oracle_route'; did you mean 'oracle_routed'?"),
+        (
+            "routed: [merged, merged-2]",
+            "routed: []",
+            "8: merging.routed: expected at least one entry, found an empty list",
+        ),
+    ],
+)
+def test_a_mistake_in_the_merging_block_is_named_with_its_line(problems, right, wrong, problem):
+    assert MERGING.count(right) == 1
+    assert problem in problems(MERGING.replace(right, wrong))

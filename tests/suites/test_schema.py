@@ -13,6 +13,7 @@ NAMES = KnownNames(
     axes={"light": 5},
 )
 DIGESTS = {"oracle": "0", "random": "1"}
+MERGING = {"merging": {"expert": "oracle", "oracle_routed": "random", "routed": "merged"}}
 
 
 def suite(**changes):
@@ -38,7 +39,14 @@ def test_the_horizon_is_the_tasks_own_unless_the_suite_sets_it():
 
 @pytest.mark.parametrize(
     "changes",
-    [{"workers": 3}, {"name": "t"}, {"error_tolerance": 0.5}, {"tasks": ["b/One", "a/One"]}, {"description": "x"}],
+    [
+        {"workers": 3},
+        {"name": "t"},
+        {"error_tolerance": 0.5},
+        {"tasks": ["b/One", "a/One"]},
+        {"description": "x"},
+        MERGING,
+    ],
 )
 def test_the_hash_ignores_how_a_suite_is_run(changes):
     assert suite(**changes).content_hash(DIGESTS, NAMES) == suite().content_hash(DIGESTS, NAMES)
@@ -65,6 +73,10 @@ def test_the_hash_tells_what_is_evaluated(changes):
 
 def test_another_policy_content_is_another_suite_hash():
     assert suite().content_hash({**DIGESTS, "random": "2"}, NAMES) != suite().content_hash(DIGESTS, NAMES)
+
+
+def test_one_routed_policy_needs_no_list():
+    assert suite(**MERGING).merging.routed == ("merged",)
 
 
 def test_workers_are_per_simulator_with_one_by_default():

@@ -125,7 +125,17 @@ def test_the_shape_of_the_summary_is_stable():
     schema = Summary.model_json_schema()
     assert sorted(schema["properties"]) == [
         *("cells", "confidence", "elapsed_s", "episodes_per_hour", "error_messages", "errors", "finished_at", "format"),
-        *("not_run", "policies", "policy_digests", "provenance", "reason", "render_devices", "rows_hash", "run_id"),
+        *(
+            "merging",
+            "not_run",
+            "policies",
+            "policy_digests",
+            "provenance",
+            "reason",
+            "render_devices",
+            "rows_hash",
+            "run_id",
+        ),
         *("simulators", "skipped", "started_at", "status", "suite_hash", "suite_name", "timing", "total", "workers"),
     ]
     assert sorted(schema["$defs"]["Tally"]["properties"]) == [

@@ -1,0 +1,41 @@
+"""What a run prints at its end."""
+
+import pytest
+
+from orchestrator.cli import tables
+from results.report import write_report
+from tests.results.routed import routed_document, routed_rows
+from tests.results.synthetic import run_folder
+
+
+@pytest.fixture
+def said(tmp_path, capsys, monkeypatch):
+    """What is printed about a run, a list of words per line."""
+    monkeypatch.setattr(tables.out, "_width", 200)
+
+    def summarise(**changes):
+        folder = run_folder(tmp_path / "run", routed_document(10, **changes), routed_rows(10))
+        write_report(folder)
+        tables.print_summary(folder)
+        return [line.split() for line in capsys.readouterr().out.splitlines()]
+
+    return summarise
+
+
+def test_a_suite_that_compares_merged_policies_gets_their_table(said):
+    lines = said()
+    heads = [line for line in lines if line[:3] == ["task", "expert", "told"]]
+    assert heads == [["task", "expert", "told", "routed", "router", "accuracy", "n"]] * 2
+    assert [line[-1] for line in lines if line[:1] == ["all"]] == ["50", "50"]
+    assert ["percentage", "points", "merged", "merged-paper"] in lines
+
+
+def test_nothing_of_it_is_cut_off_in_a_terminal_of_80_columns(said, monkeypatch):
+    monkeypatch.setattr(tables.out, "_width", 80)
+    lines = said()
+    start = next(i for i, line in enumerate(lines) if line[:3] == ["task", "expert", "told"])
+    assert not any("…" in word for line in lines[start:] for word in line)
+
+
+def test_any_other_suite_does_not(said):
+    assert not any(line[:3] == ["task", "expert", "told"] for line in said(merging=None))
