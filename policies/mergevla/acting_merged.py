@@ -26,7 +26,7 @@ from policies.mergevla.card import read_card
 from policies.mergevla.merged_checkpoint import load_merged
 from policies.mergevla.merged_model import MOST_MODELS, MergedModel
 from policies.mergevla.routing.catalog import router as router_named
-from policies.mergevla.routing.contract import Router, Sighting
+from policies.mergevla.routing.contract import Routed, Router, Sighting
 from suites.plugins import nearest
 from suites.vocabulary import Episode
 
@@ -145,13 +145,16 @@ class MergedPolicy:
         answers = self._router.route(list(sightings.values()), self._model)
         waited = time.perf_counter() - started
         self._chosen |= {name: routed.choice for name, routed in zip(sightings, answers, strict=True)}
-        return {
-            name: Routing(routed.scores, routed.choice, waited) for name, routed in zip(sightings, answers, strict=True)
-        }
+        return {name: _routing(routed, waited) for name, routed in zip(sightings, answers, strict=True)}
 
     def _chunks(self, expert: str, observations: Sequence[Observation]) -> FloatArray:
         network = Network(self._model.model(expert), self._model.parts.statistics, self._model.tokenizer)
         return network.chunks(observations, [expert] * len(observations))
+
+
+def _routing(routed: Routed, waited: float) -> Routing:
+    """Args: waited: Seconds until the answer came, those of a batch together: so long every episode in it waited."""
+    return Routing(routed.scores, routed.choice, waited, routed.unknown, routed.rejected)
 
 
 def _blank(model: MergedModel) -> Sighting:

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 from policies.contract import PolicyError
 from policies.mergevla.config import Architecture, LoraSettings
 from policies.mergevla.normalisation import TaskStatistics
+from policies.zoo import shipped
 from suites.vocabulary import content_hash
 
 WEIGHTS, CARD, FORMAT = "model.safetensors", "card.json", 1
@@ -102,12 +103,16 @@ class Card:
 
 
 def locate(reference: str) -> Path:
-    """The folder of a checkpoint, given as a folder or as a hub id such as `owner/name` or `owner/name@revision`.
+    """The folder of a checkpoint.
+
+    Args:
+        reference: A folder, a hub id such as `owner/name` or `owner/name@revision`, or a part of the zoo, see
+            `policies.zoo.shipped`.
 
     Raises:
-        CheckpointError: It is neither, or it holds a pickle.
+        PolicyError: It is none of these, or it holds a pickle.
     """
-    path = Path(reference)
+    path = shipped(reference)
     if path.suffix in PICKLES:
         raise _pickle(path.name)
     if path.is_dir():

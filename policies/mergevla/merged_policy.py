@@ -9,6 +9,7 @@ from typing import Any
 from policies.contract import Policy, PolicyError, PolicyKind
 from policies.mergevla.card import CARD, CheckpointError, card_json, digest_of, read_card
 from policies.mergevla.merged_card import KIND, merged_digest_of
+from policies.zoo import shipped
 from suites.vocabulary import content_hash
 
 EXPERTS_NAME, MERGED_NAME = "mergevla-experts", "mergevla-merged"
@@ -52,7 +53,7 @@ def _option(name: str, options: Mapping[str, Any], option: str, meaning: str) ->
 
 
 def _folder(options: Mapping[str, Any]) -> Path:
-    return Path(_option(EXPERTS_NAME, options, "folder", "a folder of expert checkpoints"))
+    return shipped(_option(EXPERTS_NAME, options, "folder", "a folder of expert checkpoints"))
 
 
 def _merged(options: Mapping[str, Any]) -> tuple[str, str, bool]:

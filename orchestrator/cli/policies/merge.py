@@ -18,6 +18,7 @@ from policies.mergevla.merged_card import KIND
 from policies.mergevla.merged_policy import expert_folders
 from policies.mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
 from policies.mergevla.merging.recipe import LAMBDA, BackboneRule, MaskRule, Recipe, TrunkRule
+from policies.zoo import shipped
 from suites.plugins import nearest
 
 Rule = TypeVar("Rule", MaskRule, TrunkRule)
@@ -91,7 +92,7 @@ def _checkpoints(references: Sequence[str]) -> list[str]:
     """The experts' checkpoints, those in folders of them included."""
     found: list[str] = []
     for reference in references:
-        folder = Path(reference)
+        folder = shipped(reference)
         if folder.is_dir() and not (folder / CARD).exists() and not (folder / WEIGHTS).exists():
             found += map(str, expert_folders(folder).values())
         else:

@@ -168,6 +168,7 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     routing = policy.act([of_task(0)])[0].routing
     assert set(routing.scores) == set(TASKS)
     assert routing.choice in TASKS
+    assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written"))
 
 
 @pytest.mark.parametrize("kind", ["experts", "told"])
@@ -183,6 +184,14 @@ def test_it_plays_an_episode_twice_the_same(folders, merged, kind):
     one, two = rollout(simulation, policy, episode), rollout(simulation, policy, episode)
     assert (one.queries, one.actions_hash) == (3, two.actions_hash)
     assert one.inferred_task == ("null/Reach" if kind is MERGED else None)
+
+
+def test_what_the_zoo_ships_is_found_by_its_name(folders, merged, monkeypatch):
+    monkeypatch.setattr("policies.zoo.ZOO", merged.parent)
+    assert EXPERTS.digest({"folder": "zoo:experts"}) == EXPERTS.digest({"folder": str(folders[0].parent)})
+    assert MERGED.digest({"checkpoint": "zoo:merged"}) == MERGED.digest({"checkpoint": str(merged)})
+    MERGED.load({"checkpoint": "zoo:merged"})
+    refused(MERGED, {"checkpoint": "zoo:mergd"}, "did you mean 'merged'")
 
 
 def test_digests_tell_experts_routers_and_what_they_see_apart(folders, merged, tmp_path):
