@@ -23,17 +23,19 @@ def save_base(folder: Path, seed=0, architecture=SMALL) -> Path:
     return folder
 
 
-def save_expert(folder: Path, base: Path, task: str, seed: int, *, size=0.05, rank=RANK) -> Path:
+def save_expert(
+    folder: Path, base: Path, task: str, seed: int, *, size=0.05, rank=RANK, convolutions=False, tune_all=False
+) -> Path:
     """An expert whose every trainable weight was moved at random."""
     model = load_checkpoint(base).model
     architecture = model.architecture
-    lora = LoraSettings(rank)
+    lora = LoraSettings(rank, convolutions)
     add_lora(model, lora, seed)
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
         for parameter in model.parameters():
-            if parameter.requires_grad:
-                parameter += size * torch.randn(parameter.shape, generator=generator)
+            if parameter.requires_grad or tune_all:
+                parameter += 0.05 * torch.randn(parameter.shape, generator=generator)
     save_checkpoint(folder, model, Card(architecture, task_statistics(seed, task), lora=lora), base=base)
     return folder
 

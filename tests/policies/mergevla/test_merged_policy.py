@@ -291,3 +291,10 @@ def test_a_query_without_an_observation_is_refused(kind_and_options):
 def test_no_queries_get_no_answers(kind_and_options):
     kind, options = kind_and_options
     assert kind.load(options).act([]) == []
+
+
+@pytest.mark.parametrize("kind", [EXPERTS, MERGED])
+def test_packages_that_are_not_installed_are_told_in_one_line(kind, folders, merged, monkeypatch):
+    monkeypatch.setitem(sys.modules, "policies.mergevla.acting_merged", None)
+    options = {"folder": str(folders[0].parent), "checkpoint": str(merged)}
+    refused(kind, options, rf"policy '{kind.name}': expected the packages of robogauntlet\[mergevla\]")

@@ -1,0 +1,26 @@
+"""Recipes: what is out of range is refused when one is written down, before anything is read or computed."""
+
+import subprocess
+import sys
+
+import pytest
+
+from policies.mergevla.merging.errors import MergeError, OutOfRange
+from policies.mergevla.merging.recipe import Recipe
+
+
+def test_a_recipe_reads_back_from_json():
+    recipe = Recipe("dare", 0.5, "emr", {"a": 0.4}, "mean", 2, True, "select", {"drop": 0.5})
+    assert Recipe.from_json(recipe.as_json()) == recipe
+    with pytest.raises(MergeError, match="does not read"):
+        Recipe.from_json({"operators": "ties"})
+
+
+def test_a_recipe_read_from_json_is_checked_too():
+    with pytest.raises(OutOfRange, match="expected lambda"):
+        Recipe.from_json({"lambda_": 2.5})
+
+
+def test_recipes_need_no_torch():
+    program = "import sys, policies.mergevla.merging.recipe; assert 'torch' not in sys.modules"
+    subprocess.run([sys.executable, "-c", program], check=True)
