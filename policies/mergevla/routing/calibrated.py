@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from policies.mergevla.routing.contract import Candidates, Routed, Sighting, answer, check_experts
-from policies.mergevla.routing.features import Reading, features_of, labelled
+from policies.mergevla.routing.features import Pooling, Reading, features_of, labelled
 from policies.mergevla.routing.gaussian import Calibration, fit
 
 
@@ -48,6 +48,7 @@ def fit_calibration(
     *,
     sees_instruction: bool,
     layer: int = -1,
+    pooling: Pooling = Pooling.MEAN,
 ) -> Calibration:
     """Fit the calibrated router.
 
@@ -57,9 +58,10 @@ def fit_calibration(
         held_out: Expert to others, for temperature and threshold.
         sees_instruction: False blanks the instruction.
         layer: Which hidden states, -1 for the last.
+        pooling: Of the patches.
 
     Raises:
         RoutingError: An expert without frames, or frames that do not tell anything apart.
     """
-    reading = Reading(sees_instruction, layer)
+    reading = Reading(sees_instruction, layer, pooling)
     return fit(labelled(candidates, frames, reading), labelled(candidates, held_out, reading), reading)

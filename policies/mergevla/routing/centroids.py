@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from policies.mergevla.routing.contract import Candidates, Routed, RoutingError, Sighting, answer, check_experts
-from policies.mergevla.routing.features import Labelled, Pooling, Reading, check_held_out, features_of, labelled
+from policies.mergevla.routing.features import Labelled, Reading, check_held_out, features_of, labelled
 from policies.mergevla.routing.storage import names_from, names_tensor, number_from, tensor_from
 from policies.mergevla.routing.thresholds import conformal_threshold
 
@@ -83,7 +83,7 @@ def fit_centroids(
     sees_instruction: bool,
 ) -> Centroids:
     """Fit the nearest-centroid router; arguments and errors as `fit_calibration`."""
-    reading = Reading(sees_instruction, pooling=Pooling.MEAN)
+    reading = Reading(sees_instruction)
     return fit_centres(labelled(candidates, frames, reading), labelled(candidates, held_out, reading), reading)
 
 

@@ -26,11 +26,11 @@ class Reading:
     """What is taken of the base's hidden states."""
 
     sees_instruction: bool = True
-    """False blanks the instruction and leaves the action queries' states out."""
+    """False blanks the instruction."""
     layer: int = -1
     """Index of the hidden states, -1 for the last."""
-    pooling: Pooling = Pooling.FLAT
-    """Of the patches."""
+    pooling: Pooling = Pooling.MEAN
+    """Of the patches. Their mean notices an unknown task better: flat, the patches' many numbers drown the rest."""
 
     def as_tensor(self) -> Tensor:
         """As three whole numbers; `from_tensor` is the inverse."""
@@ -86,7 +86,7 @@ def features_of(candidates: Candidates, sightings: Sequence[Sighting], reading: 
     Args:
         candidates: Of which only the base is run.
         sightings: Of the architecture's cameras and image size.
-        reading: What to take. With the instruction, the mean of h_A follows the patches' states.
+        reading: What to take of the patches' states; the mean of h_A follows.
 
     Returns:
         Shape (n, d), float32, on the CPU.
@@ -101,8 +101,7 @@ def features_of(candidates: Candidates, sightings: Sequence[Sighting], reading: 
             raise RoutingError(f"expected a layer from {-layers} to {layers - 1}, got {reading.layer}")
         task = hidden.task[reading.layer]
         seen = task.flatten(1) if reading.pooling is Pooling.FLAT else task.mean(dim=1)
-        read = [hidden.action[reading.layer].mean(dim=1)] if reading.sees_instruction else []
-        parts.append(torch.cat([seen, *read], dim=1).float().cpu())
+        parts.append(torch.cat([seen, hidden.action[reading.layer].mean(dim=1)], dim=1).float().cpu())
     return torch.cat(parts) if parts else torch.empty(0, 0)
 
 

@@ -13,7 +13,7 @@ from policies.mergevla.routing.features import Labelled, Reading, check_held_out
 from policies.mergevla.routing.storage import names_from, names_tensor, number_from, tensor_from
 from policies.mergevla.routing.thresholds import conformal_threshold, temperature_of
 
-COMPONENTS = 64
+COMPONENTS = 128
 SMALLEST_SPREAD = 1e-2
 """A feature counts as spread by at least this share of the features' root mean square deviation: dividing by less would
 blow rounding errors up."""

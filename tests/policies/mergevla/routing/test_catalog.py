@@ -54,10 +54,9 @@ def test_flat_features_keep_the_patches_places_and_the_mean_does_not(candidates)
     batch, width = sightings(5), 16
     patches = candidates.hidden_states(None, batch[0].images[None], [""]).task[-1].shape[1]
     shapes = {
-        Reading(False): patches * width,
-        Reading(True): (patches + 1) * width,
-        Reading(False, pooling=Pooling.MEAN): width,
-        Reading(True, layer=0, pooling=Pooling.MEAN): 2 * width,
+        Reading(pooling=Pooling.FLAT): (patches + 1) * width,
+        Reading(pooling=Pooling.MEAN): 2 * width,
+        Reading(False, layer=0): 2 * width,
     }
     assert {r: features_of(candidates, batch, r).shape[1] for r in shapes} == shapes
     with pytest.raises(RoutingError, match="expected a layer from -3 to 2, got 3"):
