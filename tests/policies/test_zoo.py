@@ -14,6 +14,7 @@ from policies.zoo import NotShipped, shipped
 def merged(tmp_path, monkeypatch):
     folder = tmp_path / "zoo" / "merged"
     (folder / "base").mkdir(parents=True)
+    (folder / "card.json").touch()
     monkeypatch.setattr(zoo, "ZOO", tmp_path / "zoo")
     return folder
 
