@@ -161,7 +161,7 @@ def _by(names: pd.Series, right: pd.Series) -> tuple[tuple[str, Rate], ...]:
 
 def _scene_pairs(known: pd.DataFrame, right: pd.Series) -> tuple[ScenePair, ...]:
     found = []
-    tasks = {_plain(task): task for task in known["task"].astype(str).unique()}
+    tasks = {plain_task(task): task for task in known["task"].astype(str).unique()}
     for pair in SCENE_PAIRS:
         if all(name in tasks for name in pair):
             names = (tasks[pair[0]], tasks[pair[1]])
@@ -171,7 +171,7 @@ def _scene_pairs(known: pd.DataFrame, right: pd.Series) -> tuple[ScenePair, ...]
     return tuple(found)
 
 
-def _plain(task: str) -> str:
+def plain_task(task: str) -> str:
     """`pybullet/PandaPush-v3` as `PandaPush`."""
     return re.sub(r"-v\d+$", "", task.rpartition("/")[2])
 

@@ -235,6 +235,20 @@ def find_datasets(folder: Path) -> list[Path]:
     return found
 
 
+def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstrations]:
+    """The datasets of these tasks in folders of any.
+
+    Raises:
+        DatasetError: A folder without datasets, or datasets that leave a task out.
+    """
+    found = sorted({path.resolve(): path for folder in folders for path in find_datasets(folder)}.values())
+    datasets = [dataset for dataset in map(Demonstrations, found) if dataset.task in tasks]
+    missing = [task for task in tasks if task not in {dataset.task for dataset in datasets}]
+    if folders and missing:
+        raise DatasetError(f"expected demonstrations of each expert's task, got none of {missing[0]}")
+    return datasets
+
+
 def _read_info(folder: Path) -> dict[str, Any]:
     path = folder / INFO_FILE
     try:

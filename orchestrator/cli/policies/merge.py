@@ -60,6 +60,7 @@ def merge(
     with needs_training_packages():
         from policies.mergevla.merged_checkpoint import save_merged
         from policies.mergevla.merging_experts import merge_experts, read_experts
+        from policies.training.dataset import datasets_of
     try:
         _check_out(out_folder)
         read = read_experts(_checkpoints(experts))
@@ -74,7 +75,7 @@ def merge(
             backbone=BackboneRule.SELECT if select else BackboneRule.MERGED,
             options=_options(options or ()),
         )
-        shown = _datasets(demonstrations or (), tuple(read.by_task))
+        shown = datasets_of(demonstrations or (), tuple(read.by_task))
         merging = merge_experts(read, recipe, {dataset.task: dataset.instructions[0] for dataset in shown})
         card = save_merged(out_folder, merging, _fit(merging.parts, shown) if shown else None)
     except PolicyError as error:
@@ -142,22 +143,6 @@ def _options(given: Sequence[str]) -> dict[str, Any]:
         except ValueError:
             found[name] = value
     return found
-
-
-def _datasets(folders: Sequence[Path], tasks: tuple[str, ...]) -> list[Demonstrations]:
-    """The demonstrations of these tasks.
-
-    Raises:
-        PolicyError: A folder without datasets, or datasets that leave a task out.
-    """
-    from policies.training.dataset import Demonstrations, find_datasets
-
-    found = sorted({path.resolve(): path for folder in folders for path in find_datasets(folder)}.values())
-    datasets = [dataset for dataset in map(Demonstrations, found) if dataset.task in tasks]
-    missing = [task for task in tasks if task not in {dataset.task for dataset in datasets}]
-    if folders and missing:
-        raise MergeError(f"expected demonstrations of each expert's task, got none of {missing[0]}")
-    return datasets
 
 
 def _fit(parts: Parts, datasets: Sequence[Demonstrations]) -> dict[str, Tensor]:

@@ -134,9 +134,8 @@ def fit(frames: Labelled, held_out: Labelled, reading: Reading, components: int 
 def ledoit_wolf(residuals: Tensor) -> Tensor:
     """Covariance of centred rows, shrunk towards a multiple of the identity by the amount that the rows call for.
 
-    With S = X^T X / n, m = tr S / p and squared norms |A|^2 = sum of squares / p: d2 = |S - m I|^2,
-    b2 = min(d2, sum_k |x_k x_k^T - S|^2 / n^2), and the estimate is (b2 / d2) m I + (1 - b2 / d2) S. O. Ledoit and
-    M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", J. Multivariate Anal. 88 (2004).
+    O. Ledoit and M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", J. Multivariate
+    Anal. 88 (2004).
 
     Args:
         residuals: X, shape (n, p), n >= 1.
@@ -144,15 +143,10 @@ def ledoit_wolf(residuals: Tensor) -> Tensor:
     Returns:
         Shape (p, p).
     """
-    count, width = residuals.shape
-    sample = residuals.mT @ residuals / count
-    identity = torch.eye(width, dtype=residuals.dtype)
-    scale = sample.trace() / width
-    spread = (sample - scale * identity).square().sum() / width
-    # sum_k |x_k x_k^T - S|^2 = sum_k |x_k|^4 - n |S|^2, since the x_k x_k^T average to S.
-    noise = (residuals.square().sum(dim=1).square().sum() - count * sample.square().sum()) / (width * count**2)
-    shrinkage = (noise / spread).clamp(0.0, 1.0) if spread > 0 else torch.ones(())
-    return shrinkage * scale * identity + (1 - shrinkage) * sample
+    from sklearn import covariance
+
+    estimate, _ = covariance.ledoit_wolf(residuals.numpy(), assume_centered=True)
+    return torch.from_numpy(estimate)
 
 
 def _principal_axes(centred: Tensor, most: int) -> Tensor:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from adapters.contract import FloatArray
@@ -83,6 +84,10 @@ class Detection:
     """Share of known ones called unknown at the highest threshold that finds 95 % of the unknown ones."""
     known: int
     unknown: int
+    rejected: float | None = None
+    """Share of the unknown ones beyond the router's own threshold; None without one."""
+    false_alarms: float | None = None
+    """Share of the known ones beyond it."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +99,18 @@ class LeftOut:
     """Mean over the tasks."""
     false_positive_rate: float
     """Mean over the tasks."""
+    rejected: float
+    """Mean over the tasks."""
+    false_alarms: float
+    """Mean over the tasks."""
 
 
 class Scorer(Protocol):
     """A fitted router's say in what is unknown."""
+
+    @property
+    def threshold(self) -> float:
+        """Score above which a sighting is rejected."""
 
     def unknown(self, features: Tensor) -> Tensor:
         """Score of features (n, d), shape (n,), higher is less like a known task."""
@@ -133,56 +146,75 @@ def study(trials: Sequence[Trial]) -> Study:
     )
 
 
-def detection(known: Iterable[float], unknown: Iterable[float]) -> Detection:
+def detection(known: Iterable[float], unknown: Iterable[float], *, threshold: float | None = None) -> Detection:
     """Compare the unknown scores of sightings of known tasks with those of unknown ones.
+
+    Args:
+        known: Scores of sightings of known tasks.
+        unknown: Those of unknown ones.
+        threshold: Above which the router rejects, if it does.
 
     Raises:
         RoutingError: One of the two is empty, or a score is not finite.
     """
-    from scipy.stats import rankdata
+    from sklearn.metrics import roc_auc_score, roc_curve
 
     negative, positive = (np.asarray(list(scores), dtype=np.float64) for scores in (known, unknown))
     if not len(negative) or not len(positive):
         raise RoutingError(f"expected scores of known and unknown tasks, got {len(negative)} and {len(positive)}")
-    both = np.concatenate([positive, negative])
+    both = np.concatenate([negative, positive])
     if not np.isfinite(both).all():
         raise RoutingError("expected finite scores, got NaN or infinity")
-    count = len(positive)
-    above = rankdata(both)[:count].sum() - count * (count + 1) / 2
-    found = int(np.ceil(TRUE_POSITIVE_RATE * count - 1e-9))
-    threshold = np.sort(positive)[count - found]
+    truth = np.repeat([False, True], [len(negative), len(positive)])
+    false_positives, true_positives, _ = roc_curve(truth, both, drop_intermediate=False)
     return Detection(
-        auroc=float(above / (count * len(negative))),
-        false_positive_rate=float((negative >= threshold).mean()),
+        auroc=float(roc_auc_score(truth, both)),
+        false_positive_rate=float(false_positives[np.argmax(true_positives >= TRUE_POSITIVE_RATE - 1e-9)]),
         known=len(negative),
-        unknown=count,
+        unknown=len(positive),
+        rejected=None if threshold is None else float((positive > threshold).mean()),
+        false_alarms=None if threshold is None else float((negative > threshold).mean()),
     )
 
 
-def leave_one_out(fit: Callable[[Labelled, Labelled], Scorer], frames: Labelled, held_out: Labelled) -> LeftOut:
-    """Leave each expert out of the fit, then tell its sightings from the held-out ones of the others.
+def leave_one_out(
+    fit: Callable[[Labelled, Labelled], Scorer], frames: Labelled, held_out: Labelled, judged: Labelled | None = None
+) -> LeftOut:
+    """Leave each expert out of the fit, then tell its sightings from those of the others.
 
     Args:
         fit: Such as `gaussian.fit`, with its options.
         frames: To fit on. Features are computed once; a fit takes a second.
-        held_out: Of the same experts.
+        held_out: Of the same experts, for the threshold.
+        judged: Other sightings of some of these experts, to be told apart. Without them, the known ones are held-out
+            ones, to which the threshold was fitted, and the unknown ones are all of the left-out expert.
 
     Raises:
-        RoutingError: Fewer than two experts.
+        RoutingError: Fewer than two experts, or judged sightings of fewer than two or of others.
     """
     if len(frames.experts) < 2:
         raise RoutingError(f"expected two experts or more, got {', '.join(frames.experts) or 'none'}")
+    if judged is not None and (len(judged.experts) < 2 or not set(judged.experts) <= set(frames.experts)):
+        wanted, came = ", ".join(frames.experts), ", ".join(judged.experts)
+        raise RoutingError(f"expected sightings of two or more of {wanted} to judge by, got {came or 'none'}")
     found: dict[str, Detection] = {}
-    for expert in frames.experts:
+    for expert in (judged or frames).experts:
         others = held_out.without(expert)
         scorer = fit(frames.without(expert), others)
-        # None of the left-out task's sightings were fitted to, so that all of them count.
-        unseen = [*scorer.unknown(frames.of(expert)).tolist(), *scorer.unknown(held_out.of(expert)).tolist()]
-        found[expert] = detection(scorer.unknown(others.features).tolist(), unseen)
+        if judged is None:
+            # None of the left-out task's sightings were fitted to, so that all of them count.
+            known, unseen = others.features, torch.cat([frames.of(expert), held_out.of(expert)])
+        else:
+            known, unseen = judged.without(expert).features, judged.of(expert)
+        found[expert] = detection(
+            scorer.unknown(known).tolist(), scorer.unknown(unseen).tolist(), threshold=scorer.threshold
+        )
     return LeftOut(
         by_task=found,
         auroc=float(np.mean([one.auroc for one in found.values()])),
         false_positive_rate=float(np.mean([one.false_positive_rate for one in found.values()])),
+        rejected=float(np.mean([one.rejected or 0.0 for one in found.values()])),
+        false_alarms=float(np.mean([one.false_alarms or 0.0 for one in found.values()])),
     )
 
 
