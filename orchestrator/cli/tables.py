@@ -25,17 +25,17 @@ def print_summary(folder: Path) -> None:
         out.print("no episode has been played yet")
         return
     out.print()
-    out.print(_rich(_per_task(tables), title="Success rate with 95 % Wilson interval, per task"))
+    out.print(rich_table(_per_task(tables), title="Success rate with 95 % Wilson interval, per task"))
     out.print()
-    out.print(_rich(_fitting(summary_table(tables)), title="Per simulator"))
+    out.print(rich_table(_fitting(summary_table(tables)), title="Per simulator"))
     out.print()
     if merging is None:
         return
     for comparison in merging.routed:
         title = f"Expert ({merging.expert}), told ({merging.told}) and routed ({comparison.policy})"
-        out.print(_rich(compact_table(comparison), title=title))
+        out.print(rich_table(compact_table(comparison), title=title))
         out.print()
-    out.print(_rich(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
+    out.print(rich_table(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
     out.print()
 
 
@@ -68,7 +68,8 @@ def _fitting(table: TextTable) -> TextTable:
     return TextTable(table.header[:-2], tuple(row[:-2] for row in table.rows), table.labels)
 
 
-def _rich(table: TextTable, *, title: str) -> Table:
+def rich_table(table: TextTable, *, title: str) -> Table:
+    """The table as the terminal shows it."""
     drawn = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for i, name in enumerate(table.header):
         drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=True)
