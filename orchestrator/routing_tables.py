@@ -22,8 +22,8 @@ WITH, WITHOUT = "read", "hidden"
 def router_table(study: RoutingStudy) -> TextTable:
     """A line per router, with the instruction and without."""
     pairs = scene_pairs(study.tasks)
-    header = ("router", "instruction", "accuracy", *(", ".join(map(plain_task, pair)) for pair in pairs))
-    header += ("ECE", "Brier", "passes", "latency", "in passes")
+    header = ("router", "instruction", "accuracy", *(",\n".join(map(plain_task, pair)) for pair in pairs))
+    header += ("ECE", "Brier", "passes", "latency", "in\npasses")
     return TextTable(header, tuple(_router_row(one, pairs) for one in study.judgement.routers), 2)
 
 
@@ -40,8 +40,8 @@ def confusions(study: Study) -> list[str]:
 
 def unknown_table(found: Sequence[UnknownTasks]) -> TextTable:
     """A line per task that was left out, and their means: one router's, with the instruction and without."""
-    titles = ("AUROC", "FPR at 95 %", "rejected", "known rejected")
-    header = ("left out", *(f"{title}, {_instruction(one.sees_instruction)}" for one in found for title in titles))
+    titles = ("AUROC", "FPR at 95 %", "rejected", "false alarms")
+    header = ("left out", *(f"{title}\n{_instruction(one.sees_instruction)}" for one in found for title in titles))
     tasks = list(found[0].left_out.by_task)
     lines = [(task, [one.left_out.by_task[task] for one in found]) for task in tasks]
     rows = [(task, *(cell for one in each for cell in _cells(asdict(one)))) for task, each in lines]

@@ -112,7 +112,7 @@ def _show(study: RoutingStudy) -> None:
     for name, reason in study.skipped.items():
         fail(f"{name} is skipped: {reason}")
     looked = f"{len(study.tasks)} tasks, {len(study.order.seeds)} seeds from {study.order.seeds[0]}"
-    out.print(rich_table(router_table(study), title=f"Routers on first observations ({looked})"))
+    out.print(rich_table(router_table(study), title=f"Routers on first observations ({looked})", no_wrap=False))
     out.print(f"one backbone pass: {seconds(study.judgement.pass_s)}, median, measured beside the routers")
     if study.unfitted:
         fail("the checkpoint holds no fitted routers; merge with --demonstrations to have them")
@@ -127,6 +127,5 @@ def _show(study: RoutingStudy) -> None:
     for name in dict.fromkeys(one.router for one in study.unknown):
         found = [one for one in study.unknown if one.router == name]
         out.print()
-        out.print(
-            rich_table(unknown_table(found), title=f"Each task unknown in turn, {name} (instruction read, hidden)")
-        )
+        title = f"Each task unknown in turn, {name}; the instruction read or hidden"
+        out.print(rich_table(unknown_table(found), title=title, no_wrap=False))
