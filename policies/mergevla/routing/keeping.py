@@ -18,6 +18,7 @@ from policies.mergevla.routing.contract import RoutingError, Sighting
 from suites.vocabulary import RenderProfile, View, content_hash
 
 SUFFIX = ".npz"
+UNREADABLE = (OSError, EOFError, KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,16 +112,7 @@ def load_looks(path: Path) -> FirstLooks:
     try:
         with np.load(path, allow_pickle=False) as found:
             return _looks(found)
-    except (
-        OSError,
-        EOFError,
-        KeyError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
+    except UNREADABLE as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RoutingError(f"{path}: expected first observations of a task, got {said}") from None
     except RoutingError as error:

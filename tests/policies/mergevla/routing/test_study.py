@@ -91,6 +91,21 @@ def test_a_left_out_task_that_looks_like_another_is_not_noticed():
     assert 0.4 < leave_one_out(partial(fit, reading=Reading()), *near).auroc < 0.6
 
 
+@pytest.mark.parametrize("fitted", [partial(fit, reading=Reading()), partial(fit_centres, reading=Reading())])
+def test_a_left_out_task_is_judged_by_other_sightings(fitted):
+    found = leave_one_out(fitted, gaussians(0), gaussians(1), gaussians(2, count=100, classes=("a", "b", "c")))
+    assert found.by_task.keys() == {"a", "b", "c"}
+    assert {(one.known, one.unknown) for one in found.by_task.values()} == {(200, 100)}
+    assert found.rejected > 0.95
+    assert 0.0 < found.false_alarms < 0.15
+
+
+def test_the_share_rejected_is_beyond_the_threshold():
+    found = detection([0.0, 1.0, 2.0, 3.0], [2.0, 3.0], threshold=2.0)
+    assert (found.rejected, found.false_alarms) == (0.5, 0.25)
+    assert detection([0.0], [1.0]).rejected is None
+
+
 def test_leaving_out_takes_two_experts():
     alone = gaussians(0, classes=("a",))
     with pytest.raises(RoutingError, match="expected two experts or more, got a"):
