@@ -81,7 +81,9 @@ def study_routing(order: Order, listener: Listener) -> RoutingStudy:
         [sighting for own in sightings.values() for sighting in own],
         listener=lambda done, wanted: listener("routing", done, wanted),
     )
-    found = unknown_tasks(model, fitted_to, sightings) if fitted_to else []
+    found: list[UnknownTasks] = []
+    if fitted_to:
+        found = unknown_tasks(model, fitted_to, sightings, listener=lambda *done: listener("leaving tasks out", *done))
     return RoutingStudy(
         order, card.digest, view, tuple(sightings), seen.skipped, not checkpoint.fitted, judgement, tuple(found)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +12,11 @@ from results.routing import SCENE_PAIRS, Rate, plain_task
 
 if TYPE_CHECKING:
     from orchestrator.routing_study import RoutingStudy
-    from policies.mergevla.routing.study import Count, Study
-    from policies.mergevla.routing.trials import Judged, UnknownTasks
+    from policies.mergevla.routing.study import Count, Detection, LeftOut, Study
+    from policies.mergevla.routing.trials import Judged
 
-WITH, WITHOUT = "read", "hidden"
-"""What becomes of the instruction."""
+INSTRUCTION = {True: "read", False: "hidden"}
+"""What the router does with it."""
 
 
 def router_table(study: RoutingStudy) -> TextTable:
@@ -38,15 +38,11 @@ def confusions(study: Study) -> list[str]:
     return [f"{task} -> {chosen}: {count}" for count, task, chosen in sorted(wrong, key=lambda one: (-one[0], one[1:]))]
 
 
-def unknown_table(found: Sequence[UnknownTasks]) -> TextTable:
-    """A line per task that was left out, and their means: one router's, with the instruction and without."""
-    titles = ("AUROC", "FPR at 95 %", "rejected", "false alarms")
-    header = ("left out", *(f"{title}\n{_instruction(one.sees_instruction)}" for one in found for title in titles))
-    tasks = list(found[0].left_out.by_task)
-    lines = [(task, [one.left_out.by_task[task] for one in found]) for task in tasks]
-    rows = [(task, *(cell for one in each for cell in _cells(asdict(one)))) for task, each in lines]
-    mean = ("mean", *(cell for one in found for cell in _cells(asdict(one.left_out))))
-    return TextTable(header, (*rows, mean), 1)
+def unknown_table(left_out: LeftOut) -> TextTable:
+    """A line per task that was left out, and their means."""
+    header = ("left out", "AUROC", "FPR at 95 %", "rejected", "false alarms")
+    found: dict[str, Detection | LeftOut] = {**left_out.by_task, "mean": left_out}
+    return TextTable(header, tuple((name, *_detected(one)) for name, one in found.items()), 1)
 
 
 def scene_pairs(tasks: Sequence[str]) -> list[tuple[str, ...]]:
@@ -78,7 +74,7 @@ def _router_row(one: Judged, pairs: Sequence[tuple[str, ...]]) -> tuple[str, ...
     study, calibrated = one.study, one.study.calibrated
     return (
         one.router,
-        _instruction(one.sees_instruction),
+        INSTRUCTION[one.sees_instruction],
         share(_rate([study.total])),
         *(share(_rate(study.by_task[task] for task in pair)) for pair in pairs),
         *((f"{calibrated.expected_error:.3f}", f"{calibrated.brier:.3f}") if calibrated else (NOTHING, NOTHING)),
@@ -112,10 +108,6 @@ def _rate(counts: Iterable[Count]) -> Rate:
     return Rate.of(sum(count.right for count in found), sum(count.trials for count in found))
 
 
-def _cells(found: Mapping[str, Any]) -> tuple[str, ...]:
-    shares = (found["false_positive_rate"], found["rejected"], found["false_alarms"])
-    return f"{found['auroc']:.3f}", *map(percent, shares)
-
-
-def _instruction(seen: bool) -> str:
-    return WITH if seen else WITHOUT
+def _detected(found: Detection | LeftOut) -> tuple[str, ...]:
+    shares = (found.false_positive_rate, found.rejected, found.false_alarms)
+    return f"{found.auroc:.3f}", *map(percent, shares)

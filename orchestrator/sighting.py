@@ -8,10 +8,11 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from adapters import catalog
 from adapters.contract import AdapterError
@@ -19,6 +20,8 @@ from orchestrator.worker_environment import worker_environment
 from policies.mergevla.routing.keeping import FirstLooks, file_of, load_looks, save_looks
 from suites.vocabulary import Condition, RenderProfile, View
 
+SILENCE_S = 240.0
+"""Without a new observation for so long, a simulator is given up."""
 _MARK = "robogauntlet-sighting:"
 Listener = Callable[[str, int, int], None]
 """Told a task, and how many of how many of its episodes have been looked at."""
@@ -87,7 +90,7 @@ def _look_in_child(
     order = json.dumps({"tasks": tasks, "view": asdict(view), "seeds": list(seeds), "folder": str(folder.resolve())})
     environment = {**os.environ, **worker_environment(catalog.find(name))}
     command = [sys.executable, "-m", "orchestrator.sighting"]
-    problem = None
+    problem, silent = None, threading.Event()
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as asked:
         asked.write(order)
         asked.seek(0)
@@ -96,7 +99,7 @@ def _look_in_child(
         )
         try:
             assert child.stdout is not None
-            for line in child.stdout:
+            for line in _lines(child, child.stdout, silent):
                 if line.startswith(_MARK):
                     told = json.loads(line.removeprefix(_MARK))
                     problem = told.get("problem", problem)
@@ -110,8 +113,29 @@ def _look_in_child(
         last = (said.read().strip().splitlines() or ["no message"])[-1]
     if problem is not None:
         raise SightingError(f"{name}: {problem}")
+    if silent.is_set():
+        raise SightingError(f"{name}: expected an observation within {SILENCE_S:g} s, none came")
     if code:
         raise SightingError(f"{name}: the process that looked ended with code {code}: {last}")
+
+
+def _lines(child: subprocess.Popen[str], told: IO[str], silent: threading.Event) -> Iterator[str]:
+    """What the child says. If it says nothing for too long it is killed, and `silent` is set."""
+
+    def give_up() -> None:
+        silent.set()
+        child.kill()
+
+    while True:
+        watchdog = threading.Timer(SILENCE_S, give_up)
+        watchdog.start()
+        try:
+            line = told.readline()
+        finally:
+            watchdog.cancel()
+        if not line:
+            return
+        yield line
 
 
 def _look(order: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> None:

@@ -69,10 +69,10 @@ def _fitting(table: TextTable) -> TextTable:
 
 
 def rich_table(table: TextTable, *, title: str, no_wrap: bool = True) -> Table:
-    """The table as the terminal shows it."""
+    """The table as the terminal shows it. Where that is narrow, numbers are cut, or wrapped unless `no_wrap`."""
     drawn = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for i, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=no_wrap)
+        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=no_wrap or i < table.labels)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

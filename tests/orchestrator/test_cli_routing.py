@@ -7,9 +7,11 @@ from typer.testing import CliRunner
 
 from orchestrator.cli import app
 from orchestrator.cli.shared import BadInput
+from orchestrator.sighting import SightingError, first_looks
 from policies.mergevla.merged_checkpoint import save_merged
 from policies.mergevla.routing.catalog import NAMES, UNFITTED
 from policies.mergevla.routing.keeping import file_of, load_looks
+from suites.vocabulary import View
 from tests.policies.mergevla.experts import TASKS, merging, save_experts
 from tests.policies.training.test_finetune import dataset
 
@@ -50,7 +52,7 @@ def test_every_router_is_shown_and_everything_is_written(zoo, tmp_path, no_simul
     for word in (
         "3 tasks, 3 seeds from 2",
         "one backbone pass",
-        "calibrated, without the instruction:",
+        "calibrated, instruction hidden",
         *NAMES,
         *TASKS,
     ):
@@ -103,6 +105,22 @@ def test_a_mistake_is_one_line(arguments, message, zoo):
     assert isinstance(done.exception, BadInput)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
+
+
+def test_a_simulator_that_hangs_is_given_up(monkeypatch, tmp_path):
+    monkeypatch.setattr("orchestrator.sighting.SILENCE_S", 5.0)
+    with pytest.raises(SightingError, match="null: expected an observation within 5 s, none came"):
+        first_looks(["null/Hang"], View(image_size=16), [7], tmp_path, lambda *told: None)
+
+
+def test_a_simulator_that_crashes_is_named(tmp_path):
+    with pytest.raises(SightingError, match="null: the process that looked ended with code -9: no message"):
+        first_looks(["null/Crash"], View(image_size=16), [7], tmp_path, lambda *told: None)
+
+
+def test_tasks_that_no_simulator_here_has_are_refused(tmp_path):
+    with pytest.raises(SightingError, match="unknown simulator 'nul'"):
+        first_looks(["nul/Reach"], View(), [0], tmp_path, lambda *told: None)
 
 
 def test_a_broken_file_among_those_kept_is_named(zoo, tmp_path):

@@ -18,7 +18,7 @@ from orchestrator.cli.policies.training import needs_training_packages
 from orchestrator.cli.shared import BadInput, fail, out
 from orchestrator.cli.tables import rich_table
 from orchestrator.progress import PLAIN_EVERY_S, format_duration
-from orchestrator.routing_tables import as_json, confusions, router_table, unknown_table
+from orchestrator.routing_tables import INSTRUCTION, as_json, confusions, router_table, unknown_table
 from policies.contract import PolicyError
 from results.report.text import seconds
 
@@ -117,15 +117,13 @@ def _show(study: RoutingStudy) -> None:
     if study.unfitted:
         fail("the checkpoint holds no fitted routers; merge with --demonstrations to have them")
     for one in study.judgement.routers:
-        if one.study.calibrated is None:
-            continue
-        lines = confusions(one.study)
-        words = "with the instruction" if one.sees_instruction else "without the instruction"
-        out.print(f"{one.router}, {words}: {'misrouted' if lines else 'none misrouted'}")
-        for line in lines:
-            out.print(f"  {line}", markup=False, soft_wrap=True)
-    for name in dict.fromkeys(one.router for one in study.unknown):
-        found = [one for one in study.unknown if one.router == name]
+        if one.study.calibrated is not None:
+            lines = confusions(one.study)
+            title = f"{one.router}, instruction {INSTRUCTION[one.sees_instruction]}"
+            out.print(f"{title}: {'misrouted' if lines else 'none misrouted'}")
+            for line in lines:
+                out.print(f"  {line}", markup=False, soft_wrap=True)
+    for unknown in study.unknown:
+        title = f"Each task unknown in turn: {unknown.router}, instruction {INSTRUCTION[unknown.sees_instruction]}"
         out.print()
-        title = f"Each task unknown in turn, {name}; the instruction read or hidden"
-        out.print(rich_table(unknown_table(found), title=title, no_wrap=False))
+        out.print(rich_table(unknown_table(unknown.left_out), title=title))

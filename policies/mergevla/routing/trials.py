@@ -21,7 +21,7 @@ from policies.mergevla.routing.gaussian import fit
 from policies.mergevla.routing.study import LeftOut, Scorer, Study, Trial, leave_one_out, study
 
 Listener = Callable[[int, int], None]
-"""Told how many of how many sightings are done."""
+"""Told how many of how many are done."""
 SCORERS: Mapping[str, Callable[..., Scorer]] = {CalibratedRouter.name: fit, NearestCentroidRouter.name: fit_centres}
 """Routers that say what is unknown, and how they are fitted."""
 
@@ -116,7 +116,11 @@ def judge(
 
 
 def unknown_tasks(
-    candidates: Candidates, fitted_to: FirstSightings, judged: Mapping[str, Sequence[Sighting]]
+    candidates: Candidates,
+    fitted_to: FirstSightings,
+    judged: Mapping[str, Sequence[Sighting]],
+    *,
+    listener: Listener = lambda done, wanted: None,
 ) -> list[UnknownTasks]:
     """Leave each task in turn out of the fit, and see whether its sightings are called unknown.
 
@@ -124,12 +128,15 @@ def unknown_tasks(
         candidates: Of which only the base is run, once for each sighting with the instruction and once without.
         fitted_to: Of all experts.
         judged: Task to new sightings, never fitted to.
+        listener: Told how many of how many fits are judged.
 
     Raises:
         RoutingError: Fewer than two tasks are judged.
     """
-    found = []
+    found: list[UnknownTasks] = []
+    wanted = 2 * len(SCORERS)
     for sees_instruction in (True, False):
+        listener(len(found), wanted)
         reading = Reading(sees_instruction)
         parts = [labelled(candidates, part, reading) for part in (fitted_to.frames, fitted_to.held_out, judged)]
         for name, fit_scorer in SCORERS.items():
