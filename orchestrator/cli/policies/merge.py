@@ -58,6 +58,8 @@ def merge(
 ) -> None:
     """Merge experts of one base, which must stay where it is, and say what merging did to them."""
     with needs_training_packages():
+        import sklearn  # noqa: F401  needed by what imports it late
+
         from policies.mergevla.merged_checkpoint import save_merged
         from policies.mergevla.merging_experts import merge_experts, read_experts
         from policies.training.dataset import datasets_of

@@ -44,19 +44,21 @@ def routing(
     """Put every router to the test on first observations: accuracy, calibration, latency, and what is unknown."""
     _check(seed_count, first_seed, keep, json_file)
     with needs_training_packages():
+        import sklearn  # noqa: F401  needed by what imports it late
+
         from orchestrator.routing_study import Order, study_routing
         from orchestrator.sighting import SightingError
     order = Order(checkpoint, range(first_seed, first_seed + seed_count), keep, tuple(demonstrations or ()))
     try:
         with StudyProgress(out) as progress:
             study = study_routing(order, progress.show)
+        _show(study)
         if json_file is not None:
             json_file.write_text(json.dumps(as_json(study), indent=1, allow_nan=False) + "\n", encoding="utf-8")
     except (PolicyError, SightingError) as error:
         raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{error.filename or keep}: {error.strerror}") from None
-    _show(study)
 
 
 class StudyProgress:
