@@ -94,21 +94,21 @@ def _look_in_child(
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as asked:
         asked.write(order)
         asked.seek(0)
-        child = subprocess.Popen(
+        with subprocess.Popen(
             command, stdin=asked, stdout=subprocess.PIPE, stderr=said, text=True, errors="replace", env=environment
-        )
-        try:
-            assert child.stdout is not None
-            for line in _lines(child, child.stdout, silent):
-                if line.startswith(_MARK):
+        ) as child:
+            try:
+                assert child.stdout is not None
+                for line in _lines(child, child.stdout, silent):
+                    if not line.startswith(_MARK):
+                        continue
                     told = json.loads(line.removeprefix(_MARK))
                     problem = told.get("problem", problem)
                     if "task" in told:
                         listener(told["task"], told["done"], len(seeds))
-            code = child.wait()
-        finally:
-            child.kill()
-            child.wait()
+                code = child.wait()
+            finally:
+                child.kill()
         said.seek(0)
         last = (said.read().strip().splitlines() or ["no message"])[-1]
     if problem is not None:

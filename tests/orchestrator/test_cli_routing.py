@@ -1,11 +1,14 @@
 """`gauntlet policies routing`: what it looks at, what it says and writes, and its mistakes in one line."""
 
 import json
+from io import StringIO
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from orchestrator.cli import app
+from orchestrator.cli.policies.routing import StudyProgress
 from orchestrator.cli.shared import BadInput
 from orchestrator.sighting import SightingError, first_looks
 from policies.mergevla.merged_checkpoint import save_merged
@@ -121,6 +124,15 @@ def test_a_simulator_that_crashes_is_named(tmp_path):
 def test_tasks_that_no_simulator_here_has_are_refused(tmp_path):
     with pytest.raises(SightingError, match="unknown simulator 'nul'"):
         first_looks(["nul/Reach"], View(), [0], tmp_path, lambda *told: None)
+
+
+def test_progress_is_a_plain_line_now_and_then():
+    console = Console(file=StringIO(), width=80)
+    times = iter([0.0, 1.0, 6.0, 12.0, 13.0])
+    with StudyProgress(console, now=lambda: next(times)) as progress:
+        for done in (0, 10, 20, 30):
+            progress.show("routing", done, 60)
+    assert console.file.getvalue() == "routing: 20/60  22 s left\n"
 
 
 def test_a_broken_file_among_those_kept_is_named(zoo, tmp_path):
