@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import subprocess
@@ -22,7 +21,6 @@ from suites.vocabulary import Condition, RenderProfile, View
 
 SILENCE_S = 240.0
 """Without a new observation for so long, a simulator is given up."""
-_MARK = "robogauntlet-sighting:"
 Listener = Callable[[str, int, int], None]
 """Told a task, and how many of how many of its episodes have been looked at."""
 
@@ -100,9 +98,7 @@ def _look_in_child(
             try:
                 assert child.stdout is not None
                 for line in _lines(child, child.stdout, silent):
-                    if not line.startswith(_MARK):
-                        continue
-                    told = json.loads(line.removeprefix(_MARK))
+                    told = json.loads(line)
                     problem = told.get("problem", problem)
                     if "task" in told:
                         listener(told["task"], told["done"], len(seeds))
@@ -153,18 +149,18 @@ def _look(order: dict[str, Any], tell: Callable[[dict[str, Any]], None]) -> None
 
 
 def _child() -> None:
-    """Look as standard input orders, telling of it on standard output, which simulators shall not write to."""
-    told = sys.stdout
+    """Look as standard input orders, and tell of it on standard output, to which no simulator writes."""
+    told = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
 
     def tell(what: dict[str, Any]) -> None:
-        print(_MARK + json.dumps(what), file=told, flush=True)
+        print(json.dumps(what), file=told, flush=True)
 
-    with contextlib.redirect_stdout(sys.stderr):
-        try:
-            _look(json.load(sys.stdin), tell)
-        except Exception as error:  # simulators raise anything
-            lines = str(error).strip().splitlines() or ["no message"]
-            tell({"problem": lines[0] if isinstance(error, AdapterError) else f"{type(error).__name__}: {lines[0]}"})
+    try:
+        _look(json.load(sys.stdin), tell)
+    except Exception as error:  # simulators raise anything
+        lines = str(error).strip().splitlines() or ["no message"]
+        tell({"problem": lines[0] if isinstance(error, AdapterError) else f"{type(error).__name__}: {lines[0]}"})
 
 
 if __name__ == "__main__":
