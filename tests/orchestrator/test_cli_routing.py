@@ -111,8 +111,8 @@ def test_a_mistake_is_one_line(arguments, message, zoo):
 
 
 def test_a_simulator_that_hangs_is_given_up(monkeypatch, tmp_path):
-    monkeypatch.setattr("orchestrator.sighting.SILENCE_S", 5.0)
-    with pytest.raises(SightingError, match="null: expected an observation within 5 s, none came"):
+    monkeypatch.setattr("orchestrator.sighting.SILENCE_S", 1.0)
+    with pytest.raises(SightingError, match="null: expected an observation within 1 s, none came"):
         first_looks(["null/Hang"], View(image_size=16), [7], tmp_path, lambda *told: None)
 
 
