@@ -27,6 +27,25 @@ def router_table(study: RoutingStudy) -> TextTable:
     return TextTable(header, tuple(_router_row(one, pairs) for one in study.judgement.routers), 2)
 
 
+def split(table: TextTable, columns: int) -> tuple[TextTable, TextTable]:
+    """The table of routers without the columns of tasks that share a scene, and these by themselves.
+
+    Args:
+        table: From `router_table`.
+        columns: How many these are.
+    """
+    after = 3 + columns
+    without = TextTable(
+        (*table.header[:3], *table.header[after:]), tuple((*row[:3], *row[after:]) for row in table.rows), table.labels
+    )
+    alone = TextTable(
+        (*table.header[:2], *table.header[3:after]),
+        tuple((*row[:2], *row[3:after]) for row in table.rows),
+        table.labels,
+    )
+    return without, alone
+
+
 def confusions(study: Study) -> list[str]:
     """Misrouted sightings, most first: `pybullet/PandaPickAndPlace-v3 -> pybullet/PandaPush-v3: 12`."""
     wrong = [

@@ -68,11 +68,11 @@ def _fitting(table: TextTable) -> TextTable:
     return TextTable(table.header[:-2], tuple(row[:-2] for row in table.rows), table.labels)
 
 
-def rich_table(table: TextTable, *, title: str, no_wrap: bool = True) -> Table:
-    """The table as the terminal shows it. Where that is narrow, numbers are cut, or wrapped unless `no_wrap`."""
+def rich_table(table: TextTable, *, title: str) -> Table:
+    """The table as the terminal shows it."""
     drawn = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for i, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=no_wrap or i < table.labels)
+        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=True)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

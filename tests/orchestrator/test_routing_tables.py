@@ -6,7 +6,7 @@ from math import log
 import pytest
 
 from orchestrator.routing_study import Order, RoutingStudy
-from orchestrator.routing_tables import as_json, confusions, router_table, scene_pairs, unknown_table
+from orchestrator.routing_tables import as_json, confusions, router_table, scene_pairs, split, unknown_table
 from policies.mergevla.routing.contract import answer
 from policies.mergevla.routing.study import Detection, LeftOut, Trial, study
 from policies.mergevla.routing.trials import Judged, Judgement, UnknownTasks
@@ -46,6 +46,14 @@ def test_a_router_is_a_line_and_tasks_that_share_a_scene_have_a_column(found):
         "latency": "20 ms",
         "in\npasses": "2.00",
     }
+
+
+def test_a_table_too_wide_is_split(found):
+    table = router_table(found)
+    without, alone = split(table, 1)
+    assert without.header == ("router", "instruction", "accuracy", "ECE", "Brier", "passes", "latency", "in\npasses")
+    assert alone.rows == (("calibrated", "hidden", "86 % [65, 95]"),)
+    assert {len(row) for row in without.rows} == {len(without.header)}
 
 
 def test_only_pairs_of_which_both_were_seen_have_a_column():

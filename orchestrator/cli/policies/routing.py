@@ -18,7 +18,15 @@ from orchestrator.cli.policies.training import needs_training_packages
 from orchestrator.cli.shared import BadInput, fail, out
 from orchestrator.cli.tables import rich_table
 from orchestrator.progress import PLAIN_EVERY_S, format_duration
-from orchestrator.routing_tables import INSTRUCTION, as_json, confusions, router_table, unknown_table
+from orchestrator.routing_tables import (
+    INSTRUCTION,
+    as_json,
+    confusions,
+    router_table,
+    scene_pairs,
+    split,
+    unknown_table,
+)
 from policies.contract import PolicyError
 from results.report.text import seconds
 
@@ -26,6 +34,8 @@ if TYPE_CHECKING:
     from orchestrator.routing_study import RoutingStudy
 
 MOST_SEEDS = 100_000
+WIDE = 130
+"""Characters for the whole table of routers in one."""
 
 
 def routing(
@@ -114,7 +124,14 @@ def _show(study: RoutingStudy) -> None:
     for name, reason in study.skipped.items():
         fail(f"{name} is skipped: {reason}")
     looked = f"{len(study.tasks)} tasks, {len(study.order.seeds)} seeds from {study.order.seeds[0]}"
-    out.print(rich_table(router_table(study), title=f"Routers on first observations ({looked})", no_wrap=False))
+    table, pairs = router_table(study), len(scene_pairs(study.tasks))
+    title = f"Routers on first observations ({looked})"
+    if pairs and out.width < WIDE:
+        table, alone = split(table, pairs)
+        out.print(rich_table(table, title=title))
+        out.print()
+        title, table = "Their accuracy where tasks share a scene", alone
+    out.print(rich_table(table, title=title))
     out.print(f"one backbone pass: {seconds(study.judgement.pass_s)}, median, measured beside the routers")
     if study.unfitted:
         fail("the checkpoint holds no fitted routers; merge with --demonstrations to have them")
