@@ -25,6 +25,8 @@ from policies.mergevla.acting import (
 from policies.mergevla.card import read_card
 from policies.mergevla.merged_checkpoint import load_merged
 from policies.mergevla.merged_model import MOST_MODELS, MergedModel
+from policies.mergevla.merged_policy import MergedOptions, expert_folders
+from policies.mergevla.merging_experts import merge_parts, read_experts
 from policies.mergevla.routing.catalog import router as router_named
 from policies.mergevla.routing.contract import Routed, Router, Sighting
 from suites.plugins import nearest
@@ -94,20 +96,21 @@ class MergedPolicy:
             router.route([_blank(model)], model)
 
     @classmethod
-    def from_checkpoint(cls, reference: str, router: str, *, sees_instruction: bool) -> MergedPolicy:
-        """The policy of a merged checkpoint.
+    def of(cls, options: MergedOptions) -> MergedPolicy:
+        """The policy of a merged checkpoint, or of experts that are merged now.
 
-        Args:
-            reference: A folder or a hub id.
-            router: Name out of `routing.catalog.NAMES`.
-            sees_instruction: Whether the router does; the expert that acts always does.
+        Whether the router reads the instruction is said by the options; the expert that acts always does.
 
         Raises:
-            PolicyError: The checkpoint cannot be used, or the router is unknown or was not fitted.
+            PolicyError: A checkpoint cannot be used, or the router is unknown or was not fitted.
         """
-        checkpoint = load_merged(reference)
-        chosen = router_named(router, sees_instruction=sees_instruction, stored=checkpoint.fitted)
-        return cls(MergedModel(checkpoint.parts, device=device_here()), chosen)
+        checkpoint = load_merged(options.checkpoint)
+        router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
+        parts = checkpoint.parts
+        if options.recipe is not None and options.experts is not None:
+            experts = read_experts(expert_folders(options.experts).values())
+            parts = merge_parts(experts, options.recipe, parts.instructions)
+        return cls(MergedModel(parts, device=device_here()), router)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes: nothing is known of them."""
