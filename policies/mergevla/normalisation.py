@@ -23,8 +23,8 @@ SMALLEST_RANGE = 1e-6
 
 LEAST_SPAN = (*(0.01,) * 3, *(0.1,) * 3, 0.0)
 """Range of each number of an action (m, rad, gripper) below which q01 and q99 are moved apart. Where a task hardly
-turns, per-number quantiles blow the oracle's corrections of a hundredth of a radian up to the size of whole motions, and
-the loss is about them: StackCube's was .35, most of it tilt."""
+turns, per-number quantiles would blow the oracle's corrections of a hundredth of a radian up to the size of whole
+motions, and the loss would be about them."""
 
 
 class StatisticsError(PolicyError):

@@ -8,10 +8,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from policies.mergevla.checkpoint import load_checkpoint
-from policies.mergevla.lora import folded
 from policies.mergevla.merged_model import MergedModel
-from policies.mergevla.merging.recipe import MaskRule, Recipe
+from policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
 from policies.mergevla.merging_experts import Experts, merge_parts
 from policies.mergevla.model import MergeVLA
 from policies.mergevla.normalisation import TaskStatistics
@@ -56,24 +54,24 @@ def held_out_l1(
     return found
 
 
-def experts_l1(experts: Experts, references: Mapping[str, str], pool: Pool) -> dict[str, float]:
-    """The same of the experts themselves: what merging can keep at best.
-
-    Args:
-        experts: As they were read.
-        references: Task to checkpoint.
-        pool: See `held_out_l1`.
-    """
+def experts_l1(experts: Experts, pool: Pool, instructions: Mapping[str, str] | None = None) -> dict[str, float]:
+    """The same of the experts themselves: what merging can keep at best."""
+    alone = {task: replace(experts, by_task={task: expert}) for task, expert in experts.by_task.items()}
+    recipe = Recipe(backbone=BackboneRule.SELECT, trunk=TrunkRule.MEAN)
     return {
-        task: held_out_l1(
-            lambda task: folded(load_checkpoint(references[task]).model), expert.card.statistics, pool, [task]
-        )[task]
-        for task, expert in experts.by_task.items()
+        task: held_out_l1(MergedModel(parts).model, parts.statistics, pool, [task])[task]
+        for task, parts in ((task, merge_parts(one, recipe, instructions)) for task, one in alone.items())
     }
 
 
 def choose_lambdas(
-    experts: Experts, recipe: Recipe, pool: Pool, *, among: Sequence[float] = LAMBDAS, progress: Progress | None = None
+    experts: Experts,
+    recipe: Recipe,
+    pool: Pool,
+    instructions: Mapping[str, str] | None = None,
+    *,
+    among: Sequence[float] = LAMBDAS,
+    progress: Progress | None = None,
 ) -> tuple[Recipe, dict[str, dict[float, float]]]:
     """Give each task the lambda with which it does best on its held-out demonstrations.
 
@@ -83,6 +81,7 @@ def choose_lambdas(
         experts: To be merged.
         recipe: How; with task masks.
         pool: Demonstrations of each expert's task.
+        instructions: As for `merge_experts`.
         among: Values of lambda.
         progress: See `Progress`.
 
@@ -98,7 +97,7 @@ def choose_lambdas(
     for value in among:
         if progress is not None:
             progress(f"lambda {value:g}")
-        parts = merge_parts(experts, replace(recipe, lambda_=value))
+        parts = merge_parts(experts, replace(recipe, lambda_=value), instructions)
         for task, loss in held_out_l1(MergedModel(parts).model, parts.statistics, pool, list(table)).items():
             table[task][value] = loss
     best = {task: min(losses, key=lambda value: (losses[value], value)) for task, losses in table.items()}
