@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from policies.contract import Policy, PolicyError, PolicyKind
+from policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
 from policies.mergevla.card import CARD, CheckpointError, card_json, digest_of, read_card
 from policies.mergevla.merged_card import KIND, merged_digest_of
 from policies.mergevla.merging.recipe import Recipe
@@ -112,6 +112,15 @@ def _load_merged(options: Mapping[str, Any]) -> Policy:
     return MergedPolicy.of(chosen)
 
 
+def _merged_spec(options: Mapping[str, Any]) -> PolicySpec:
+    chosen = merged_options(options)
+    try:
+        from policies.mergevla.acting_merged import merged_spec
+    except ModuleNotFoundError as error:
+        raise _not_installed(MERGED_NAME, error) from None
+    return merged_spec(chosen)
+
+
 def _not_installed(name: str, error: ModuleNotFoundError) -> PolicyError:
     return PolicyError(
         f"policy '{name}': expected the packages of robogauntlet[mergevla], found none named {error.name}"
@@ -151,6 +160,7 @@ MERGED = PolicyKind(
     summary="experts merged into one model, which infers the task (arXiv 2511.18810)",
     load=_load_merged,
     digest=_merged_digest,
+    spec=_merged_spec,
     options={
         "checkpoint": "folder or hub id of the merged checkpoint",
         "router": f"who infers the task, by default {ROUTER}; oracle is told",
