@@ -5,15 +5,16 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast lint bench report clean
+.PHONY: help setup demo test test-fast lint bench report zoo clean
 
 help:
-	@echo "make demo       set up, run the demo suite in three simulators, print the table and the report's place"
+	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
 	@echo "make test       set up, check style and types, run all tests"
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
 	@echo "make lint       ruff and mypy"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make report     write the newest run's report again"
+	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
 	@echo "make setup      virtual environment, pinned packages, rendering drivers"
 
 setup: $(STAMP)
@@ -26,7 +27,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: setup
-	$(BIN)/gauntlet run demo
+	$(BIN)/gauntlet run mergevla --seeds 10
 
 test: setup lint
 	@bash scripts/test_tools.sh
@@ -42,6 +43,9 @@ lint: setup
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks
+
+zoo: setup
+	bash scripts/zoo.sh
 
 report: setup
 	$(BIN)/gauntlet report

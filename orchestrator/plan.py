@@ -15,11 +15,13 @@ from policies import catalog as policies
 from policies.contract import PolicyError, PolicyMismatch, check_fit
 from results.run import PlannedCell, RunDocument
 from suites.loading import Problem, SuiteError, load_suite
+from suites.part import NoSuchPart, Part
 from suites.plugins import nearest
 from suites.schema import Suite
 from suites.vocabulary import Cell
 
 SHIPPED = Path(__file__).parent.parent / "suites"
+WHOLE = Part()
 Done = Mapping[tuple[str, str, str, int], set[int]]
 
 
@@ -97,11 +99,12 @@ def find_suite(name: str) -> Path:
     return shipped[name]
 
 
-def make_plan(path: Path, *, only: Sequence[str] = ()) -> Plan:
+def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Plan:
     """Read, validate and resolve a suite.
 
     Args:
         path: The suite file.
+        part: What of it to plan.
         only: Simulators that must work; empty for none.
 
     Raises:
@@ -109,7 +112,10 @@ def make_plan(path: Path, *, only: Sequence[str] = ()) -> Plan:
         PlanError: The suite is right, and cannot be run as asked.
     """
     names = known_names()
-    suite = load_suite(path, names)
+    try:
+        suite = part.of(load_suite(path, names))
+    except NoSuchPart as error:
+        raise PlanError(f"{path}: {error}") from None
     text = path.read_text(encoding="utf-8")
     sources, digests = {}, {}
     problems: list[str] = []
@@ -117,7 +123,7 @@ def make_plan(path: Path, *, only: Sequence[str] = ()) -> Plan:
     for entry in suite.policies:
         try:
             digest = policies.digest(entry.kind, entry.options)
-            spec = policies.load(entry.kind, entry.options).spec
+            spec = policies.spec(entry.kind, entry.options)
             check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
         except PolicyMismatch as error:
             problems.append(f"policy '{entry.name}' does not fit: {error}")

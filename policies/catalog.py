@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from policies.contract import Policy, PolicyError, PolicyKind
+from policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
 from suites.plugins import BrokenPlugin, load_plugins, nearest
 
 GROUP = "robogauntlet.policies"
@@ -46,6 +46,16 @@ def load(kind: str, options: Mapping[str, Any]) -> Policy:
         PolicyError: Unknown kind, or options that do not fit.
     """
     return find(kind).load(options)
+
+
+def spec(kind: str, options: Mapping[str, Any]) -> PolicySpec:
+    """What a policy needs and produces.
+
+    Raises:
+        PolicyError: Unknown kind, or options that do not fit.
+    """
+    found = find(kind)
+    return found.spec(options) if found.spec is not None else found.load(options).spec
 
 
 def digest(kind: str, options: Mapping[str, Any]) -> str:

@@ -119,6 +119,9 @@ class PolicyKind:
     """Hash of the policy's content under these options: equal if and only if it acts the same."""
     tasks: Callable[[], frozenset[str]] | None = None
     """Tasks it can act in (`simulator/task`), or None for all."""
+    spec: Callable[[Mapping[str, Any]], PolicySpec] | None = None
+    """What the policy needs and produces under these options, or why it cannot be loaded, found out in less time than
+    loading takes; None to load it."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to what it means. Anything else in a suite is an error."""
 

@@ -7,21 +7,34 @@ cd "$(dirname "$0")/.."
 FOLDER=${1:-runs/zoo}
 DATA="$FOLDER/demonstrations"
 GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
-TASKS=(maniskill/PushCube-v1 maniskill/PullCube-v1 maniskill/StackCube-v1 robosuite/Lift robosuite/Stack robosuite/Door
-    pybullet/PandaReach-v3 pybullet/PandaPush-v3 pybullet/PandaPickAndPlace-v3)
+# Task and steps of its expert's training: the longest first, so that both processes end together.
+EXPERTS="robosuite/Stack 2500
+maniskill/StackCube-v1 2500
+pybullet/PandaPickAndPlace-v3 2500
+robosuite/Door 1800
+pybullet/PandaPush-v3 1800
+maniskill/PushCube-v1 1500
+robosuite/Lift 1500
+pybullet/PandaReach-v3 1500
+maniskill/PullCube-v1 1300"
 export OMP_NUM_THREADS=1
 
 finished() { [ -e "$1/card.json" ]; }
 
-"$GAUNTLET" policies demonstrate "${TASKS[@]}" --out "$DATA" --episodes 150 --workers 2
+"$GAUNTLET" policies demonstrate 'maniskill/*' 'robosuite/*' 'pybullet/*' --out "$DATA" --episodes 150 --workers 2
 finished "$FOLDER/base" ||
-    "$GAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" --steps 8000 --batch-size 64 --threads 2
+    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$GAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
+        --steps 3200 --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2
 
 expert() {
     local name="${1/\//__}"
     [ -e "$FOLDER/experts/$name/card.json" ] ||
-        "$GAUNTLET" policies finetune "$DATA/$name" --base "$FOLDER/base" --out "$FOLDER/experts/$name" --steps 1500
+        "$GAUNTLET" policies finetune "$DATA/$name" --base "$FOLDER/base" --out "$FOLDER/experts/$name" \
+            --steps "$2" --learning-rate 1e-3 --shift 2
 }
 export -f expert
 export FOLDER DATA GAUNTLET
-printf '%s\n' "${TASKS[@]}" | xargs -P 2 -I{} bash -c 'expert {}'
+xargs -P 2 -L 1 bash -c 'expert "$0" "$1"' <<<"$EXPERTS"
+
+finished "$FOLDER/merged" ||
+    "$GAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --demonstrations "$DATA" --lambda auto

@@ -8,21 +8,25 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from orchestrator.cli.shared import BadInput, fail, out, plan_of
+from orchestrator.cli.shared import BadInput, Policies, SeedCount, Tasks, fail, out, plan_of
 from orchestrator.plan import PlanError, check_same
 from results.run import RUN_FILE, RunError, read_run, store_url
 from results.store import Store, StoreError
+from suites.part import Part
 
 
 def plan(
     suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")],
+    policy: Policies = None,
+    task: Tasks = None,
+    seeds: SeedCount = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder to continue: shows what is missing.")
     ] = None,
     store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
 ) -> None:
-    """Show the episodes that a suite plans, without starting anything."""
-    planned = plan_of(suite)
+    """Show the episodes that a suite or a part of it plans, without starting anything."""
+    planned = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds))
     done: dict[tuple[str, str, str, int], set[int]] = {}
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         try:

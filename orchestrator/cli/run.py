@@ -8,7 +8,17 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import EXIT_INTERRUPTED, EXIT_STOPPED, BadInput, fail, out, plan_of
+from orchestrator.cli.shared import (
+    EXIT_INTERRUPTED,
+    EXIT_STOPPED,
+    BadInput,
+    Policies,
+    SeedCount,
+    Tasks,
+    fail,
+    out,
+    plan_of,
+)
 from orchestrator.cli.tables import print_summary
 from orchestrator.plan import PlanError
 from orchestrator.probe import probe
@@ -16,10 +26,14 @@ from orchestrator.progress import Progress, format_duration
 from orchestrator.run import FolderError, RunOptions, RunOutcome, run_plan
 from results.run import RunError, RunStatus
 from results.store import StoreError
+from suites.part import Part
 
 
 def run(
     suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")],
+    policy: Policies = None,
+    task: Tasks = None,
+    seeds: SeedCount = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder. An existing run of the same suite is continued.")
     ] = None,
@@ -33,9 +47,9 @@ def run(
     ] = False,
     media: Annotated[bool, typer.Option(help="Film a success and a failure of each policy on each task.")] = True,
 ) -> None:
-    """Play a suite, or what is missing of it, and report."""
+    """Play a suite, or a part or what is missing of it, and report."""
     required = tuple(require or ())
-    plan = plan_of(suite, only=required)
+    plan = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds), only=required)
     broken = [f"{f.simulator}: {f.problem}" for f in probe(required) if f.problem]
     if broken:
         raise BadInput("\n".join(broken))

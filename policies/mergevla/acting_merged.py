@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor
 
 from adapters.contract import PROPRIOCEPTION_DIM, FloatArray, Observation
-from policies.contract import Decision, PolicyError, PolicyMismatch, Query, Routing, StatelessPolicy
+from policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Routing, StatelessPolicy
 from policies.mergevla.acting import (
     Network,
     chunks_by,
@@ -22,9 +23,11 @@ from policies.mergevla.acting import (
     policy_spec,
     stack_images,
 )
-from policies.mergevla.card import read_card
-from policies.mergevla.merged_checkpoint import load_merged
+from policies.mergevla.card import WEIGHTS, locate, read_card
+from policies.mergevla.merged_checkpoint import MergedCheckpoint, load_merged
 from policies.mergevla.merged_model import MOST_MODELS, MergedModel
+from policies.mergevla.merged_policy import MergedOptions, expert_folders
+from policies.mergevla.merging_experts import merge_parts, read_experts
 from policies.mergevla.routing.catalog import router as router_named
 from policies.mergevla.routing.contract import Routed, Router, Sighting
 from suites.plugins import nearest
@@ -94,20 +97,21 @@ class MergedPolicy:
             router.route([_blank(model)], model)
 
     @classmethod
-    def from_checkpoint(cls, reference: str, router: str, *, sees_instruction: bool) -> MergedPolicy:
-        """The policy of a merged checkpoint.
+    def of(cls, options: MergedOptions) -> MergedPolicy:
+        """The policy of a merged checkpoint, or of experts that are merged now.
 
-        Args:
-            reference: A folder or a hub id.
-            router: Name out of `routing.catalog.NAMES`.
-            sees_instruction: Whether the router does; the expert that acts always does.
+        Whether the router reads the instruction is said by the options; the expert that acts always does.
 
         Raises:
-            PolicyError: The checkpoint cannot be used, or the router is unknown or was not fitted.
+            PolicyError: A checkpoint cannot be used, or the router is unknown or was not fitted.
         """
-        checkpoint = load_merged(reference)
-        chosen = router_named(router, sees_instruction=sees_instruction, stored=checkpoint.fitted)
-        return cls(MergedModel(checkpoint.parts, device=device_here()), chosen)
+        checkpoint = load_merged(options.checkpoint)
+        router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
+        parts = checkpoint.parts
+        if options.recipe is not None and options.experts is not None:
+            experts = read_experts(expert_folders(options.experts).values())
+            parts = merge_parts(experts, options.recipe, parts.instructions)
+        return cls(MergedModel(parts, device=device_here()), router)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes: nothing is known of them."""
@@ -150,6 +154,24 @@ class MergedPolicy:
     def _chunks(self, expert: str, observations: Sequence[Observation]) -> FloatArray:
         network = Network(self._model.model(expert), self._model.parts.statistics, self._model.tokenizer)
         return network.chunks(observations, [expert] * len(observations))
+
+
+def merged_spec(options: MergedOptions) -> PolicySpec:
+    """What a merged policy needs and produces, with everything checked but the merging itself.
+
+    Raises:
+        PolicyError: A checkpoint cannot be used, or the router is unknown or was not fitted.
+    """
+    folder = locate(options.checkpoint)
+    checkpoint = _checkpoint(folder, (folder / WEIGHTS).stat().st_mtime_ns if (folder / WEIGHTS).exists() else 0)
+    router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
+    return policy_spec(checkpoint.parts.architecture)
+
+
+@lru_cache(maxsize=2)
+def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
+    """Suites name one checkpoint many times. Args: changed_ns: When, so that a newer one is read."""
+    return load_merged(folder)
 
 
 def _routing(routed: Routed, waited: float) -> Routing:

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -202,10 +203,16 @@ def hash_tensors(path: Path) -> str:
     """
     if not path.is_file():
         raise CheckpointError(f"expected {path.name} in '{path.parent}', got a folder without it")
+    state = path.stat()
+    return _hash_file(path.resolve(), state.st_mtime_ns, state.st_size, state.st_ino)
+
+
+@lru_cache(maxsize=256)
+def _hash_file(path: Path, changed_ns: int, size: int, inode: int) -> str:
+    """A file's hash, kept until the file changes: a suite may name the same experts in two hundred policies."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         start, header = _read_header(path, file)
-        size = path.stat().st_size
         for name in sorted(header):
             entry = header[name]
             first, last = entry["data_offsets"]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from policies.contract import Policy, PolicyError, PolicyKind
+from policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
 from policies.mergevla.card import CARD, CheckpointError, card_json, digest_of, read_card
 from policies.mergevla.merged_card import KIND, merged_digest_of
+from policies.mergevla.merging.recipe import Recipe
 from policies.zoo import shipped
 from suites.vocabulary import content_hash
 
@@ -56,14 +58,40 @@ def _folder(options: Mapping[str, Any]) -> Path:
     return shipped(_option(EXPERTS_NAME, options, "folder", "a folder of expert checkpoints"))
 
 
-def _merged(options: Mapping[str, Any]) -> tuple[str, str, bool]:
-    """Checkpoint, router, and whether the router sees the instruction."""
+@dataclass(frozen=True)
+class MergedOptions:
+    """What a suite says of a merged policy."""
+
+    checkpoint: str
+    """A folder or a hub id."""
+    router: str
+    sees_instruction: bool
+    recipe: Recipe | None
+    """Merge `experts` anew like this, and take nothing but the fitted routers from the checkpoint."""
+    experts: Path | None
+    """Folder of expert checkpoints; present with a recipe."""
+
+
+def merged_options(options: Mapping[str, Any]) -> MergedOptions:
+    """Read a suite's options.
+
+    Raises:
+        PolicyError: One is missing, or is not what it should be.
+    """
     checkpoint = _option(MERGED_NAME, options, "checkpoint", "a folder or hub id")
     router = _option(MERGED_NAME, {"router": ROUTER, **options}, "router", "a router's name")
     sees = options.get("sees_instruction", True)
     if not isinstance(sees, bool):
         raise PolicyError(f"policy '{MERGED_NAME}': expected option sees_instruction: true or false, got {sees!r}")
-    return checkpoint, router, sees
+    plain, folder = options.get("recipe"), options.get("experts")
+    if (plain is None) != (folder is None):
+        raise PolicyError(f"policy '{MERGED_NAME}': expected options recipe and experts together, got one of them")
+    if plain is None:
+        return MergedOptions(checkpoint, router, sees, None, None)
+    if not isinstance(plain, Mapping):
+        raise PolicyError(f"policy '{MERGED_NAME}': expected option recipe: how to merge, got {plain!r}")
+    experts = shipped(_option(MERGED_NAME, options, "experts", "a folder of expert checkpoints"))
+    return MergedOptions(checkpoint, router, sees, Recipe.from_json(plain), experts)
 
 
 def _load_experts(options: Mapping[str, Any]) -> Policy:
@@ -76,12 +104,21 @@ def _load_experts(options: Mapping[str, Any]) -> Policy:
 
 
 def _load_merged(options: Mapping[str, Any]) -> Policy:
-    checkpoint, router, sees = _merged(options)
+    chosen = merged_options(options)
     try:
         from policies.mergevla.acting_merged import MergedPolicy
     except ModuleNotFoundError as error:
         raise _not_installed(MERGED_NAME, error) from None
-    return MergedPolicy.from_checkpoint(checkpoint, router, sees_instruction=sees)
+    return MergedPolicy.of(chosen)
+
+
+def _merged_spec(options: Mapping[str, Any]) -> PolicySpec:
+    chosen = merged_options(options)
+    try:
+        from policies.mergevla.acting_merged import merged_spec
+    except ModuleNotFoundError as error:
+        raise _not_installed(MERGED_NAME, error) from None
+    return merged_spec(chosen)
 
 
 def _not_installed(name: str, error: ModuleNotFoundError) -> PolicyError:
@@ -91,14 +128,24 @@ def _not_installed(name: str, error: ModuleNotFoundError) -> PolicyError:
 
 
 def _experts_digest(options: Mapping[str, Any]) -> str:
-    digests = {task: digest_of(str(place)) for task, place in expert_folders(_folder(options)).items()}
-    return content_hash({"policy": EXPERTS_NAME, "experts": digests})
+    return content_hash({"policy": EXPERTS_NAME, "experts": _digests(_folder(options))})
 
 
 def _merged_digest(options: Mapping[str, Any]) -> str:
-    checkpoint, router, sees = _merged(options)
-    model = merged_digest_of(checkpoint)
-    return content_hash({"policy": MERGED_NAME, "model": model, "router": router, "sees_instruction": sees})
+    chosen = merged_options(options)
+    content = {
+        "policy": MERGED_NAME,
+        "model": merged_digest_of(chosen.checkpoint),
+        "router": chosen.router,
+        "sees_instruction": chosen.sees_instruction,
+    }
+    if chosen.recipe is not None and chosen.experts is not None:
+        content |= {"recipe": chosen.recipe.as_json(), "experts": _digests(chosen.experts)}
+    return content_hash(content)
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    return {task: digest_of(str(place)) for task, place in expert_folders(folder).items()}
 
 
 EXPERTS = PolicyKind(
@@ -113,9 +160,12 @@ MERGED = PolicyKind(
     summary="experts merged into one model, which infers the task (arXiv 2511.18810)",
     load=_load_merged,
     digest=_merged_digest,
+    spec=_merged_spec,
     options={
         "checkpoint": "folder or hub id of the merged checkpoint",
         "router": f"who infers the task, by default {ROUTER}; oracle is told",
         "sees_instruction": "whether the router reads the instruction, by default true",
+        "recipe": "merge the experts anew like this; the checkpoint then gives its fitted routers only",
+        "experts": "folder of the expert checkpoints that the recipe merges",
     },
 )

@@ -108,44 +108,50 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
     Raises:
         PolicyError: The experts do not fit each other or the recipe, or a task has no instruction.
     """
+    parts = merge_parts(experts, recipe, instructions)
+    kept = {task: {**head, **_stored(parts.adapters.get(task, {}))} for task, head in parts.heads.items()}
+    first = next(iter(experts.by_task.values())).card
+    assert first.lora is not None
+    made = report(
+        _task_vectors(experts, _splits(experts, recipe), recipe),
+        parts.merged,
+        generator=torch.Generator().manual_seed(0),
+        heads=kept,
+        lora_rank=first.lora.rank,
+        blocks={"action_expert": ({task: expert.weights for task, expert in experts.by_task.items()}, BLOCKS)},
+    )
+    return Merging(parts, made, experts.base)
+
+
+def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> Parts:
+    """Merge experts without reporting on it; see `merge_experts`."""
     find_operator(recipe.operator)
-    output = None if recipe.merge_output else OUTPUT
-    splits = {
-        task: split_trunk(expert.weights, recipe.kept_blocks, block_pattern=BLOCKS, output_pattern=output)
-        for task, expert in experts.by_task.items()
-    }
+    splits = _splits(experts, recipe)
     taus = _task_vectors(experts, splits, recipe)
-    merged = _merged(taus, recipe)
     trunks = {task: split.shared for task, split in splits.items()}
     selects = recipe.backbone is BackboneRule.SELECT
-    heads = {task: split.kept for task, split in splits.items()}
     first = next(iter(experts.by_task.values()))
-    parts = Parts(
+    return Parts(
         architecture=first.card.architecture,
         statistics=TaskStatistics({task: expert.card.statistics.of(task) for task, expert in experts.by_task.items()}),
         instructions=_instructions(tuple(experts.by_task), instructions),
         recipe=recipe,
         base=experts.base_weights,
-        merged=merged,
+        merged=_merged(taus, recipe),
         trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
         adapters={task: expert.factors for task, expert in experts.by_task.items()} if selects else {},
-        heads=heads,
+        heads={task: split.kept for task, split in splits.items()},
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
         expert_digests={task: expert.card.digest for task, expert in experts.by_task.items()},
     )
-    kept = {
-        task: {**head, **(_stored(experts.by_task[task].factors) if selects else {})} for task, head in heads.items()
+
+
+def _splits(experts: Experts, recipe: Recipe) -> dict[str, TrunkSplit]:
+    output = None if recipe.merge_output else OUTPUT
+    return {
+        task: split_trunk(expert.weights, recipe.kept_blocks, block_pattern=BLOCKS, output_pattern=output)
+        for task, expert in experts.by_task.items()
     }
-    assert first.card.lora is not None
-    made = report(
-        taus,
-        merged,
-        generator=torch.Generator().manual_seed(0),
-        heads=kept,
-        lora_rank=first.card.lora.rank,
-        blocks={"action_expert": ({task: expert.weights for task, expert in experts.by_task.items()}, BLOCKS)},
-    )
-    return Merging(parts, made, experts.base)
 
 
 def _found_base(folder: Path, base: str) -> Path | str:

@@ -1,4 +1,7 @@
-"""Actions and proprioception on a common scale: the training data's 1 % and 99 % quantiles become -1 and +1."""
+"""Actions and proprioception on a common scale: the training data's 1 % and 99 % quantiles become -1 and +1.
+
+So the paper does it, number by number; here ranges of actions too small to matter are widened first.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,11 @@ GRIPPER = 6
 """Index of the gripper in an action. It is -1 .. +1 already, and has two values only, so quantiles say nothing."""
 SMALLEST_RANGE = 1e-6
 """A number that varies by less (m, rad) is constant: it is normalised to 0."""
+
+LEAST_SPAN = (*(0.01,) * 3, *(0.1,) * 3, 0.0)
+"""Range of each number of an action (m, rad, gripper) below which q01 and q99 are moved apart. Where a task hardly
+turns, per-number quantiles would blow the oracle's corrections of a hundredth of a radian up to the size of whole
+motions, and the loss would be about them."""
 
 
 class StatisticsError(PolicyError):
@@ -49,6 +57,12 @@ class Quantiles:
             raise StatisticsError(f"expected samples of shape (n, dim) with n >= 1, got {values.shape}")
         low, high = np.quantile(values, [0.01, 0.99], axis=0)
         return cls(tuple(low.tolist()), tuple(high.tolist()))
+
+    def widened(self, least: Sequence[float]) -> Quantiles:
+        """Ranges of at least these spans, around the same centres; what is constant stays so."""
+        low, span = self._low_and_span()
+        missing = np.where(span > SMALLEST_RANGE, np.maximum(np.array(least) - span, 0.0), 0.0)
+        return Quantiles(tuple((low - missing / 2).tolist()), tuple((low + span + missing / 2).tolist()))
 
     def normalise(self, values: ArrayLike) -> FloatArray:
         """Map q01 .. q99 to -1 .. +1 and clip to it, last axis by number."""
@@ -97,7 +111,7 @@ class Statistics:
         Raises:
             StatisticsError: Other shapes, no samples, or samples that are not finite.
         """
-        return cls(Quantiles.of(actions), Quantiles.of(proprioceptions))
+        return cls(_actions(Quantiles.of(actions)), Quantiles.of(proprioceptions))
 
     def normalise_actions(self, actions: ArrayLike) -> FloatArray:
         """Actions (..., 7) to [-1, 1]; the gripper is clipped only."""
@@ -136,6 +150,10 @@ class Statistics:
         except (KeyError, TypeError, ValueError) as error:
             raise StatisticsError(f"expected normalisation statistics, got ones that do not read: {error}") from None
         return cls(action, proprioception)
+
+
+def _actions(quantiles: Quantiles) -> Quantiles:
+    return quantiles.widened(LEAST_SPAN) if len(quantiles.q01) == ACTION_DIM else quantiles
 
 
 @dataclass(frozen=True)

@@ -15,17 +15,16 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import nn
 
 from policies.mergevla.card import CARD, Card
 from policies.mergevla.checkpoint import load_checkpoint, save_checkpoint
 from policies.mergevla.config import Architecture, LoraSettings
 from policies.mergevla.lora import add_lora
 from policies.mergevla.model import MergeVLA, build
-from policies.mergevla.normalisation import TaskStatistics
-from policies.mergevla.tokens import Prompts, Tokenizer, tokenizer_for
-from policies.training.dataset import Batch
+from policies.mergevla.tokens import tokenizer_for
 from policies.training.pool import Pool
+from policies.training.reading import Reader
 from policies.training.schedule import Schedule, rate_at
 from policies.training.state import STATE_FILE, History, TrainingError, load_state, save_state
 from suites.vocabulary import content_hash
@@ -197,40 +196,6 @@ def check_images(pool: Pool, architecture: Architecture) -> None:
         )
 
 
-def masked_l1(predicted: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """Mean absolute difference of chunks (B, chunk, 7) over the steps where `mask`, shape (B, chunk), is true."""
-    wide = mask[..., None].to(predicted.dtype)
-    return ((predicted - target).abs() * wide).sum() / (wide.sum() * predicted.shape[-1]).clamp(min=1.0)
-
-
-@dataclass(frozen=True)
-class _Reader:
-    """Turns a batch into what the network is given and should answer."""
-
-    architecture: Architecture
-    statistics: TaskStatistics
-    tokenizer: Tokenizer
-    device: torch.device
-
-    def loss(self, model: MergeVLA, batch: Batch) -> Tensor:
-        pixels = np.stack([batch.images[camera] for camera in self.architecture.cameras], axis=1)
-        images = torch.from_numpy(pixels).to(self.device).permute(0, 1, 4, 2, 3).float() / 255.0
-        states = self._tensor(self.statistics.normalise_proprioception(batch.tasks, batch.states))
-        target = self._tensor(self.statistics.normalise_actions(batch.tasks, batch.actions))
-        prompts = without_empty_columns(self.tokenizer(batch.instructions)).to(self.device)
-        mask = torch.from_numpy(batch.mask).to(self.device)
-        return masked_l1(model(images, prompts, states), target, mask)
-
-    def _tensor(self, values: np.ndarray) -> Tensor:
-        return torch.from_numpy(values).float().to(self.device)
-
-
-def without_empty_columns(prompts: Prompts) -> Prompts:
-    """Prompts without the columns that are padding in every row: padding leaves no trace, but takes time."""
-    used = prompts.present.any(dim=0)
-    return Prompts(prompts.ids[:, used], prompts.present[:, used])
-
-
 def _train(
     model: MergeVLA,
     card: Card,
@@ -246,7 +211,7 @@ def _train(
     torch.set_num_threads(settings.threads)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = model.to(device).train()
-    reader = _Reader(model.architecture, card.statistics, tokenizer_for(model.architecture), device)
+    reader = Reader(model.architecture, card.statistics, tokenizer_for(model.architecture), device)
     weights = {name: weight for name, weight in model.named_parameters() if weight.requires_grad}
     optimiser = torch.optim.AdamW(
         weights.values(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
@@ -279,7 +244,7 @@ def _train(
 
 def _step(
     model: MergeVLA,
-    reader: _Reader,
+    reader: Reader,
     pool: Pool,
     weights: dict[str, nn.Parameter],
     optimiser: torch.optim.AdamW,
@@ -310,7 +275,7 @@ def _step(
 
 
 @torch.no_grad()
-def _look_at_held_out(model: MergeVLA, reader: _Reader, pool: Pool, settings: Settings, history: History) -> None:
+def _look_at_held_out(model: MergeVLA, reader: Reader, pool: Pool, settings: Settings, history: History) -> None:
     model.eval()
     batches = pool.held_out(settings.batch_size, chunk_length=model.architecture.chunk_length)
     measured = [(float(reader.loss(model, batch)), int(batch.mask.sum())) for batch in batches]

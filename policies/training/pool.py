@@ -108,9 +108,11 @@ class Pool:
         }
         return replace(batch, images=images)
 
-    def held_out(self, size: int, *, chunk_length: int) -> Iterator[Batch]:
-        """Batches of the held-out episodes, always the same; none if every dataset has one episode only."""
+    def held_out(self, size: int, *, chunk_length: int, task: str | None = None) -> Iterator[Batch]:
+        """Batches of the held-out episodes, always the same, of one task or all; none where there is one episode."""
         for dataset, frames in zip(self.datasets, self._held_out, strict=True):
+            if task not in (None, dataset.task):
+                continue
             for start in range(0, len(frames), size):
                 yield dataset.batch(frames[start : start + size], chunk_length=chunk_length)
 

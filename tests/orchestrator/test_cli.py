@@ -71,6 +71,13 @@ def test_plan_counts_without_starting_anything(tmp_path, suite):
     assert {path.name for path in tmp_path.iterdir()} == {"suite.yaml"}
 
 
+def test_a_part_of_a_suite_is_planned_and_run(tmp_path, suite):
+    part = ("--policy", "orac*", "--task", "null/Slow", "--seeds", "3")
+    assert "nulls: 3 episodes, 3 to play" in gauntlet("plan", suite, *part, cwd=tmp_path).stdout
+    assert "expected one of" not in gauntlet("plan", suite, "--policy", "orcale", cwd=tmp_path).stdout
+    assert "the suite has no policy 'orcale'" in gauntlet("plan", suite, "--policy", "orcale", cwd=tmp_path).stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

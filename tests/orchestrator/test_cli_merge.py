@@ -38,6 +38,16 @@ def test_experts_are_merged_and_routers_fitted(zoo, tmp_path):
     MERGED.load({"checkpoint": str(tmp_path / "m")})
 
 
+def test_lambda_is_chosen_by_held_out_demonstrations_and_the_losses_are_shown(zoo, tmp_path):
+    done = merge(zoo / "experts", "--out", tmp_path / "m", "--demonstrations", zoo / "data", "--lambda", "auto")
+    assert done.exit_code == 0, done.exception
+    assert "held-out L1" in done.output
+    recipe = load_merged(tmp_path / "m").card.recipe
+    assert recipe.lambda_.keys() == set(TASKS)
+    for task, value in recipe.lambda_.items():
+        assert f"{task}: lambda {value:g}" in done.output
+
+
 def test_the_recipe_is_what_the_options_say(zoo, tmp_path):
     folders = sorted((zoo / "experts").iterdir())
     done = merge(
@@ -66,6 +76,7 @@ def test_an_earlier_merged_checkpoint_is_written_over(zoo, tmp_path):
         (["{zoo}/experts", "--trunk", "sum"], "expected one of mean, vectors, got 'sum'"),
         (["{zoo}/experts", "--lambda", "3"], "expected lambda to be a number in (0, 2], got 3.0"),
         (["{zoo}/experts", "--lambda", "x"], "expected --lambda NUMBER or TASK=NUMBER, got 'x'"),
+        (["{zoo}/experts", "--lambda", "auto"], "expected --demonstrations with --lambda auto, got none"),
         (["{zoo}/experts", "--lambda", "null/Reac=1"], "got 'null/Reac'; did you mean 'null/Reach'?"),
         (
             ["{zoo}/experts", "--keep-blocks", "3"],

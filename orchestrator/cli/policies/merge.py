@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
@@ -21,6 +21,7 @@ from policies.mergevla.merging.recipe import LAMBDA, BackboneRule, MaskRule, Rec
 from policies.zoo import shipped
 from suites.plugins import nearest
 
+AUTO = "auto"
 Rule = TypeVar("Rule", MaskRule, TrunkRule)
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from policies.mergevla.merged_model import Parts
     from policies.mergevla.merging.diagnostics import MergeReport
+    from policies.mergevla.merging_experts import Experts
     from policies.training.dataset import Demonstrations
 
 
@@ -39,7 +41,12 @@ def merge(
         str | None, typer.Option(help="none, task or emr; by default task, and emr for operator emr.")
     ] = None,
     lambdas: Annotated[
-        list[str] | None, typer.Option("--lambda", metavar="NUMBER|TASK=NUMBER", help="Of the task masks. Repeatable.")
+        list[str] | None,
+        typer.Option(
+            "--lambda",
+            metavar="NUMBER|TASK=NUMBER|auto",
+            help="Of the task masks. Repeatable. auto: for each task the best on its held-out demonstrations.",
+        ),
     ] = None,
     alpha: Annotated[float, typer.Option(help="Scale of the merged task vector.")] = 1.0,
     trunk: Annotated[
@@ -70,7 +77,7 @@ def merge(
             operator=operator,
             alpha=alpha,
             masks=_rule(MaskRule, masks or (MaskRule.EMR if operator == "emr" else MaskRule.TASK)),
-            lambda_=_lambdas(lambdas or (), tuple(read.by_task)),
+            lambda_=LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_task)),
             trunk=_rule(TrunkRule, trunk),
             kept_blocks=keep_blocks,
             merge_output=merge_output,
@@ -78,13 +85,16 @@ def merge(
             options=_options(options or ()),
         )
         shown = datasets_of(demonstrations or (), tuple(read.by_task))
-        merging = merge_experts(read, recipe, {dataset.task: dataset.instructions[0] for dataset in shown})
+        instructions = {dataset.task: dataset.instructions[0] for dataset in shown}
+        if lambdas == [AUTO]:
+            recipe = _chosen(read, recipe, shown, instructions)
+        merging = merge_experts(read, recipe, instructions)
         card = save_merged(out_folder, merging, _fit(merging.parts, shown) if shown else None)
     except PolicyError as error:
         raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{out_folder}: {error.strerror}") from None
-    _show(merging.report, recipe)
+    _show(merging.report, recipe, _losses(read, merging.parts, shown, instructions) if shown else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
     routers = f"fitted routers: {', '.join(card.routers)}" if card.routers else "no router was fitted"
     said = f"{out_folder}: {len(card.experts)} experts merged, {size:.1f} MB beside the base; {routers}"
@@ -156,10 +166,52 @@ def _fit(parts: Parts, datasets: Sequence[Demonstrations]) -> dict[str, Tensor]:
     return fit_routers(MergedModel(parts), first.frames, first.held_out)
 
 
-def _show(report: MergeReport, recipe: Recipe) -> None:
+def _chosen(
+    experts: Experts, recipe: Recipe, datasets: Sequence[Demonstrations], instructions: dict[str, str]
+) -> Recipe:
+    """The recipe with the lambda that is best for each task."""
+    from policies.training.pool import Pool
+    from policies.training.selection import choose_lambdas
+
+    if not datasets:
+        raise MergeError(f"expected --demonstrations with --lambda {AUTO}, got none")
+    chosen, _ = choose_lambdas(experts, recipe, Pool(datasets), instructions, progress=out.print)
+    assert not isinstance(chosen.lambda_, float)
+    for task, value in chosen.lambda_.items():
+        out.print(f"{task}: lambda {value:g}", markup=False, highlight=False)
+    return chosen
+
+
+def _losses(
+    experts: Experts, parts: Parts, datasets: Sequence[Demonstrations], instructions: dict[str, str]
+) -> dict[str, tuple[float, float]]:
+    """Task to the L1 on its held-out demonstrations, of the expert and merged; empty where nothing is held out."""
+    from policies.mergevla.merged_model import MergedModel
+    from policies.training.pool import Pool
+    from policies.training.selection import experts_l1, held_out_l1
+
+    if any(dataset.episodes < 2 for dataset in datasets):
+        return {}
+    pool = Pool(datasets)
+    alone = experts_l1(experts, pool, instructions)
+    merged = held_out_l1(MergedModel(parts).model, parts.statistics, pool)
+    return {task: (alone[task], merged[task]) for task in alone}
+
+
+def _show(report: MergeReport, recipe: Recipe, losses: Mapping[str, tuple[float, float]]) -> None:
     """What the masks keep of the merged vector, beside what they would keep of unrelated ones."""
     table = Table("expert", box=None, pad_edge=False)
-    for title in ("keep rate", "chance", "cosine", "chance", "mask KB", "own KB", "as LoRA KB"):
+    for title in (
+        "keep rate",
+        "chance",
+        "cosine",
+        "chance",
+        "mask KB",
+        "own KB",
+        "as LoRA KB",
+        "held-out L1",
+        "merged",
+    ):
         table.add_column(title, justify="right")
     observed, chance = report.observed, report.null
     for expert in report.experts:
@@ -170,6 +222,7 @@ def _show(report: MergeReport, recipe: Recipe) -> None:
             expert,
             *(f"{rate:.3f}" for rate in rates),
             *("-" if count is None else f"{count / 1e3:.1f}" for count in sizes),
+            *(f"{loss:.3f}" for loss in losses.get(expert, ())),
         )
     out.print(table)
     out.print(f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f}; {report.entries} weights merged")

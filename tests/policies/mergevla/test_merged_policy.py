@@ -120,6 +120,17 @@ def test_one_expert_merged_alone_and_told_the_task_acts_as_it_did(folders, tmp_p
     np.testing.assert_allclose(ours.actions, alone.actions, atol=1e-5)
 
 
+def test_a_recipe_merges_the_experts_anew_with_the_checkpoints_routers(folders, merged):
+    recipe = {"operator": "mean", "masks": "none", "kept_blocks": 2}
+    options = {"checkpoint": str(merged), "experts": str(folders[0].parent), "recipe": recipe}
+    ours = MERGED.load(options).act([of_task(0)])[0]
+    parts = merging(folders, **recipe).parts
+    expected = MergedPolicy(MergedModel(parts), Fixed(ours.routing.choice)).act([of_task(0)])[0]
+    np.testing.assert_allclose(ours.actions, expected.actions, atol=1e-5)
+    assert MERGED.digest(options) != MERGED.digest({"checkpoint": str(merged)})
+    assert MERGED.digest(options) != MERGED.digest({**options, "recipe": {**recipe, "kept_blocks": 1}})
+
+
 def test_the_oracle_is_told_the_task(merged):
     policy = MERGED.load({"checkpoint": str(merged), "router": "oracle"})
     decisions = policy.act([of_task(seed) for seed in range(3)])
@@ -250,6 +261,12 @@ def test_a_plain_checkpoint_offered_as_merged_and_the_reverse_are_refused(folder
         (MERGED, {"checkpoint": "/nowhere"}, "expected a checkpoint's folder or a hub id"),
         (MERGED, {"checkpoint": "{merged}", "router": ""}, "expected option router"),
         (MERGED, {"checkpoint": "{merged}", "router": "oracel"}, "unknown router 'oracel'; did you mean 'oracle'"),
+        (MERGED, {"checkpoint": "{merged}", "recipe": {}}, "expected options recipe and experts together, got one"),
+        (
+            MERGED,
+            {"checkpoint": "{merged}", "recipe": {"operater": "ta"}, "experts": "x"},
+            "expected a recipe for merging, got one that does not read",
+        ),
         (MERGED, {"checkpoint": "{merged}", "sees_instruction": "no"}, "sees_instruction: true or false, got 'no'"),
     ],
 )

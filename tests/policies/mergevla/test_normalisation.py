@@ -75,3 +75,13 @@ def test_statistics_of_one_task_serve_any_other_and_those_of_several_do_not():
     both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
     with pytest.raises(StatisticsError, match="one of the trained tasks a/x, b/y, got 'c/z'"):
         both.of("c/z")
+
+
+def test_numbers_of_an_action_that_hardly_vary_are_not_blown_up_and_constant_ones_stay_so():
+    actions = np.zeros((101, 7))
+    actions[:, 0] = np.linspace(-0.02, 0.02, 101)
+    actions[:, 4] = np.linspace(0.0, 0.02, 101)
+    statistics = Statistics.of(actions, np.zeros((101, 8)))
+    assert np.ptp(statistics.normalise_actions(actions), axis=0)[[0, 4]].tolist() == pytest.approx([2.0, 0.4])
+    assert statistics.restore_actions(np.full((1, 7), 0.3))[0, 5] == 0.0
+    np.testing.assert_allclose(statistics.restore_actions(statistics.normalise_actions(actions))[:, 4], actions[:, 4])

@@ -15,10 +15,11 @@ from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors
 from policies.mergevla.config import LoraSettings
 from policies.training.augmentation import shift
-from policies.training.finetune import Pace, Settings, finetune, masked_l1, pretrain
+from policies.training.finetune import Pace, Settings, finetune, pretrain
 from policies.training.lerobot import Recording, encode_episode
 from policies.training.options import settings_of
 from policies.training.pool import Pool
+from policies.training.reading import masked_l1
 from policies.training.schedule import Schedule, rate_at
 from policies.training.state import STATE_FILE, TrainingError
 from policies.training.writing import Attempt, DatasetWriter
