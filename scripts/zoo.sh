@@ -37,4 +37,5 @@ export FOLDER DATA GAUNTLET
 xargs -P 2 -L 1 bash -c 'expert "$0" "$1"' <<<"$EXPERTS"
 
 finished "$FOLDER/merged" ||
-    "$GAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --demonstrations "$DATA" --lambda auto
+    "$GAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator tsv --keep-blocks 2 --lambda auto \
+        --demonstrations "$DATA"
