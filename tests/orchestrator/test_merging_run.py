@@ -33,7 +33,7 @@ def rows(outcome):
 
 
 def test_every_episode_is_played(outcome, rows):
-    assert len(rows) == outcome.document.planned == len(TASKS) * 2 * 4
+    assert len(rows) == outcome.document.planned == len(TASKS) * 2 * 5
     assert {row.error for row in rows} == {None}
 
 
