@@ -1,0 +1,72 @@
+"""Held-out L1 of the shipped experts under many ways of merging. Needs demonstrations, see `scripts/zoo.sh`.
+
+Not a speed: what merging loses, before any episode is played. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks merges`
+"""
+
+import os
+from pathlib import Path
+
+from tests.benchmarks.shared import table
+
+LAMBDAS = (0.2, 0.35, 0.5, 0.7)
+"""Tried for each task where there are task masks."""
+WAYS = {
+    "naive mean, everything merged": {"operator": "mean", "masks": "none", "kept_blocks": 0, "merge_output": True},
+    "mean, no masks, k = 1": {"operator": "mean", "masks": "none"},
+    "TSV, no masks, k = 1": {"operator": "tsv", "masks": "none"},
+    "EMR, k = 1": {"operator": "emr", "masks": "emr"},
+    "TA+S, averaged trunk, k = 1 (paper)": {"operator": "ta", "trunk": "mean"},
+    "TIES+S, averaged trunk, k = 1 (paper)": {"operator": "ties", "trunk": "mean"},
+    "own adapters, averaged trunk, k = 1": {"backbone": "select", "trunk": "mean"},
+    "own adapters, TIES+S trunk, k = 1": {"backbone": "select"},
+    "TA+S, k = 0, output merged": {"operator": "ta", "kept_blocks": 0, "merge_output": True},
+    "TA+S, k = 1": {"operator": "ta"},
+    "TIES+S, k = 1": {"operator": "ties"},
+    "WUDI+S, k = 1": {"operator": "wudi"},
+    "TSV+S, k = 0, output merged": {"operator": "tsv", "kept_blocks": 0, "merge_output": True},
+    "TSV+S, k = 1": {"operator": "tsv"},
+    "TSV+S, k = 2 (shipped)": {"operator": "tsv", "kept_blocks": 2},
+    "TSV+S, k = 3": {"operator": "tsv", "kept_blocks": 3},
+}
+
+
+def measure() -> list[dict[str, object]]:
+    """Merge the zoo's experts in each way, lambda chosen task by task, and score each task's held-out episodes."""
+    import torch
+
+    from policies.mergevla.checkpoint import load_checkpoint
+    from policies.mergevla.merged_model import MergedModel
+    from policies.mergevla.merged_policy import expert_folders
+    from policies.mergevla.merging.recipe import MaskRule, Recipe
+    from policies.mergevla.merging_experts import merge_parts, read_experts
+    from policies.training.dataset import Demonstrations, find_datasets
+    from policies.training.pool import Pool
+    from policies.training.selection import choose_lambdas, experts_l1, held_out_l1
+    from policies.zoo import shipped
+
+    torch.set_num_threads(1)
+    folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
+    pool = Pool([Demonstrations(path) for path in find_datasets(folder)])
+    experts = read_experts(expert_folders(shipped("zoo:experts")).values())
+    base = load_checkpoint(shipped("zoo:base"))
+    scores = {
+        "experts": experts_l1(experts, pool),
+        "base (joint training)": held_out_l1(lambda _: base.model, base.card.statistics, pool),
+    }
+    for name, options in WAYS.items():
+        recipe = Recipe(**options)  # type: ignore[arg-type]
+        if recipe.masks is MaskRule.TASK:
+            recipe, tried = choose_lambdas(experts, recipe, pool, among=LAMBDAS)
+            assert not isinstance(recipe.lambda_, float)
+            scores[name] = {task: tried[task][value] for task, value in recipe.lambda_.items()}
+        else:
+            parts = merge_parts(experts, recipe)
+            scores[name] = held_out_l1(MergedModel(parts).model, parts.statistics, pool)
+        print(f"{name}: {sum(scores[name].values()) / len(scores[name]):.4f}", flush=True)
+    short = [task.partition("/")[2] for task in experts.by_task]
+    rows = [
+        (name, f"{sum(found.values()) / len(found):.3f}", *(f"{found[task]:.3f}" for task in experts.by_task))
+        for name, found in scores.items()
+    ]
+    table(("way of merging", "mean", *short), rows)
+    return [{"way": name, **found} for name, found in scores.items()]
