@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from torch import Tensor
 
-from policies.mergevla.routing.calibrated import CalibratedRouter, fit_calibration
-from policies.mergevla.routing.centroids import Centroids, NearestCentroidRouter, fit_centroids
+from policies.mergevla.routing import gaussian
+from policies.mergevla.routing.centroids import Centroids, fit_centres
 from policies.mergevla.routing.contract import Candidates, Router, RoutingError, Sighting
 from policies.mergevla.routing.controls import InstructionMatchRouter, OracleRouter, RandomRouter
+from policies.mergevla.routing.features import Reading, labelled
+from policies.mergevla.routing.fitted import Fitted, FittedRouter
 from policies.mergevla.routing.gaussian import Calibration
 from policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter
 from suites.plugins import nearest
@@ -19,9 +22,21 @@ UNFITTED: Mapping[str, Callable[..., Router]] = {
     for router in (PaperCodedRouter, PaperWrittenRouter, RandomRouter, InstructionMatchRouter, OracleRouter)
 }
 """Routers that need the candidates only."""
-FITTED: Mapping[str, Callable[[Mapping[str, Tensor]], Router]] = {
-    CalibratedRouter.name: lambda tensors: CalibratedRouter(Calibration.from_tensors(tensors)),
-    NearestCentroidRouter.name: lambda tensors: NearestCentroidRouter(Centroids.from_tensors(tensors)),
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How a router is fitted, and read again."""
+
+    fit: Callable[..., Fitted]
+    """Takes `frames` for the classes, `held_out` ones (both `Labelled`), and the `reading` that they are of."""
+    read: Callable[[Mapping[str, Tensor]], Fitted]
+    """The inverse of `Fitted.as_tensors`."""
+
+
+FITTED: Mapping[str, Fitting] = {
+    "calibrated": Fitting(gaussian.fit, Calibration.from_tensors),
+    "nearest-centroid": Fitting(fit_centres, Centroids.from_tensors),
 }
 """Routers that are fitted to first frames."""
 NAMES = tuple(sorted([*UNFITTED, *FITTED]))
@@ -48,7 +63,7 @@ def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Ten
     if not tensors:
         raise RoutingError(f"router '{name}': expected tensors {prefix}* fitted to first frames, got none")
     try:
-        return FITTED[name](tensors)
+        return FittedRouter(name, FITTED[name].read(tensors))
     except RoutingError as error:
         raise RoutingError(f"router '{name}': {error}") from None
 
@@ -73,13 +88,12 @@ def fit_routers(
     """
     tensors: dict[str, Tensor] = {}
     for sees_instruction in (True, False):
-        fitted: Mapping[str, Calibration | Centroids] = {
-            CalibratedRouter.name: fit_calibration(candidates, frames, held_out, sees_instruction=sees_instruction),
-            NearestCentroidRouter.name: fit_centroids(candidates, frames, held_out, sees_instruction=sees_instruction),
-        }
-        for name, values in fitted.items():
+        reading = Reading(sees_instruction)
+        own, others = (labelled(candidates, part, reading) for part in (frames, held_out))
+        for name, fitting in FITTED.items():
             prefix = _prefix(name, sees_instruction=sees_instruction)
-            tensors |= {prefix + key: tensor.contiguous() for key, tensor in values.as_tensors().items()}
+            fitted = fitting.fit(own, others, reading=reading).as_tensors()
+            tensors |= {prefix + key: tensor.contiguous() for key, tensor in fitted.items()}
     return tensors
 
 

@@ -1,15 +1,15 @@
-"""The simplest fitted router, a control: the nearest class mean of the base's mean-pooled hidden states."""
+"""The simplest thing to fit, a control: the nearest class mean of the base's mean-pooled hidden states."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from policies.mergevla.routing.contract import Candidates, Routed, RoutingError, Sighting, answer, check_experts
-from policies.mergevla.routing.features import Labelled, Reading, check_held_out, features_of, labelled
+from policies.mergevla.routing.contract import RoutingError
+from policies.mergevla.routing.features import Labelled, Reading, check_held_out
 from policies.mergevla.routing.storage import names_from, names_tensor, number_from, tensor_from
 from policies.mergevla.routing.thresholds import conformal_threshold
 
@@ -37,6 +37,10 @@ class Centroids:
         if features.ndim != 2 or features.shape[1] != width:
             raise RoutingError(f"expected features of shape (n, {width}), got {tuple(features.shape)}")
         return (features.double()[:, None] - self.centres.double()).norm(dim=-1)
+
+    def scores(self, features: Tensor) -> Tensor:
+        """Negative distances, shape (n, experts)."""
+        return -self.distances(features)
 
     def unknown(self, features: Tensor) -> Tensor:
         """Distance to the nearest class, shape (n,)."""
@@ -73,46 +77,3 @@ def fit_centres(frames: Labelled, held_out: Labelled, reading: Reading) -> Centr
     centres = torch.stack([frames.of(expert).double().mean(dim=0) for expert in frames.experts]).float()
     fitted = Centroids(frames.experts, centres, reading)
     return replace(fitted, threshold=conformal_threshold(fitted.unknown(held_out.features)))
-
-
-def fit_centroids(
-    candidates: Candidates,
-    frames: Mapping[str, Sequence[Sighting]],
-    held_out: Mapping[str, Sequence[Sighting]],
-    *,
-    sees_instruction: bool,
-) -> Centroids:
-    """Fit the nearest-centroid router; arguments and errors as `fit_calibration`."""
-    reading = Reading(sees_instruction)
-    return fit_centres(labelled(candidates, frames, reading), labelled(candidates, held_out, reading), reading)
-
-
-class NearestCentroidRouter:
-    """Scores are negative distances."""
-
-    name = "nearest-centroid"
-
-    def __init__(self, centroids: Centroids) -> None:
-        """Args: centroids: Fitted to the candidates' base and experts."""
-        self._centroids = centroids
-        self.sees_instruction = centroids.reading.sees_instruction
-
-    def passes(self, experts: int) -> int:
-        """One, of the base."""
-        return 1
-
-    def route(self, sightings: Sequence[Sighting], candidates: Candidates) -> list[Routed]:
-        """An answer for each sighting, in order.
-
-        Raises:
-            PolicyError: Images of another shape, or other experts than those that the router was fitted to.
-        """
-        known = self._centroids
-        check_experts(self.name, known.experts, candidates.experts)
-        if not sightings:
-            return []
-        distances = known.distances(features_of(candidates, sightings, known.reading)).tolist()
-        return [
-            answer({expert: -d for expert, d in zip(known.experts, row, strict=True)}, min(row), known.threshold)
-            for row in distances
-        ]

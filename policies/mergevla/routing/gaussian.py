@@ -1,4 +1,4 @@
-"""Gaussian classes with one shared covariance, calibrated on held-out first frames."""
+"""Our router's model: Gaussian classes with one shared covariance, calibrated on held-out first frames."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Calibration:
         white = (features.double() - self.mean) @ self.components.double().mT @ self.precision.double().mT
         return (white[:, None] - self.centres.double()).norm(dim=-1)
 
-    def log_posterior(self, features: Tensor) -> Tensor:
+    def scores(self, features: Tensor) -> Tensor:
         """Log-probability of each class with equal priors at the temperature, shape (n, experts), float64."""
         return torch.log_softmax(self.distances(features).square() / (-2.0 * self.temperature), dim=1)
 

@@ -11,19 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies.mergevla.routing.calibrated import CalibratedRouter
 from policies.mergevla.routing.catalog import FITTED, NAMES, router
-from policies.mergevla.routing.centroids import NearestCentroidRouter, fit_centres
 from policies.mergevla.routing.contract import Candidates, Router, RoutingError, Sighting
 from policies.mergevla.routing.demonstrations import FirstSightings
 from policies.mergevla.routing.features import Reading, labelled
-from policies.mergevla.routing.gaussian import fit
-from policies.mergevla.routing.study import LeftOut, Scorer, Study, Trial, leave_one_out, study
+from policies.mergevla.routing.study import LeftOut, Study, Trial, leave_one_out, study
 
 Listener = Callable[[int, int], None]
 """Told how many of how many are done."""
-SCORERS: Mapping[str, Callable[..., Scorer]] = {CalibratedRouter.name: fit, NearestCentroidRouter.name: fit_centres}
-"""Routers that say what is unknown, and how they are fitted."""
 
 
 @dataclass(frozen=True)
@@ -134,13 +129,13 @@ def unknown_tasks(
         RoutingError: Fewer than two tasks are judged.
     """
     found: list[UnknownTasks] = []
-    wanted = 2 * len(SCORERS)
+    wanted = 2 * len(FITTED)
     for sees_instruction in (True, False):
         listener(len(found), wanted)
         reading = Reading(sees_instruction)
         parts = [labelled(candidates, part, reading) for part in (fitted_to.frames, fitted_to.held_out, judged)]
-        for name, fit_scorer in SCORERS.items():
-            left_out = leave_one_out(partial(fit_scorer, reading=reading), *parts)
+        for name, fitting in FITTED.items():
+            left_out = leave_one_out(partial(fitting.fit, reading=reading), *parts)
             found.append(UnknownTasks(name, sees_instruction, left_out))
     return sorted(found, key=lambda one: one.router)
 

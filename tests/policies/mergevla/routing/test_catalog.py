@@ -5,10 +5,10 @@ import torch
 from safetensors.torch import load, save
 
 from policies.contract import PolicyError
-from policies.mergevla.routing.calibrated import fit_calibration
 from policies.mergevla.routing.catalog import NAMES, fit_routers, router
 from policies.mergevla.routing.contract import RoutingError
-from policies.mergevla.routing.features import Pooling, Reading, features_of
+from policies.mergevla.routing.features import Pooling, Reading, features_of, labelled
+from policies.mergevla.routing.gaussian import Calibration, fit
 from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, sighting, sightings
 
 FITTED = ("calibrated", "nearest-centroid")
@@ -64,8 +64,9 @@ def test_flat_features_keep_the_patches_places_and_the_mean_does_not(candidates)
 
 
 def test_another_layer_is_remembered(candidates):
-    calibration = fit_calibration(candidates, frames(0, 4), frames(50, 4), sees_instruction=False, layer=1)
-    back = type(calibration).from_tensors(calibration.as_tensors())
+    reading = Reading(False, 1)
+    parts = (labelled(candidates, part, reading) for part in (frames(0, 4), frames(50, 4)))
+    back = Calibration.from_tensors(fit(*parts, reading).as_tensors())
     assert back.reading == Reading(False, 1)
 
 
@@ -91,4 +92,4 @@ def test_a_router_fitted_to_other_experts_is_refused(name, stored):
 
 def test_an_expert_without_frames_is_refused(candidates):
     with pytest.raises(RoutingError, match="expected first frames of expert null/Open, got none"):
-        fit_calibration(candidates, {**frames(0, 4), "null/Open": []}, frames(50, 4), sees_instruction=True)
+        fit_routers(candidates, {**frames(0, 4), "null/Open": []}, frames(50, 4))

@@ -22,7 +22,7 @@ def calibration():
 
 def test_what_can_be_told_apart_is_routed_right(calibration):
     new = gaussians(2)
-    chosen = [calibration.experts[i] for i in calibration.log_posterior(new.features).argmax(dim=1)]
+    chosen = [calibration.experts[i] for i in calibration.scores(new.features).argmax(dim=1)]
     assert chosen == list(new.labels)
 
 
@@ -30,7 +30,7 @@ def test_what_can_be_told_apart_is_routed_right(calibration):
 @given(st.integers(0, 2**16), st.floats(0.1, 100.0))
 def test_probabilities_sum_to_one(calibration, seed, scale):
     features = torch.randn(4, 12, generator=torch.Generator().manual_seed(seed)) * scale
-    assert torch.allclose(calibration.log_posterior(features).exp().sum(dim=1), torch.ones(4).double())
+    assert torch.allclose(calibration.scores(features).exp().sum(dim=1), torch.ones(4).double())
 
 
 def test_distances_are_mahalanobis_in_the_shrunk_covariance():
@@ -62,7 +62,7 @@ def test_fewer_frames_than_features_still_fit():
     few = fit(gaussians(0, count=4, dim=300), gaussians(1, count=4, dim=300), READING)
     assert few.components.shape[0] <= 15
     new = gaussians(2, dim=300)
-    chosen = [few.experts[i] for i in few.log_posterior(new.features).argmax(dim=1)]
+    chosen = [few.experts[i] for i in few.scores(new.features).argmax(dim=1)]
     assert np.mean([a == b for a, b in zip(chosen, new.labels, strict=True)]) > 0.95
 
 
@@ -79,7 +79,7 @@ def test_the_order_of_frames_and_labels_changes_nothing(calibration):
     shuffled = Labelled(data.features[order], tuple(data.labels[i] for i in order))
     again = fit(shuffled, gaussians(1), READING)
     new = gaussians(2).features
-    assert torch.allclose(again.log_posterior(new), calibration.log_posterior(new), rtol=1e-4, atol=1e-4)
+    assert torch.allclose(again.scores(new), calibration.scores(new), rtol=1e-4, atol=1e-4)
 
 
 def test_a_constant_feature_is_harmless():
@@ -87,7 +87,7 @@ def test_a_constant_feature_is_harmless():
         return Labelled(torch.cat([data.features, torch.ones(len(data.labels), 1)], dim=1), data.labels)
 
     fitted = fit(with_constant(gaussians(0)), with_constant(gaussians(1)), READING)
-    assert torch.isfinite(fitted.log_posterior(with_constant(gaussians(2)).features)).all()
+    assert torch.isfinite(fitted.scores(with_constant(gaussians(2)).features)).all()
 
 
 def test_overconfidence_is_cooled_and_confidence_never_exceeds_the_model():
