@@ -3,43 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from types import TracebackType
+from collections.abc import Callable, Iterator, Sequence
 
 from rich.console import Console
-from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from orchestrator.display import Display
 from orchestrator.lanes import Lane
-from orchestrator.progress import PLAIN_EVERY_S, format_duration
+from orchestrator.progress import format_duration
 
 
-class DemonstrationProgress:
+class DemonstrationProgress(Display):
     """A bar per task with kept and rejected episodes; below, the pace and the time left of all."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
-        self._console, self._now = console, now
-        self._live: Live | None = None
+        super().__init__(console, now=now)
         self._began: tuple[float, int] | None = None
-        self._said_at = now()
-
-    def __enter__(self) -> DemonstrationProgress:
-        if self._console.is_terminal:
-            self._live = Live(console=self._console, refresh_per_second=4)
-            self._live.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        live, self._live = self._live, None
-        if live is not None:
-            live.__exit__(kind, error, trace)
-
-    def say(self, message: str) -> None:
-        """A line for the user."""
-        self._console.print(message, highlight=False, markup=False, soft_wrap=True)
 
     def show(self, lanes: Sequence[Lane]) -> None:
         """Refresh what is shown."""
@@ -48,14 +28,13 @@ class DemonstrationProgress:
             self._began = self._now(), kept
             if kept:
                 self.say(f"continuing: {kept} of {sum(lane.episodes for lane in lanes)} episodes are there already")
-        if self._live is not None:
-            self._live.update(self._table(lanes))
-        elif self._now() - self._said_at >= PLAIN_EVERY_S:
-            self._said_at = self._now()
-            for lane in lanes:
-                if lane.open and (lane.kept or lane.rejected or lane.errors):
-                    self.say(f"{lane.task}: {lane.kept}/{lane.episodes}{_rejections(lane)}")
-            self.say(self._pace(lanes))
+        self.draw(lambda: self._table(lanes), lambda: self._lines(lanes))
+
+    def _lines(self, lanes: Sequence[Lane]) -> Iterator[str]:
+        for lane in lanes:
+            if lane.open and (lane.kept or lane.rejected or lane.errors):
+                yield f"{lane.task}: {lane.kept}/{lane.episodes}{_rejections(lane)}"
+        yield self._pace(lanes)
 
     def _table(self, lanes: Sequence[Lane]) -> Table:
         table = Table.grid(padding=(0, 2))

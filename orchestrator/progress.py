@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 
 from rich.console import Console
-from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from orchestrator.display import Display
 from orchestrator.plan import Plan
 from orchestrator.runner import Readiness
 from results.record import EpisodeResult
 
-PLAIN_EVERY_S = 10.0
 WINDOW_S = 60.0
 """Stretch of time over which the pace is measured."""
 
@@ -49,15 +48,12 @@ class _Lane:
         return (self.planned - self.done) / pace * 60.0 if pace else None
 
 
-class Progress:
+class Progress(Display):
     """A bar per simulator with success so far, episodes per minute and time left."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
-        self._console = console
-        self._now = now
+        super().__init__(console, now=now)
         self._lanes: dict[str, _Lane] = {}
-        self._live: Live | None = None
-        self._said_at = 0.0
 
     def begin(self, plan: Plan, counts: Mapping[tuple[str, str], int]) -> None:
         """Set up the bars. `counts`: rows there already, by (simulator, status)."""
@@ -73,26 +69,11 @@ class Progress:
         if already:
             self.say(f"continuing: {already} of {plan.episodes} episodes are done already")
 
-    def __enter__(self) -> Progress:
-        self._said_at = self._now()
-        if self._console.is_terminal:
-            self._live = Live(self._table(), console=self._console, refresh_per_second=4, transient=False)
-            self._live.__enter__()
-        return self
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        live, self._live = self._live, None
-        if live is not None:
-            live.update(self._table())
-            live.__exit__(kind, error, trace)
-        else:
-            self._lines()
-
-    def say(self, message: str) -> None:
-        """A line for the user."""
-        self._console.print(message, highlight=False, markup=False, soft_wrap=True)
+        self.draw(self._table, self._lines, at_once=True)
+        super().__exit__(kind, error, trace)
 
     def started(self, simulator: str, readiness: Readiness) -> None:
         """A worker has opened its simulator."""
@@ -112,11 +93,7 @@ class Progress:
 
     def tick(self) -> None:
         """Refresh what is shown."""
-        if self._live is not None:
-            self._live.update(self._table())
-        elif self._now() - self._said_at >= PLAIN_EVERY_S:
-            self._said_at = self._now()
-            self._lines(finished=False)
+        self.draw(self._table, lambda: self._lines(finished=False))
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))
@@ -129,11 +106,11 @@ class Progress:
             )
         return table
 
-    def _lines(self, *, finished: bool = True) -> None:
+    def _lines(self, *, finished: bool = True) -> Iterator[str]:
         for name, lane in self._lanes.items():
             if lane.done >= lane.planned and not finished:
                 continue
-            self.say("  ".join(filter(None, [f"{name}: {lane.done}/{lane.planned}", *self._figures(lane)])))
+            yield "  ".join(filter(None, [f"{name}: {lane.done}/{lane.planned}", *self._figures(lane)]))
 
     def _figures(self, lane: _Lane) -> list[str]:
         now = self._now()

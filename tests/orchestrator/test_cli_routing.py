@@ -128,9 +128,10 @@ def test_tasks_that_no_simulator_here_has_are_refused(tmp_path):
 
 def test_progress_is_a_plain_line_now_and_then():
     console = Console(file=StringIO(), width=80)
-    times = iter([0.0, 1.0, 6.0, 12.0, 13.0])
-    with StudyProgress(console, now=lambda: next(times)) as progress:
-        for done in (0, 10, 20, 30):
+    clock = [0.0]
+    with StudyProgress(console, now=lambda: clock[0]) as progress:
+        for now, done in ((1.0, 0), (6.0, 10), (12.0, 20), (13.0, 30)):
+            clock[0] = now
             progress.show("routing", done, 60)
     assert console.file.getvalue() == "routing: 20/60  22 s left\n"
 

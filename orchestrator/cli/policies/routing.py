@@ -6,18 +6,17 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.live import Live
 from rich.text import Text
 
 from orchestrator.cli.policies.training import needs_training_packages
 from orchestrator.cli.shared import BadInput, fail, out
 from orchestrator.cli.tables import rich_table
-from orchestrator.progress import PLAIN_EVERY_S, format_duration
+from orchestrator.display import Display
+from orchestrator.progress import format_duration
 from orchestrator.routing_tables import (
     INSTRUCTION,
     as_json,
@@ -71,27 +70,12 @@ def routing(
         raise BadInput(f"{error.filename or keep}: {error.strerror}") from None
 
 
-class StudyProgress:
+class StudyProgress(Display):
     """One line that says what is being done, how far it is and how long it takes still."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
-        self._console, self._now = console, now
-        self._live: Live | None = None
+        super().__init__(console, transient=True, now=now)
         self._what, self._began, self._before = "", 0.0, 0
-        self._said_at = now()
-
-    def __enter__(self) -> StudyProgress:
-        if self._console.is_terminal:
-            self._live = Live(console=self._console, refresh_per_second=4, transient=True)
-            self._live.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        live, self._live = self._live, None
-        if live is not None:
-            live.__exit__(kind, error, trace)
 
     def show(self, what: str, done: int, wanted: int) -> None:
         """Refresh what is shown."""
@@ -101,11 +85,7 @@ class StudyProgress:
         pace = (done - self._before) / (now - self._began) if now > self._began else 0.0
         left = f"  {format_duration((wanted - done) / pace)} left" if pace and done < wanted else ""
         line = f"{what}: {done}/{wanted}{left}"
-        if self._live is not None:
-            self._live.update(Text(line))
-        elif now - self._said_at >= PLAIN_EVERY_S:
-            self._said_at = now
-            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+        self.draw(lambda: Text(line), lambda: [line])
 
 
 def _check(count: int, first_seed: int, keep: Path | None, json_file: Path | None) -> None:

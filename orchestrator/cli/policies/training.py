@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,12 +10,11 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 import typer
-from rich.console import Console
-from rich.live import Live
 from rich.text import Text
 
 from orchestrator.cli.shared import EXIT_INTERRUPTED, BadInput, fail, out
-from orchestrator.progress import PLAIN_EVERY_S, format_duration
+from orchestrator.display import Display
+from orchestrator.progress import format_duration
 from orchestrator.run import FolderError, locked
 from policies.contract import PolicyError
 
@@ -26,30 +24,13 @@ if TYPE_CHECKING:
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class TrainingProgress:
-    """One line with step, losses, pace and time left: live on a terminal, now and then elsewhere."""
-
-    def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
-        self._console, self._now = console, now
-        self._live: Live | None = None
-        self._said_at = now()
-
-    @contextmanager
-    def shown(self) -> Iterator[None]:
-        """Show it within the block."""
-        if not self._console.is_terminal:
-            yield
-            return
-        with Live(console=self._console, refresh_per_second=4) as self._live:
-            yield
+class TrainingProgress(Display):
+    """One line with step, losses, pace and time left."""
 
     def show(self, pace: Pace) -> None:
         """Refresh what is shown."""
-        if self._live is not None:
-            self._live.update(Text(line(pace)))
-        elif self._now() - self._said_at >= PLAIN_EVERY_S or pace.step == pace.steps:
-            self._said_at = self._now()
-            self._console.print(line(pace), highlight=False, markup=False, soft_wrap=True)
+        said = line(pace)
+        self.draw(lambda: Text(said), lambda: [said], at_once=pace.step == pace.steps)
 
 
 def line(pace: Pace) -> str:
@@ -103,7 +84,7 @@ def run_training(folder: Path, train: Callable[[Callable[[Pace], None], Callable
     """
     progress, new = TrainingProgress(out), not folder.exists()
     try:
-        with locked(folder), progress.shown(), stoppable() as stop:
+        with locked(folder), progress, stoppable() as stop:
             trained = train(progress.show, stop)
     except (PolicyError, FolderError) as error:
         if new:
