@@ -19,10 +19,20 @@ from policies.mergevla.merging.errors import ExpertsDiffer
 from policies.mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack_mask, unpack_mask
 from policies.mergevla.merging.merged import MergedTau
 from policies.mergevla.merging.recipe import BackboneRule, MaskRule
+from policies.mergevla.merging.signs import check_row_scales
 from policies.mergevla.merging.taus import Weights
 from policies.mergevla.merging_experts import Merging
 
-TAU, TRUNK, MASK, HEAD, ADAPTER, SUBSPACE, ROUTER = "tau", "trunk", "mask", "head", "adapter", "subspace", "router"
+TAU, TRUNK, MASK, SCALE, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
+    "tau",
+    "trunk",
+    "mask",
+    "scale",
+    "head",
+    "adapter",
+    "subspace",
+    "router",
+)
 """First words of the tensors' names. What belongs to an expert follows its number; experts are named in the card."""
 
 
@@ -84,7 +94,7 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     tensors = load_file(folder / WEIGHTS)
     check_finite(tensors, folder)
     sections = {name.partition("/")[0] for name in tensors}
-    if odd := sorted(sections - {TAU, TRUNK, MASK, HEAD, ADAPTER, SUBSPACE, ROUTER}):
+    if odd := sorted(sections - set(SECTIONS)):
         raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {odd[0]}")
     try:
         parts = _parts(card, tensors, base)
@@ -99,6 +109,7 @@ def _tensors(parts: Parts) -> dict[str, Tensor]:
         tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
         if parts.merged.masks:
             tensors |= _under(f"{MASK}/{number}", pack_mask(parts.merged.masks[expert]))
+        tensors |= _under(f"{SCALE}/{number}", parts.merged.row_scales.get(expert, {}))
         for weight, factors in parts.adapters.get(expert, {}).items():
             scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
             tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
@@ -122,6 +133,9 @@ def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:
         masks=masks,
         lambdas=per_expert if rule is MaskRule.TASK else {},
         rescalers=card.rescalers,
+        row_scales={expert: _row_scales(tensors, n, tau) for expert, n in numbered.items()}
+        if rule is MaskRule.SIGNS
+        else {},
         options=recipe.options,
     )
     selects = recipe.backbone is BackboneRule.SELECT
@@ -144,6 +158,12 @@ def _mask(tensors: Weights, number: str, tau: Weights) -> Mask:
     mask = unpack_mask(_section(tensors, f"{MASK}/{number}"))
     check_mask(mask, tau)
     return mask
+
+
+def _row_scales(tensors: Weights, number: str, tau: Weights) -> dict[str, Tensor]:
+    scales = _section(tensors, f"{SCALE}/{number}")
+    check_row_scales(scales, tau)
+    return scales
 
 
 def _adapters(tensors: Weights, number: str, base: Weights) -> dict[str, Factors]:

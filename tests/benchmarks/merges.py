@@ -27,6 +27,17 @@ WAYS = {
     "TSV+S, k = 1": {"operator": "tsv"},
     "TSV+S, k = 2 (shipped)": {"operator": "tsv", "kept_blocks": 2},
     "TSV+S, k = 3": {"operator": "tsv", "kept_blocks": 3},
+    "signs of rows without a merged vector, k = 1": {"operator": "flat", "masks": "signs"},
+    "signs of TIES, k = 1": {"operator": "ties", "masks": "signs"},
+    "signs of magnitudes, k = 0, output merged": {
+        "operator": "magnitude",
+        "masks": "signs",
+        "kept_blocks": 0,
+        "merge_output": True,
+    },
+    "signs of magnitudes, k = 0": {"operator": "magnitude", "masks": "signs", "kept_blocks": 0},
+    "signs of magnitudes, k = 1": {"operator": "magnitude", "masks": "signs"},
+    "signs of magnitudes, k = 2": {"operator": "magnitude", "masks": "signs", "kept_blocks": 2},
 }
 
 

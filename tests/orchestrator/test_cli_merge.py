@@ -72,7 +72,7 @@ def test_an_earlier_merged_checkpoint_is_written_over(zoo, tmp_path):
     ("arguments", "message"),
     [
         (["{zoo}/experts", "--operator", "tie"], "unknown merge operator 'tie'; did you mean 'ties'?"),
-        (["{zoo}/experts", "--masks", "tall"], "expected one of none, task, emr, got 'tall'"),
+        (["{zoo}/experts", "--masks", "tall"], "expected one of none, task, emr, signs, got 'tall'"),
         (["{zoo}/experts", "--trunk", "sum"], "expected one of mean, vectors, got 'sum'"),
         (["{zoo}/experts", "--lambda", "3"], "expected lambda to be a number in (0, 2], got 3.0"),
         (["{zoo}/experts", "--lambda", "x"], "expected --lambda NUMBER or TASK=NUMBER, got 'x'"),

@@ -17,7 +17,7 @@ from policies.mergevla.card import CARD, WEIGHTS, CheckpointError, card_json
 from policies.mergevla.merged_card import KIND
 from policies.mergevla.merged_policy import expert_folders
 from policies.mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
-from policies.mergevla.merging.recipe import LAMBDA, BackboneRule, MaskRule, Recipe, TrunkRule
+from policies.mergevla.merging.recipe import LAMBDA, MASKS_OF, BackboneRule, MaskRule, Recipe, TrunkRule
 from policies.zoo import shipped
 from suites.plugins import nearest
 
@@ -36,9 +36,11 @@ if TYPE_CHECKING:
 def merge(
     experts: Annotated[list[str], typer.Argument(metavar="EXPERTS...", help="Checkpoints, or folders of them.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the merged checkpoint.")],
-    operator: Annotated[str, typer.Option(help="mean, ta, ties, dare, tsv, knots, wudi or emr.")] = "ties",
+    operator: Annotated[
+        str, typer.Option(help="mean, ta, ties, dare, tsv, knots, wudi, emr, magnitude or flat.")
+    ] = "ties",
     masks: Annotated[
-        str | None, typer.Option(help="none, task or emr; by default task, and emr for operator emr.")
+        str | None, typer.Option(help="none, task, emr or signs; by default the operator's own, else task.")
     ] = None,
     lambdas: Annotated[
         list[str] | None,
@@ -76,7 +78,7 @@ def merge(
         recipe = Recipe(
             operator=operator,
             alpha=alpha,
-            masks=_rule(MaskRule, masks or (MaskRule.EMR if operator == "emr" else MaskRule.TASK)),
+            masks=_rule(MaskRule, masks or MASKS_OF.get(operator, MaskRule.TASK)),
             lambda_=LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_task)),
             trunk=_rule(TrunkRule, trunk),
             kept_blocks=keep_blocks,

@@ -40,7 +40,7 @@ class BytesPerTask:
     """What one more task costs in storage."""
 
     mask: int
-    """Its mask, bit-packed."""
+    """Its mask, bit-packed, and row scales if it has any."""
     head: int
     """Its own blocks and output projection."""
     lora: int | None
@@ -108,7 +108,7 @@ def cosine(a: Tau, b: Tau) -> float:
 
 
 def mask_statistics(taus: Taus, merged: MergedTau) -> MaskStatistics:
-    """Keep rates, selfish rate and cosines of a merge. Without masks every task keeps everything.
+    """Keep rates, selfish rate and cosines of a merge. Without masks, and with signs, every task keeps everything.
 
     Raises:
         ExpertsDiffer: These are not the experts that were merged.
@@ -116,7 +116,7 @@ def mask_statistics(taus: Taus, merged: MergedTau) -> MaskStatistics:
     if taus.keys() != set(merged.experts):
         raise ExpertsDiffer(f"expected the merged experts {', '.join(merged.experts)}, got {', '.join(taus)}")
     cosines = {expert: cosine(merged.of(expert), tau) for expert, tau in taus.items()}
-    if not merged.masks:
+    if not merged.masks or merged.rule is MaskRule.SIGNS:
         return MaskStatistics(dict.fromkeys(taus, 1.0), 1.0 if len(taus) == 1 else 0.0, cosines)
     keep = {expert: keep_rate(merged.masks[expert]) for expert in taus}
     return MaskStatistics(keep, selfish_rate([merged.masks[expert] for expert in taus]), cosines)
@@ -188,20 +188,27 @@ def _relative_distance(a: Weights, b: Weights, names: Sequence[str]) -> float:
     return 2 * apart / size if size else 0.0
 
 
-def bytes_per_task(tau: Tau, head: Weights, *, masks: bool = True, lora_rank: int | None = None) -> BytesPerTask:
+def bytes_per_task(
+    tau: Tau, head: Weights, *, masks: bool = True, row_scales: Weights | None = None, lora_rank: int | None = None
+) -> BytesPerTask:
     """What a task costs beside the shared weights.
 
     Args:
         tau: Any task vector of the masked weights, for their shapes.
         head: The task's own weights, as they are stored.
         masks: Whether the task has a mask at all.
+        row_scales: Of the task, if it has any.
         lora_rank: Of the alternative, one adapter of rank * (outputs + inputs) numbers per matrix.
     """
     mask = sum(packed_bytes(delta.numel()) for delta in tau.values()) if masks else 0
-    own = sum(weight.numel() * weight.element_size() for weight in head.values())
+    mask += _bytes(row_scales or {})
     matrices = [delta.shape for delta in tau.values() if delta.ndim == 2]
     lora = None if lora_rank is None else _FLOAT_BYTES * lora_rank * sum(sum(shape) for shape in matrices)
-    return BytesPerTask(mask, own, lora)
+    return BytesPerTask(mask, _bytes(head), lora)
+
+
+def _bytes(weights: Weights) -> int:
+    return sum(weight.numel() * weight.element_size() for weight in weights.values())
 
 
 def report(
@@ -251,7 +258,13 @@ def report(
         scales=scales,
         rescalers=dict(merged.rescalers),
         bytes_per_task={
-            expert: bytes_per_task(tau, heads.get(expert, {}), masks=bool(merged.masks), lora_rank=lora_rank)
+            expert: bytes_per_task(
+                tau,
+                heads.get(expert, {}),
+                masks=bool(merged.masks),
+                row_scales=merged.row_scales.get(expert),
+                lora_rank=lora_rank,
+            )
             for expert, tau in taus.items()
         },
         block_distances={part: block_distances(*found) for part, found in (blocks or {}).items()},

@@ -13,6 +13,7 @@ from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from policies.mergevla.merging.masks import Mask, add, lambdas_of, masked, task_masks
 from policies.mergevla.merging.operators import merge_taus
 from policies.mergevla.merging.recipe import LAMBDA, MaskRule
+from policies.mergevla.merging.signs import read_signs, sign_readings
 from policies.mergevla.merging.taus import Tau, Taus, Weights
 
 
@@ -27,22 +28,26 @@ class MergedTau:
     tau: Tau
     """tau_merge, alpha included."""
     masks: Mapping[str, Mask] = field(default_factory=dict)
-    """Expert name to its mask; empty under `MaskRule.NONE`."""
+    """Expert name to its mask, which under `MaskRule.SIGNS` says where it is positive; empty under `MaskRule.NONE`."""
     lambdas: Mapping[str, float] = field(default_factory=dict)
     """Expert name to lambda; empty unless under `MaskRule.TASK`."""
     rescalers: Mapping[str, float] = field(default_factory=dict)
     """Expert name to rescaler; empty unless under `MaskRule.EMR`."""
+    row_scales: Mapping[str, Tau] = field(default_factory=dict)
+    """Expert name to weight name to a scale for each row; empty unless under `MaskRule.SIGNS`."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Of the operator, as given."""
 
     def of(self, expert: str) -> dict[str, torch.Tensor]:
-        """What that task adds to the base: rescaler * S_m * tau_merge.
+        """What that task adds to the base: rescaler * S_m * tau_merge, or r_m * s_m * |tau_merge| under signs.
 
         Raises:
             ExpertsDiffer: It was not among the merged ones.
         """
         if expert not in self.experts:
             raise ExpertsDiffer(f"expected one of the merged experts {', '.join(self.experts)}, got {expert}")
+        if self.rule is MaskRule.SIGNS:
+            return read_signs(self.tau, self.masks[expert], self.row_scales[expert])
         kept = masked(self.tau, self.masks[expert]) if self.masks else dict(self.tau)
         rescaler = self.rescalers.get(expert, 1.0)
         return {name: delta * rescaler for name, delta in kept.items()} if rescaler != 1.0 else kept
@@ -85,10 +90,15 @@ def merge(
     tau = merge_taus(operator, taus, alpha=alpha, options=options)
     masks: Mapping[str, Mask] = {}
     rescalers: Mapping[str, float] = {}
+    row_scales: Mapping[str, Tau] = {}
     if rule is MaskRule.TASK:
         masks = task_masks(taus, tau, chosen)
     elif rule is MaskRule.EMR:
         modulators = emr_modulators(taus, tau)
         masks = {expert: modulator.mask for expert, modulator in modulators.items()}
         rescalers = {expert: modulator.rescaler for expert, modulator in modulators.items()}
-    return MergedTau(tuple(taus), operator, alpha, rule, tau, masks, chosen, rescalers, dict(options or {}))
+    elif rule is MaskRule.SIGNS:
+        readings = sign_readings(taus, tau)
+        masks = {expert: reading.signs for expert, reading in readings.items()}
+        row_scales = {expert: reading.row_scales for expert, reading in readings.items()}
+    return MergedTau(tuple(taus), operator, alpha, rule, tau, masks, chosen, rescalers, row_scales, dict(options or {}))

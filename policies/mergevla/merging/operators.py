@@ -12,6 +12,7 @@ import torch
 
 from policies.mergevla.merging.elementwise import dare, emr, mean, task_arithmetic, ties
 from policies.mergevla.merging.errors import MergeError, check_range
+from policies.mergevla.merging.signs import flat, magnitude
 from policies.mergevla.merging.spectral import knots, task_singular_vectors, wudi
 from policies.mergevla.merging.taus import Taus
 
@@ -70,6 +71,10 @@ _ALL = (
         {"steps": "of Adam, default 300", "learning_rate": "of Adam, default 1e-5"},
     ),
     Operator("emr", "elected sign, greatest magnitude that agrees", "2405.17461", emr),
+    Operator(
+        "magnitude", "magnitudes that fit all experts best, row by row; for masks 'signs'", "2402.10193", magnitude
+    ),
+    Operator("flat", "one magnitude per row: with masks 'signs' nothing is shared", "2402.10193", flat),
 )
 OPERATORS: Mapping[str, Operator] = MappingProxyType({operator.name: operator for operator in _ALL})
 """Every merge operator by name."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Any
 
 from policies.mergevla.merging.errors import MergeError, OutOfRange, check_range
@@ -24,6 +25,14 @@ class MaskRule(StrEnum):
     """S_m, see `masks.task_mask` (arXiv 2511.18810)."""
     EMR = "emr"
     """Agreement in sign and one rescaler, see `elementwise.emr_modulators` (arXiv 2405.17461)."""
+    SIGNS = "signs"
+    """All magnitudes, with signs and row scales of its own, see `signs`."""
+
+
+MASKS_OF: Mapping[str, MaskRule] = MappingProxyType(
+    {"emr": MaskRule.EMR, "magnitude": MaskRule.SIGNS, "flat": MaskRule.SIGNS}
+)
+"""Operator to the masks that were made for it; task masks go with all others."""
 
 
 class TrunkRule(StrEnum):

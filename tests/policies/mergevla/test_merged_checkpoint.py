@@ -148,6 +148,15 @@ def test_a_mask_for_another_model_is_refused(saved):
     refused(saved, f"the mask is for another model: weight {name} is missing")
 
 
+def test_row_scales_for_another_model_are_refused(folders, tmp_path):
+    save_merged(tmp_path, merging(folders, operator="magnitude", masks=MaskRule.SIGNS), FITTED)
+    name = "backbone.projector.0.weight"
+    change(tmp_path, lambda tensors: tensors.update({f"scale/1/{name}": torch.ones(8)}))
+    refused(tmp_path, rf"row scales are for another model: weight {name}: expected shape \(16,\), got \(8,\)")
+    change(tmp_path, lambda tensors: tensors.pop(f"scale/1/{name}"))
+    refused(tmp_path, f"row scales are for another model: weight {name} is missing")
+
+
 def test_a_missing_head_is_refused(saved):
     change(saved, lambda tensors: tensors.pop("head/1/action_expert.output.bias"))
     refused(saved, "expert null/Slow: expected action_expert.output.bias to be merged or kept, it is neither")

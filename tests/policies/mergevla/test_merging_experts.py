@@ -76,7 +76,7 @@ def test_no_experts_are_refused():
         ({"kept_blocks": -1}, "k, the blocks kept per task, to be a whole number"),
         ({"alpha": 0.0}, "expected alpha"),
         ({"alpha": float("nan")}, "expected alpha"),
-        ({"masks": "tall"}, "expected masks out of none, task, emr, got tall"),
+        ({"masks": "tall"}, "expected masks out of none, task, emr, signs, got tall"),
         ({"trunk": "sum"}, "expected trunk out of mean, vectors, got sum"),
         ({"backbone": "half"}, "expected backbone out of merged, select, got half"),
     ],

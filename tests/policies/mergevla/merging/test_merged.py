@@ -69,5 +69,5 @@ def test_a_lambda_out_of_range_is_refused_before_anything_is_computed():
 
 
 def test_an_unknown_mask_rule_is_refused():
-    with pytest.raises(OutOfRange, match="expected a mask rule out of none, task, emr, got tall"):
+    with pytest.raises(OutOfRange, match="expected a mask rule out of none, task, emr, signs, got tall"):
         merge(random_taus(1), rule="tall")

@@ -1,0 +1,90 @@
+"""Signs and row scales: what each task keeps of shared magnitudes."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+
+from policies.mergevla.merging.diagnostics import mask_statistics
+from policies.mergevla.merging.errors import ExpertsDiffer
+from policies.mergevla.merging.masks import MaskMismatch
+from policies.mergevla.merging.merged import merge
+from policies.mergevla.merging.recipe import MaskRule
+from policies.mergevla.merging.signs import flat, magnitude, read_signs, sign_readings
+from tests.policies.mergevla.merging.strategies import close, random_taus, taus
+
+
+def distance(taus, merged):
+    """Sum over experts of the squared distance between what is read and the expert's own vector."""
+    return sum((merged.of(e)[n] - d).double().square().sum().item() for e, tau in taus.items() for n, d in tau.items())
+
+
+def test_a_task_reads_shared_magnitudes_with_its_own_signs_and_row_scales_by_hand():
+    shared = {"w": torch.tensor([[1.0, -2.0], [3.0, 4.0]])}
+    own = {"w": torch.tensor([[-2.0, 4.0], [0.0, -5.0]])}
+    reading = sign_readings({"a": own}, shared)["a"]
+    assert reading.signs["w"].tolist() == [[False, True], [True, False]]
+    assert reading.row_scales["w"].tolist() == pytest.approx([(2 + 8) / 5, 20 / 25])
+    read = read_signs(shared, reading.signs, reading.row_scales)["w"]
+    torch.testing.assert_close(read, torch.tensor([[-2.0, 4.0], [2.4, -3.2]]))
+
+
+def test_magnitudes_and_flat_rows_by_hand():
+    experts = {"a": {"w": torch.tensor([[3.0, -4.0], [1.0, 0.0]])}, "b": {"w": torch.tensor([[-6.0, 8.0], [0.0, 0.0]])}}
+    torch.testing.assert_close(magnitude(experts)["w"][0], torch.tensor([3.0, 4.0]) * (5 / 2) ** 0.5)
+    torch.testing.assert_close(magnitude(experts)["w"][1], torch.tensor([0.5**0.5, 0.0]))
+    assert flat(experts)["w"].tolist() == [[5.25, 5.25], [0.25, 0.25]]
+
+
+@settings(max_examples=25, deadline=None)
+@given(experts=taus(max_experts=1))
+def test_one_expert_is_read_as_it_is(experts):
+    assert close(merge(experts, "magnitude", rule=MaskRule.SIGNS).of("expert0"), experts["expert0"])
+
+
+@settings(max_examples=25, deadline=None)
+@given(experts=taus(min_experts=2))
+def test_no_magnitudes_serve_the_experts_better(experts):
+    best = distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS))
+    for operator in ("flat", "ties", "emr", "mean"):
+        assert best <= distance(experts, merge(experts, operator, rule=MaskRule.SIGNS)) * (1 + 1e-5) + 1e-9
+
+
+def test_magnitudes_are_nowhere_negative_and_do_not_depend_on_the_order_beyond_rounding():
+    experts = random_taus(4)
+    found = magnitude(experts)
+    assert all((delta >= 0).all() for delta in found.values())
+    assert close(found, magnitude(dict(reversed(experts.items()))))
+
+
+def test_alpha_cancels():
+    experts = random_taus(3)
+    one, half = (merge(experts, "ties", rule=MaskRule.SIGNS, alpha=alpha).of("expert1") for alpha in (1.0, 0.5))
+    assert close(one, half)
+
+
+def test_an_expert_that_changed_nothing_reads_nothing():
+    experts = random_taus(2)
+    experts["idle"] = {name: torch.zeros_like(delta) for name, delta in experts["expert0"].items()}
+    assert not any(delta.any() for delta in merge(experts, "magnitude", rule=MaskRule.SIGNS).of("idle").values())
+
+
+def test_a_sign_bit_tells_more_than_a_mask_bit_of_unrelated_experts():
+    experts = random_taus(9, shape=(64, 64))
+    signs = mask_statistics(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS))
+    masks = mask_statistics(experts, merge(experts, "ties", rule=MaskRule.TASK))
+    assert min(signs.cosine.values()) > max(masks.cosine.values())
+    assert set(signs.keep.values()) == {1.0}
+    assert signs.selfish == 0.0
+
+
+def test_signs_and_row_scales_for_another_model_are_refused_in_one_line():
+    shared = {"w": torch.ones(2, 3)}
+    signs = {"w": torch.ones(2, 3, dtype=torch.bool)}
+    with pytest.raises(MaskMismatch, match="the mask is for another model: weight w: expected shape"):
+        read_signs(shared, {"w": torch.ones(2, 2, dtype=torch.bool)}, {"w": torch.ones(2)})
+    with pytest.raises(ExpertsDiffer, match=r"row scales are for another model: weight w: expected shape \(2,\)"):
+        read_signs(shared, signs, {"w": torch.ones(3)})
+    with pytest.raises(ExpertsDiffer, match="weight w is missing"):
+        read_signs(shared, signs, {})
+    with pytest.raises(ExpertsDiffer, match="does not fit the merged one"):
+        sign_readings({"a": {"w": torch.ones(3, 2)}}, shared)
