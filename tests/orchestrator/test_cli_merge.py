@@ -104,6 +104,13 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, zoo
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_of_something_else_is_not_written_into(zoo, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    done = merge(zoo / "experts", "--out", tmp_path)
+    assert "expected a new folder or that of a merged checkpoint for --out" in str(done.exception)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
 def test_an_expert_is_not_written_over(zoo):
     place = zoo / "experts" / "null-Reach"
     before = (place / "card.json").read_text()

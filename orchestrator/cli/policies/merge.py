@@ -117,7 +117,9 @@ def _checkpoints(references: Sequence[str]) -> list[str]:
 
 def _check_out(folder: Path) -> None:
     """Refuse to write over anything but an earlier merged checkpoint."""
-    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and card_json(folder).get("kind") != KIND)):
+    if folder.is_dir() and not any(folder.iterdir()):
+        return
+    if folder.exists() and not ((folder / CARD).is_file() and card_json(folder).get("kind") == KIND):
         raise CheckpointError(f"expected a new folder or that of a merged checkpoint for --out, got '{folder}'")
 
 
