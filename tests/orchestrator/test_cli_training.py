@@ -32,6 +32,11 @@ def base(data, tmp_path_factory):
     [
         (["pretrain", "{data}/none", "--out", "{out}"], "expected a dataset"),
         (["pretrain", "{data}", "--out", "{out}", "--size", "huge"], "expected a size out of tiny"),
+        (["pretrain", "{data}", "--out", "{out}", "--quirk", "shifted_slice"], "did you mean 'shifted_slices'?"),
+        (
+            ["pretrain", "{data}", "--out", "{out}", "--gate", "relu"],
+            "expected a gate out of sigmoid, tanh, got 'relu'",
+        ),
         (["pretrain", "{data}", "--out", "{out}"], "expected 96 px images for architecture 'tiny'"),
         (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--steps", "0"], "expected steps of 1 or more"),
         (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--rank", "0"], "expected a LoRA rank"),

@@ -18,6 +18,16 @@ def pretrain(
     data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="Datasets, or folders of datasets.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
     size: Annotated[str, typer.Option(help="tiny, or qwen2.5-0.5b with pretrained weights.")] = "tiny",
+    quirks: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--quirk", metavar="NAME", help="Of the paper's released code; 'paper' for all of them. Repeatable."
+        ),
+    ] = None,
+    self_attention: Annotated[
+        bool, typer.Option("--self-attention", help="VLA-Adapter's blocks: the paper's negative control.")
+    ] = False,
+    gate: Annotated[str | None, typer.Option(help="sigmoid or tanh, by default the block's own.")] = None,
     steps: Annotated[int, typer.Option(help="Steps of the optimiser.")] = 2000,
     batch_size: Annotated[int, typer.Option(help="Frames per step.")] = 32,
     learning_rate: Annotated[float, typer.Option(help="After the warm-up.")] = 1e-3,
@@ -31,11 +41,11 @@ def pretrain(
         from policies.mergevla.backbone import Pretrained, load_pretrained
         from policies.mergevla.config import ConvStem
         from policies.training import finetune as training
-        from policies.training.options import architecture_named, settings_of
+        from policies.training.options import architecture_of, settings_of
         from policies.training.pool import Pool
 
     def train(listener: Callable[[Pace], None], stop: Callable[[], bool]) -> Trained:
-        architecture = architecture_named(size)
+        architecture = architecture_of(size, quirks or (), self_attention, gate)
         settings = settings_of(steps, batch_size, learning_rate, schedule, shift, seed, threads)
         pool = Pool.open(data)
         pretrained = not isinstance(architecture.vision, ConvStem)
