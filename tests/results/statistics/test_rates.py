@@ -1,4 +1,4 @@
-"""Promises of results/statistics.py."""
+"""Success rates and their intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Promises of results/statistics.py about two sides on the same trials."""
+"""Two sides on the same trials."""
 
 from __future__ import annotations
 
