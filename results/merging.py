@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from results.record import Status
 from results.routing import Rate, Router, router_of
 from results.run import RunDocument
-from results.statistics import Estimate, Pairs, paired_difference, paired_ratio
+from results.statistics.pairs import Pairs, paired_difference, paired_ratio
+from results.statistics.rates import Estimate
 from suites.vocabulary import Condition
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from results.statistics import Interval, rate, wilson_interval
+from results.statistics.rates import Interval, rate, wilson_interval
 
 if TYPE_CHECKING:
     import numpy as np

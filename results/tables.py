@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from results import timing
 from results.record import EpisodeResult, Status
 from results.run import PlannedCell, RunDocument
-from results.statistics import Interval, RateBounds, rate, rate_bounds, wilson_intervals
+from results.statistics.rates import Interval, RateBounds, rate, rate_bounds, wilson_intervals
 from results.timing import PhaseTiming
 from suites.vocabulary import Condition
 

@@ -42,7 +42,8 @@ def test_policies_know_no_single_simulator():
 
 
 @pytest.mark.parametrize(
-    "module", ["results.statistics", "adapters.contract", "policies.contract", "adapters.catalog", "policies.catalog"]
+    "module",
+    ["results.statistics.pairs", "adapters.contract", "policies.contract", "adapters.catalog", "policies.catalog"],
 )
 def test_what_must_be_light_loads_no_simulator_no_torch_and_no_ray(module):
     heavy = ("torch", "ray", "mani_skill", "sapien", "pybullet", "panda_gym", "robosuite", "mujoco")

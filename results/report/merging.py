@@ -8,7 +8,7 @@ from results.merging import Losses, Merging, MergingRow, RoutedComparison
 from results.report import text
 from results.report.text import NOTHING, TextTable
 from results.routing import Confusion, Rate
-from results.statistics import Estimate
+from results.statistics.rates import Estimate
 
 ALL = "all"
 

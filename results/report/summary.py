@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from results.merging import Merging
 from results.run import Provenance, RunDocument, RunStatus
-from results.statistics import CONFIDENCE
+from results.statistics.rates import CONFIDENCE
 from results.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
 from results.timing import PhaseTiming
 

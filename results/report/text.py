@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from results.statistics import Interval, RateBounds
+from results.statistics.rates import Interval, RateBounds
 from results.tables import Aggregate, CellRow, Tables, Tally
 from results.timing import PHASES, PhaseTiming
 

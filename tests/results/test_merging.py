@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from results.merging import COLUMNS, build_merging
-from results.statistics import Pairs, paired_difference
+from results.statistics.pairs import Pairs, paired_difference
 from suites.schema import MergingEntry
 from suites.vocabulary import Condition
 from tests.results.routed import TASKS, evidence, plan, routed_document, routed_rows

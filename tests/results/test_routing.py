@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from results.merging import COLUMNS
 from results.routing import calibration, router_of
-from results.statistics import wilson_interval
+from results.statistics.rates import wilson_interval
 from tests.results.routed import TASKS, evidence, plan
 from tests.results.synthetic import row
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from results.report import read_tables, write_report
 from results.run import RunError, RunStatus
-from results.statistics import wilson_interval
+from results.statistics.rates import wilson_interval
 from results.tables import COLUMNS, build_tables, frame_of
 from suites.vocabulary import Condition
 from tests.results.synthetic import cells, document, row, rows, run_folder

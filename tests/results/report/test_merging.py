@@ -9,7 +9,7 @@ import pytest
 
 from results.report import Summary, read_merging, write_report
 from results.report import merging as words
-from results.statistics import Estimate, Interval
+from results.statistics.rates import Estimate, Interval
 from tests.results.report.test_writing import HOSTILE, Page
 from tests.results.routed import ROLES, TASKS, evidence, plan, routed_document, routed_rows
 from tests.results.synthetic import row, run_folder

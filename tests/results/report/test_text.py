@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from results.report import text
-from results.statistics import Interval, RateBounds
+from results.statistics.rates import Interval, RateBounds
 from results.tables import build_tables
 from suites.vocabulary import Condition
 from tests.results.synthetic import cells, document, rows

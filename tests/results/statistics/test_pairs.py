@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from results.statistics import Pairs, paired_difference, paired_ratio, wilson_interval
+from results.statistics.pairs import Pairs, paired_difference, paired_ratio
+from results.statistics.rates import wilson_interval
 
 count = st.integers(0, 200)
 tables = st.builds(Pairs, count, count, count, count).filter(lambda pairs: pairs.trials > 0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from results.statistics import Interval, rate, rate_bounds, wilson_interval, wilson_intervals
+from results.statistics.rates import Interval, rate, rate_bounds, wilson_interval, wilson_intervals
 
 counts = st.integers(1, 10_000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 small = st.integers(0, 500)
