@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,83 @@ class Pairs:
     def second(self) -> int:
         """Successes of the second side."""
         return self.both + self.second_only
+
+
+MARGIN = 0.05
+"""A rate that is lower by less than this counts as no worse, unless another margin was declared."""
+
+
+def pooled(strata: Iterable[Pairs]) -> Pairs:
+    """The pairs of all strata.
+
+    McNemar's test of them is the conditional test stratified by them: a pair is compared with itself, so differences
+    between strata cancel (D. G. Clayton and M. Hills, "Statistical Models in Epidemiology" (1993), chapter 19).
+    """
+    found = tuple(strata)
+    return Pairs(
+        sum(pairs.both for pairs in found),
+        sum(pairs.first_only for pairs in found),
+        sum(pairs.second_only for pairs in found),
+        sum(pairs.neither for pairs in found),
+    )
+
+
+def mcnemar(pairs: Pairs) -> float:
+    """Two-sided exact p-value against equal rates of two sides on the same trials.
+
+    Under equal rates a pair that disagrees is in favour of either side with probability 1/2: Q. McNemar, Psychometrika
+    12 (1947) 153-157, with the binomial tail in place of chi-square. For a number of pairs fixed beforehand; while they
+    still come in, use `sequential.paired_evidence`.
+
+    Returns:
+        The p-value; 1 if no pair disagrees.
+    """
+    from scipy.stats import binomtest
+
+    disagree = pairs.first_only + pairs.second_only
+    return float(binomtest(pairs.first_only, disagree, 0.5).pvalue) if disagree else 1.0
+
+
+def heterogeneity(strata: Sequence[Pairs], generator: np.random.Generator, draws: int = 4000) -> float | None:
+    """p-value against the difference having one direction and strength in all strata.
+
+    Pearson's chi-square of the pairs that disagree, strata by sides, with its distribution by permutation, since counts
+    are small.
+
+    Args:
+        strata: One per task, say.
+        generator: Permutes; the same state gives the same p-value.
+        draws: Permutations.
+
+    Returns:
+        The p-value, or None where there is nothing to compare: fewer than two strata with pairs that disagree, or all
+        in favour of one side.
+    """
+    import numpy as np
+    from scipy import stats
+
+    table = np.array(
+        [[pairs.first_only, pairs.second_only] for pairs in strata if pairs.first_only + pairs.second_only]
+    )
+    if len(table) < 2 or not table.sum(axis=0).all():
+        return None
+    method = stats.PermutationMethod(n_resamples=draws, rng=generator)
+    return float(stats.chi2_contingency(table, correction=False, method=method).pvalue)
+
+
+def is_no_worse(pairs: Pairs, margin: float = MARGIN, confidence: float = CONFIDENCE) -> bool:
+    """Whether the first side is shown to be no worse than the second by more than a margin (non-inferiority).
+
+    The lower end of `paired_difference` lies above -margin: an error of at most (1 - confidence) / 2. A test of equal
+    rates that finds nothing shows no such thing.
+
+    Raises:
+        ValueError: A margin outside (0, 1), or a confidence outside (0, 1).
+    """
+    if not 0 < margin < 1:
+        raise ValueError(f"expected a margin between 0 and 1, got {margin}")
+    found = paired_difference(pairs, confidence)
+    return found is not None and found.interval is not None and found.interval.low > -margin
 
 
 def paired_difference(pairs: Pairs, confidence: float = CONFIDENCE) -> Estimate | None:

@@ -81,6 +81,35 @@ def wilson_intervals(
     return [Interval(float(a), float(b)) if present else None for a, b, present in zip(low, high, some, strict=True)]
 
 
+def clopper_pearson_interval(successes: int, trials: int, confidence: float = CONFIDENCE) -> Interval | None:
+    """Interval of a rate that never covers with less than the confidence, for claims of "at least p".
+
+    Its ends are those rates under which as many successes or more, and as few or fewer, have a probability of
+    (1 - confidence) / 2 each: C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404-413. Wider than Wilson's, whose
+    coverage is right on average only. Each end alone is a bound with a confidence of (1 + confidence) / 2.
+
+    Args:
+        successes: Between 0 and `trials`.
+        trials: Episodes with a verdict.
+        confidence: Between 0 and 1, exclusive.
+
+    Returns:
+        The interval, or None without trials.
+
+    Raises:
+        ValueError: The counts are not 0 <= successes <= trials, or the confidence is outside (0, 1).
+    """
+    from statsmodels.stats.proportion import proportion_confint
+
+    check_confidence(confidence)
+    if not 0 <= successes <= trials:
+        raise ValueError("expected 0 <= successes <= trials")
+    if not trials:
+        return None
+    low, high = proportion_confint(successes, trials, alpha=1 - confidence, method="beta")
+    return Interval(float(low) if successes else 0.0, float(high) if successes < trials else 1.0)
+
+
 def rate(successes: int, trials: int) -> float | None:
     """Successes per trial, or None without trials."""
     return successes / trials if trials else None

@@ -10,7 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from results.statistics.pairs import Pairs, paired_difference, paired_ratio
+from results.statistics.pairs import (
+    Pairs,
+    heterogeneity,
+    is_no_worse,
+    mcnemar,
+    paired_difference,
+    paired_ratio,
+    pooled,
+)
 from results.statistics.rates import wilson_interval
 
 count = st.integers(0, 200)
@@ -129,3 +137,49 @@ def test_the_interval_of_the_ratio_covers_the_truth_about_as_often_as_it_says():
         interval = paired_ratio(strata, generator, draws=500).interval
         covered += interval.low <= true <= interval.high
     assert 0.92 < covered / 400 < 0.98
+
+
+def test_mcnemar_agrees_with_a_published_example():
+    """The same example of Fagerland, Lydersen and Laake: 6 and 16 pairs disagree, exact conditional p = 0.0525."""
+    assert mcnemar(Pairs(59, 6, 16, 80)) == pytest.approx(0.0525, abs=5e-5)
+
+
+@given(tables)
+def test_mcnemar_is_twice_the_smaller_tail_of_a_fair_coin(pairs):
+    n, least = pairs.first_only + pairs.second_only, min(pairs.first_only, pairs.second_only)
+    tail = sum(math.comb(n, k) for k in range(least + 1)) / 2**n
+    assert mcnemar(pairs) == pytest.approx(min(1.0, 2 * tail))
+
+
+def test_mcnemar_rejects_equal_rates_in_at_most_one_experiment_of_twenty():
+    drawn = np.random.default_rng(0).multinomial(100, [0.4, 0.1, 0.1, 0.4], size=1000)
+    assert np.mean([mcnemar(Pairs(*map(int, counts))) <= 0.05 for counts in drawn]) <= 0.05
+
+
+def test_pooling_adds_the_strata_up():
+    assert pooled([Pairs(1, 2, 3, 4), Pairs(10, 20, 30, 40)]) == Pairs(11, 22, 33, 44)
+    assert pooled([]) == Pairs(0, 0, 0, 0)
+
+
+def test_strata_of_opposite_directions_differ_and_alike_ones_do_not():
+    opposite = [Pairs(10, 12, 0, 10), Pairs(10, 0, 12, 10)]
+    alike = [Pairs(10, 12, 4, 10), Pairs(10, 11, 4, 10)]
+    assert heterogeneity(opposite, np.random.default_rng(0)) < 0.01
+    assert heterogeneity(alike, np.random.default_rng(0)) > 0.5
+    assert heterogeneity([Pairs(1, 5, 0, 1), Pairs(9, 4, 0, 1)], np.random.default_rng(0)) is None
+    assert heterogeneity([Pairs(1, 5, 2, 1)], np.random.default_rng(0)) is None
+
+
+def test_no_worse_is_shown_by_enough_pairs_not_by_a_test_that_finds_nothing():
+    few, many = Pairs(9, 0, 0, 1), Pairs(900, 20, 20, 60)
+    assert mcnemar(few) == mcnemar(many) == 1.0
+    assert not is_no_worse(few)
+    assert is_no_worse(many)
+    assert not is_no_worse(Pairs(900, 0, 100, 0))
+    with pytest.raises(ValueError, match="expected a margin between 0 and 1"):
+        is_no_worse(many, margin=0.0)
+
+
+def test_a_side_that_is_worse_by_the_margin_is_called_no_worse_in_at_most_one_experiment_of_forty():
+    drawn = np.random.default_rng(1).multinomial(200, [0.80, 0.03, 0.08, 0.09], size=1000)
+    assert np.mean([is_no_worse(Pairs(*map(int, counts))) for counts in drawn]) <= 0.025 + 0.01

@@ -1,0 +1,177 @@
+"""What grows with a perturbation's severity: retention, the area under its curve, where half is lost, and the trend."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from results.statistics.aggregate import DRAWS, Outcomes, mean_outcomes, resampled_means
+from results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_interval
+
+LEAST_CLEAN = 0.2
+"""A policy whose clean rate is not shown to exceed this has nothing to retain."""
+HALF = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class SeverityCurve:
+    """How one arm does along one axis. Strata (tasks, simulators) count alike."""
+
+    levels: tuple[float, ...]
+    """From 0, the clean condition."""
+    rates: tuple[Estimate, ...]
+    """p(s)."""
+    drops: tuple[Estimate, ...]
+    """p(0) - p(s), 0 at level 0."""
+    retention: tuple[Estimate, ...] | None
+    """p(s) / p(0), floors taken off both; None where the clean rate is too low to lose from, see `LEAST_CLEAN`."""
+    area: Estimate | None
+    """Area under the retention, divided by the range of levels: 1 if nothing is lost. Not clipped."""
+    half: Estimate | None
+    """Severity at which half is lost; infinite, in value or interval, where that is beyond the last level."""
+    trend: float | None
+    """One-sided p-value against no fall of success with severity."""
+
+
+def severity_curve(
+    strata: Sequence[Outcomes],
+    levels: Sequence[float],
+    generator: np.random.Generator,
+    *,
+    floors: Sequence[float] | None = None,
+    confidence: float = CONFIDENCE,
+    draws: int = DRAWS,
+) -> SeverityCurve:
+    """The curve of one arm, with intervals of a bootstrap that keeps the levels of one seed together.
+
+    Args:
+        strata: Outcomes of each task, shape (seeds, levels), NaN where there is no verdict.
+        levels: Severities, rising from 0.
+        generator: Draws; the same state gives the same intervals.
+        floors: Success at each level of what has no skill (the best of blind, replayed and random policies), taken off
+            before anything is divided.
+        confidence: Between 0 and 1, exclusive.
+        draws: Data sets drawn.
+
+    Raises:
+        ValueError: Levels that do not rise from 0, outcomes or floors of another length, or an impossible confidence.
+    """
+    check_confidence(confidence)
+    steps = np.asarray(levels, dtype=float)
+    if len(steps) < 2 or steps[0] != 0 or not np.all(np.diff(steps) > 0):
+        raise ValueError(f"expected levels that rise from 0, got {list(levels)}")
+    if not strata or any(outcomes.ndim != 2 or outcomes.shape[1] != len(steps) for outcomes in strata):
+        raise ValueError(f"expected outcomes of shape (seeds, {len(steps)}), got others")
+    base = np.zeros(len(steps)) if floors is None else np.asarray(floors, dtype=float)
+    if base.shape != steps.shape:
+        raise ValueError(f"expected a floor for each of {len(steps)} levels, got {len(base)}")
+    value = mean_outcomes(strata).mean(axis=0)
+    drawn = resampled_means(strata, generator, draws).mean(axis=1)
+
+    def estimates(values: NDArray[np.float64], samples: NDArray[np.float64]) -> tuple[Estimate, ...]:
+        return tuple(_estimate(v, s, confidence) for v, s in zip(values, samples.T, strict=True))
+
+    rates = estimates(value, drawn)
+    drops = estimates(value[0] - value, drawn[:, :1] - drawn)
+    trend = falling_trend(strata, steps)
+    if not _has_something_to_lose(strata, confidence):
+        return SeverityCurve(tuple(steps.tolist()), rates, drops, None, None, None, trend)
+    kept, kept_drawn = retention(value, base), retention(drawn, base)
+    return SeverityCurve(
+        tuple(steps.tolist()),
+        rates,
+        drops,
+        estimates(kept, kept_drawn),
+        _estimate(float(area(kept, steps)), area(kept_drawn, steps), confidence),
+        _estimate(half_lost(kept, steps), np.array([half_lost(row, steps) for row in kept_drawn]), confidence),
+        trend,
+    )
+
+
+def retention(rates: NDArray[np.float64], floors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(p(s) - f(s)) / (p(0) - f(0)) along the last axis; NaN where there is nothing to retain."""
+    above = rates - floors
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found: NDArray[np.float64] = np.where(above[..., :1] > 0, above / above[..., :1], np.nan)
+    return found
+
+
+def area(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Area under the retention along the last axis by trapezoids, divided by the range of levels."""
+    found: NDArray[np.float64] = np.trapz(kept, levels, axis=-1) / (levels[-1] - levels[0])
+    return found
+
+
+def half_lost(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> float:
+    """Severity at which a falling fit of the retention crosses one half (S50), between levels by straight lines.
+
+    The fit is the least-squares one that never rises (pool adjacent violators: R. E. Barlow et al., "Statistical
+    Inference under Order Restrictions" (1972)).
+
+    Args:
+        kept: Retention at each level, shape (levels,).
+        levels: Rising.
+
+    Returns:
+        The severity; infinite if more than half is kept at the last level; NaN without a retention.
+    """
+    from scipy.optimize import isotonic_regression
+
+    if np.isnan(kept).any():
+        return math.nan
+    fit = isotonic_regression(kept, increasing=False).x
+    if fit[-1] > HALF:
+        return math.inf
+    after = int(np.argmax(fit <= HALF))
+    if after == 0:
+        return float(levels[0])
+    share = (fit[after - 1] - HALF) / (fit[after - 1] - fit[after])
+    return float(levels[after - 1] + share * (levels[after] - levels[after - 1]))
+
+
+def falling_trend(strata: Sequence[Outcomes], levels: NDArray[np.float64]) -> float | None:
+    """One-sided p-value against no fall of success with severity, given each seed's own number of successes.
+
+    Conditional on how many levels a seed succeeds at, every order of its outcomes is as likely under the null: the sum
+    of the levels of its successes has a known mean and variance, and the sum over all seeds is nearly normal (the
+    stratified form of the trend test of W. G. Cochran (1954) and P. Armitage (1955), a seed being a stratum; E. B.
+    Page's test for binary outcomes).
+
+    Returns:
+        The p-value, or None if no seed has both outcomes.
+    """
+    from scipy.stats import norm
+
+    excess, variance = 0.0, 0.0
+    for outcomes in strata:
+        present = ~np.isnan(outcomes)
+        count = present.sum(axis=1)
+        won = np.nansum(outcomes, axis=1)
+        mixed = (won > 0) & (won < count)
+        if not mixed.any():
+            continue
+        here, wins, n, y = present[mixed], won[mixed], count[mixed], np.nan_to_num(outcomes[mixed])
+        mean = (here * levels).sum(axis=1) / n
+        spread = (here * (levels - mean[:, None]) ** 2).sum(axis=1) / n
+        excess += float((y @ levels - wins * mean).sum())
+        variance += float((wins * (n - wins) / (n - 1) * spread).sum())
+    return float(norm.cdf(excess / math.sqrt(variance))) if variance > 0 else None
+
+
+def _has_something_to_lose(strata: Sequence[Outcomes], confidence: float) -> bool:
+    clean = np.concatenate([outcomes[:, 0] for outcomes in strata])
+    clean = clean[~np.isnan(clean)]
+    found = wilson_interval(int(clean.sum()), len(clean), confidence)
+    return found is not None and found.low > LEAST_CLEAN
+
+
+def _estimate(value: float, drawn: NDArray[np.float64], confidence: float) -> Estimate:
+    """With the percentile interval; none where a data set drawn has no value."""
+    if np.isnan(drawn).any():
+        return Estimate(float(value), None)
+    ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], method="inverted_cdf")
+    return Estimate(float(value), Interval(float(ends[0]), float(ends[1])))
