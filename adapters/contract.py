@@ -45,6 +45,10 @@ class UnsupportedCondition(AdapterError):
     """The adapter cannot bring about this condition."""
 
 
+class NotDelivered(AdapterError):
+    """A perturbation did not change what it should, or changed something else."""
+
+
 @dataclass(frozen=True)
 class ActionSpec:
     """What one control step accepts, in the units of the convention above."""
@@ -101,6 +105,16 @@ class StepOutcome:
     """The simulation cannot be stepped further."""
 
 
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """What a perturbation amounted to in an episode, as measured; to be compared with what was asked for."""
+
+    value: float | None
+    """In the unit of its axis; None if nothing was there to be measured, as when a policy never looks."""
+    statistics: Mapping[str, float] = field(default_factory=dict)
+    """Of the first images that the policy was given, by name."""
+
+
 class Simulation(Protocol):
     """One open task. Used by one thread of one process."""
 
@@ -129,6 +143,9 @@ class Simulation(Protocol):
 
     def state_hash(self) -> str:
         """Hash of the full physical state, see `adapters.frames.hash_state`."""
+
+    def delivered(self) -> Delivered | None:
+        """What the episode's perturbation amounted to so far; None under the clean condition."""
 
     def picture(self) -> Image:
         """The third-person view for people, (256, 256, 3): for videos and reports, never for policies."""

@@ -28,6 +28,7 @@ import numpy as np
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
+    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -145,6 +146,10 @@ class ManiSkillSimulation:
                 for name, values in state[kind].items()
             }
         )
+
+    def delivered(self) -> Delivered | None:
+        """Nothing: this adapter knows clean only."""
+        return None
 
     def picture(self) -> Image:
         """The third-person view, (256, 256, 3)."""

@@ -32,6 +32,7 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
+    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -197,6 +198,10 @@ class PyBulletSimulation:
             state["cube_pose"] = np.concatenate(self._client.getBasePositionAndOrientation(body))
             state["cube_velocity"] = np.concatenate(self._client.getBaseVelocity(body))
         return state
+
+    def delivered(self) -> Delivered | None:
+        """Nothing: this adapter knows clean only."""
+        return None
 
     def picture(self) -> Image:
         """The third-person view for people, (256, 256, 3), in the view's render profile."""

@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
+    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -157,6 +158,10 @@ class RobosuiteSimulation:
         position, quaternion = self._tool_pose()
         proprioception = np.concatenate([position, axis_angle(quaternion), self._finger_positions()])
         return Observation(images, proprioception, self._instruction)
+
+    def delivered(self) -> Delivered | None:
+        """Nothing: this adapter knows clean only."""
+        return None
 
     def picture(self) -> Image:
         """The third-person view, (256, 256, 3)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from adapters import catalog as simulators
 from policies import catalog as policies
+from suites.axes import AXES, SEVERITIES
 from suites.schema import KnownNames, KnownPolicy, KnownTask
 
 
@@ -15,4 +16,5 @@ def known_names() -> KnownNames:
             kind.name: KnownPolicy(frozenset(kind.options), kind.tasks() if kind.tasks else None)
             for kind in policies.kinds().values()
         },
+        axes=dict.fromkeys(AXES, SEVERITIES),
     )

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from adapters.frames import STATE_QUANTUM
+from orchestrator.perturbed import perturbed
 from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk, check_routing
 from results.record import EpisodeResult, Status
 from suites.vocabulary import SUCCESS_HOLD, Episode
@@ -66,11 +67,12 @@ def rollout(
 
     Raises:
         PolicyError: The policy's answer does not fit.
-        AdapterError: The simulator's rewards are not finite.
+        AdapterError: The simulator's rewards are not finite, or a perturbation was not delivered.
         Exception: Whatever the simulator or the policy raises.
     """
     started, clock = time.time(), time.perf_counter()
     phases = Phases()
+    world, simulation = simulation, perturbed(simulation, episode)
     with phases.timed("reset"):
         simulation.reset(episode.seed, episode.condition)
     with phases.timed("inference"):
@@ -116,8 +118,9 @@ def rollout(
                 break
             if eager:
                 with phases.timed("render"):
-                    simulation.observe()
+                    world.observe()
     policy.finish([episode])
+    delivered = simulation.delivered()
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     return EpisodeResult.of(
@@ -135,11 +138,23 @@ def rollout(
         routing_scores=json.dumps(dict(routing.scores), sort_keys=True) if routing else None,
         unknown_score=routing.unknown if routing else None,
         rejected=routing.rejected if routing else None,
+        delivered=_rounded(delivered.value) if delivered and delivered.value is not None else None,
+        image_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
         routing_s=routing.latency_s if routing else 0.0,
         started_at=started,
         wall_s=time.perf_counter() - clock,
         **phases.as_fields(),
     )
+
+
+def _rounded(value: float) -> float:
+    return round(value, 6)
+
+
+def _statistics_text(statistics: Mapping[str, float]) -> str:
+    """As JSON, which has no infinity: a number that is none is null."""
+    plain = {name: _rounded(value) if math.isfinite(value) else None for name, value in statistics.items()}
+    return json.dumps(plain, sort_keys=True)
 
 
 def _look(simulation: Simulation, policy: Policy, episode: Episode, step: int, phases: Phases) -> Query:

@@ -57,6 +57,12 @@ class EpisodeResult:
         float | None, "Router's score for a task unlike any it knows (rounded to 1e-6), if it gives one."
     ] = None
     rejected: Annotated[bool | None, "The router took the task for an unknown one, if it can."] = None
+    delivered: Annotated[
+        float | None, "What the perturbation measured, in the unit of its axis (rounded to 1e-6), if it was measured."
+    ] = None
+    image_statistics: Annotated[
+        str | None, "Numbers about the first images under a perturbation as JSON (rounded to 1e-6), if it has any."
+    ] = None
     error: Annotated[str | None, "What went wrong, if the status is error."] = None
 
     attempts: Annotated[int, "Times the episode was begun, this one included."] = 1

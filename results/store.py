@@ -16,7 +16,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from results.record import FIELDS, EpisodeResult, describe_fields
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 BUSY_S = 30.0
 """Time to wait for another process that writes (s)."""
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}

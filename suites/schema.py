@@ -243,6 +243,8 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
         for condition in entry.conditions():
             if entry.axis == CLEAN and condition.severity:
                 add((place, "clean has severity 0 only"))
+            if entry.axis != CLEAN and not condition.severity:
+                add((place, f"severity 0 of '{entry.axis}' is the clean episode; name the condition clean once"))
             if condition in seen_conditions:
                 add((place, f"duplicate condition '{condition}'"))
             seen_conditions.add(condition)

@@ -165,7 +165,7 @@ def test_a_newer_store_is_refused(path):
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
-    with pytest.raises(StoreError, match="store version 99, this program reads version 2"):
+    with pytest.raises(StoreError, match="store version 99, this program reads version 3"):
         Store.open_file(path, "run-1")
 
 

@@ -78,6 +78,12 @@ def test_conditions_have_axes_and_severities(tmp_path):
     assert [str(c) for c in suite.all_conditions()] == ["clean", "light@2", "light@4"]
 
 
+def test_severity_0_of_an_axis_is_not_a_condition_of_its_own(problems):
+    assert problems(SOUND + "conditions: [clean, {axis: light, severities: [0, 2]}]\n") == [
+        "5: severity 0 of 'light' is the clean episode; name the condition clean once"
+    ]
+
+
 def test_every_mistake_is_reported_at_once_with_its_line(problems):
     assert problems(
         """

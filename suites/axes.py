@@ -1,0 +1,137 @@
+"""Perturbation axes: what each changes, in which physical unit, and its five frozen severities. Standard library only.
+
+Severities are physical quantities, never a simulator's own knob: halving every light leaves 73 % of the pixel value in
+SAPIEN and 51 % in MuJoCo. They were set before any policy was evaluated and are not tuned to how policies do. A level
+is drawn *at*, not up to: otherwise levels overlap and slopes flatten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+
+from suites.vocabulary import Condition
+
+SEVERITIES = 5
+
+
+class Changes(StrEnum):
+    """What an axis changes. Everything else stays as it is in the clean episode, and that is checked."""
+
+    IMAGES = "images"
+    """What the cameras deliver; the same operator in every simulator."""
+    ACTIONS = "actions"
+    """What is executed of what the policy commands; the same operator in every simulator."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One perturbation axis."""
+
+    name: str
+    """As suites and reports name it."""
+    code: str
+    """Short, such as N1: the letter is the family."""
+    title: str
+    changes: Changes
+    unit: str
+    levels: tuple[float, float, float, float, float]
+    """The value at severity 1 (mild) to 5 (extreme but solvable)."""
+    tolerance: float
+    """How far what is delivered in an episode may be from what was asked for (same unit); infinite where a single
+    episode is too short to tell."""
+    summary: str
+    anchors: str
+    """What the levels are aligned with."""
+
+    def value(self, severity: int) -> float:
+        """The level of a severity from 1 to 5.
+
+        Raises:
+            ValueError: There is no such severity.
+        """
+        if not 1 <= severity <= SEVERITIES:
+            raise ValueError(f"expected a severity from 1 to {SEVERITIES} on axis '{self.name}', got {severity}")
+        return self.levels[severity - 1]
+
+
+_ALL = (
+    Axis(
+        "noise",
+        "N1",
+        "sensor noise",
+        Changes.IMAGES,
+        "dB PSNR",
+        (34.0, 28.0, 22.0, 18.4, 14.9),
+        0.2,
+        "Gaussian noise, fresh in every frame and camera. Its deviation is set for each episode and camera so that the "
+        "first image has this peak signal-to-noise ratio, whatever part of it is saturated.",
+        "deviations .02 .04 .08 .12 .18 where nothing saturates; 3 to 5 are ImageNet-C's first three (1903.12261)",
+    ),
+    Axis(
+        "blur",
+        "N2",
+        "blur",
+        Changes.IMAGES,
+        "% of image width",
+        (0.3, 0.6, 1.0, 1.8, 2.7),
+        0.0,
+        "Gaussian blur of this deviation in every frame and camera.",
+        "ImageNet-C spans 0.45 to 2.7 % at 224 px (1903.12261)",
+    ),
+    Axis(
+        "frozen-frames",
+        "N3",
+        "frozen frames",
+        Changes.IMAGES,
+        "% of looks",
+        (2.0, 5.0, 10.0, 20.0, 40.0),
+        float("inf"),
+        "At this share of the policy's looks, evenly spread from a random start, all cameras deliver the images of the "
+        "look before. Proprioception stays fresh.",
+        "a deployment fault; absent from LIBERO-Plus (2510.13626)",
+    ),
+    Axis(
+        "action-noise",
+        "A1",
+        "action noise",
+        Changes.ACTIONS,
+        "cm per square-root second",
+        (0.5, 1.0, 2.0, 4.0, 8.0),
+        float("inf"),
+        "Gaussian noise on each axis of the executed translation: after a second its sum has this deviation, whatever "
+        "the control rate.",
+        "demonstrations have 0.1 of the largest motion per step as noise, about severity 2 to 3",
+    ),
+    Axis(
+        "action-delay",
+        "A2",
+        "action delay",
+        Changes.ACTIONS,
+        "ms",
+        (50.0, 100.0, 200.0, 300.0, 400.0),
+        25.0,
+        "Every action is executed this much later, to the nearest control step; until the first arrives the robot is "
+        "told to stay and to keep its fingers open.",
+        "latencies of large policies served over a network",
+    ),
+)
+AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
+"""Every axis by name."""
+
+
+def axis_of(condition: Condition) -> Axis | None:
+    """The axis of a condition, or None for clean.
+
+    Raises:
+        ValueError: There is no such axis or severity.
+    """
+    if condition == Condition():
+        return None
+    if condition.axis not in AXES:
+        raise ValueError(f"expected an axis out of {', '.join(AXES)}, got '{condition.axis}'")
+    axis = AXES[condition.axis]
+    axis.value(condition.severity)
+    return axis

@@ -1,0 +1,189 @@
+"""What a policy is shown and what is executed under each axis, in the null simulator."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from adapters.catalog import open_simulation
+from adapters.contract import AdapterError
+from orchestrator import perturbed as module
+from orchestrator.perturbed import perturbed
+from orchestrator.rollout import rollout
+from suites.axes import AXES, Changes
+from suites.vocabulary import Condition, Episode, Protocol, View
+from tests.orchestrator.test_rollout import Scripted
+
+IMAGE_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.IMAGES]
+ACTION_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.ACTIONS]
+every_axis = pytest.mark.parametrize("axis", AXES)
+
+
+class Scene:
+    """The null simulator with something to see, remembering what it was told to do."""
+
+    def __init__(self):
+        self.inner = open_simulation("null/Reach", View())
+        self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
+        self.told, self.shown = [], 0
+
+    def observe(self):
+        seen = self.inner.observe()
+        self.shown += 1
+        for image in seen.images.values():
+            image[20:40, 20:60] = (200, 30, self.shown)
+        return seen
+
+    def step(self, action):
+        self.told.append(np.array(action))
+        return self.inner.step(action)
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+def episode(axis="clean", severity=0, policy="p", seed=4):
+    return Episode(policy, policy, "null/Reach", seed, Protocol(40), Condition(axis, severity))
+
+
+def begun(axis, severity, **which):
+    scene = Scene()
+    simulation = perturbed(scene, episode(axis, severity, **which))
+    simulation.reset(4, Condition(axis, severity))
+    return scene, simulation
+
+
+def looks(axis, severity, count=12, **which):
+    _, simulation = begun(axis, severity, **which)
+    return [simulation.observe().images["third_person"] for _ in range(count)], simulation
+
+
+def test_the_clean_condition_is_the_simulation_itself():
+    scene = Scene()
+    assert perturbed(scene, episode()) is scene
+
+
+@every_axis
+def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean_episode(axis):
+    _, simulation = begun(axis, 5)
+    clean = Scene()
+    clean.reset(4, Condition())
+    assert simulation.state_hash() == clean.state_hash()
+    ours, theirs = simulation.observe(), clean.observe()
+    assert ours.instruction == theirs.instruction
+    assert (ours.proprioception == theirs.proprioception).all()
+
+
+@pytest.mark.parametrize("axis", ACTION_AXES)
+def test_axes_of_actions_leave_the_images_alone(axis):
+    clean = Scene()
+    clean.reset(4, Condition())
+    assert (looks(axis, 5, 1)[0][0] == clean.observe().images["third_person"]).all()
+
+
+@pytest.mark.parametrize("axis", IMAGE_AXES)
+def test_axes_of_images_leave_the_actions_alone(axis):
+    scene, simulation = begun(axis, 5)
+    action = np.array([0.01, 0.02, -0.03, 0, 0, 0, 1.0])
+    simulation.step(action)
+    assert (scene.told[0] == action).all()
+
+
+@pytest.mark.parametrize("axis", ["noise", "blur"])
+def test_images_change_more_with_severity(axis):
+    clean = looks("frozen-frames", 1, 1)[0][0].astype(float)
+    errors = [np.abs(looks(axis, severity, 1)[0][0] - clean).mean() for severity in range(1, 6)]
+    assert errors == sorted(errors)
+    assert errors[0] > 0
+
+
+@pytest.mark.parametrize("severity", range(1, 6))
+def test_noise_has_the_ratio_of_its_level_in_each_camera_and_is_fresh_in_every_frame(severity):
+    seen, simulation = looks("noise", severity, 2)
+    delivered = simulation.delivered()
+    assert delivered.value == pytest.approx(AXES["noise"].value(severity), abs=0.1)
+    assert {"psnr_third_person", "psnr_wrist", "mean_wrist", "saturated_wrist"} <= delivered.statistics.keys()
+    assert (seen[0] != seen[1]).mean() > 0.3
+
+
+@every_axis
+def test_two_policies_meet_the_same_disturbance_and_two_seeds_another(axis):
+    action = np.array([0.01, 0, 0, 0, 0, 0, 0.0])
+
+    def trace(**which):
+        scene, simulation = begun(axis, 5, **which)
+        images = [simulation.observe().images["wrist"] for _ in range(6)]
+        for _ in range(6):
+            simulation.step(action)
+        return np.stack(images), np.stack(scene.told)
+
+    one, other, later = trace(policy="p"), trace(policy="q"), trace(policy="p", seed=5)
+    assert (one[0] == other[0]).all()
+    assert (one[1] == other[1]).all()
+    if axis in ("noise", "action-noise"):
+        assert (one[0] != later[0]).any() or (one[1] != later[1]).any()
+
+
+def test_frozen_frames_repeat_the_last_look():
+    seen, simulation = looks("frozen-frames", 5, 50)
+    repeated = [bool((a == b).all()) for a, b in pairwise(seen)]
+    assert np.mean(repeated) == pytest.approx(0.4, abs=0.05)
+    assert simulation.delivered().value == pytest.approx(40, abs=3)
+
+
+def test_delayed_actions_arrive_late_and_until_then_the_robot_stays():
+    scene, simulation = begun("action-delay", 3)  # 200 ms at 20 Hz
+    for number in range(6):
+        simulation.step(np.full(7, 0.01 * number))
+    told = np.stack(scene.told)[:, 0]
+    assert told.tolist() == pytest.approx([0, 0, 0, 0, 0.0, 0.01])
+    assert simulation.delivered().value == pytest.approx(200)
+
+
+def test_action_noise_has_the_deviation_of_its_level_and_leaves_ignored_axes_alone():
+    scene, simulation = begun("action-noise", 3)
+    for _ in range(400):
+        simulation.step(np.zeros(7))
+    told = np.stack(scene.told)
+    assert simulation.delivered().value == pytest.approx(2.0, rel=0.1)
+    assert told[:, :3].std() == pytest.approx(0.02 / 20**0.5, rel=0.1)
+    assert not told[:, 3:].any()
+
+
+def test_a_blur_that_changes_nothing_is_an_error():
+    simulation = perturbed(open_simulation("null/Reach", View()), episode("blur", 5))
+    simulation.reset(4, Condition("blur", 5))
+    simulation.observe()  # the null simulator's images are blank
+    with pytest.raises(AdapterError, match="blur@5: expected blurred images, got what the cameras saw"):
+        simulation.delivered()
+
+
+def test_noise_that_misses_its_level_is_an_error(monkeypatch):
+    monkeypatch.setattr(module, "noise_deviation", lambda image, target, pattern: 0.5)
+    _, simulation = looks("noise", 1, 1)
+    with pytest.raises(AdapterError, match=r"noise@1: expected 34 dB PSNR, delivered \d"):
+        simulation.delivered()
+
+
+def test_the_record_says_what_was_delivered():
+    result = rollout(Scene(), Scripted(), episode("noise", 3))
+    assert result.delivered == pytest.approx(22.0, abs=0.1)
+    assert json.loads(result.image_statistics)["psnr_wrist"] == pytest.approx(22.0, abs=0.1)
+    clean = rollout(Scene(), Scripted(), episode())
+    assert clean.delivered is None
+    assert clean.image_statistics is None
+    assert clean.state_hash == result.state_hash
+
+
+def test_rendering_for_nobody_changes_nothing():
+    lazy, eager = (rollout(Scene(), Scripted(), episode("noise", 3), eager=eager) for eager in (False, True))
+    assert lazy.actions_hash == eager.actions_hash
+    assert lazy.image_statistics == eager.image_statistics
+
+
+def test_what_a_policy_never_looks_at_is_not_measured():
+    from policies.contract import Sees
+
+    result = rollout(Scene(), Scripted(sees=Sees.NOTHING), episode("noise", 3))
+    assert result.delivered is None

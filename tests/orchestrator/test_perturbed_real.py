@@ -1,0 +1,63 @@
+"""Every axis in the three real simulators: delivered as asked for, and nothing else changed."""
+
+import json
+
+import pytest
+
+from orchestrator.runner import EpisodeRunner, PolicySource
+from results.record import Status
+from suites.axes import AXES, Changes
+from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
+
+pytestmark = pytest.mark.simulator
+TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
+VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
+
+
+def episode(task, condition, policy):
+    return Episode(policy, policy, task, 7, Protocol(24, 8, VIEW), condition)
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def played(request):
+    """The record of one short episode under every axis at severities 1 and 5, and of the clean one."""
+    runner = EpisodeRunner({name: PolicySource(name) for name in ("untrained", "oracle")})
+    conditions = [Condition(), *(Condition(name, severity) for name in AXES for severity in (1, 5))]
+    found = {
+        (policy, condition): runner.play_one(episode(request.param, condition, policy))
+        for condition in conditions
+        for policy in ("untrained", "oracle")
+    }
+    runner.close()
+    return found
+
+
+def test_every_axis_is_delivered_within_its_tolerance(played):
+    for (policy, condition), row in played.items():
+        assert row.status != Status.ERROR, row.error
+        if policy == "untrained" and condition != Condition():
+            axis = AXES[condition.axis]
+            assert abs(row.delivered - axis.value(condition.severity)) <= axis.tolerance
+
+
+def test_the_world_starts_as_in_the_clean_episode(played):
+    assert len({row.state_hash for row in played.values()}) == 1
+
+
+def test_what_changes_images_only_changes_nothing_for_an_oracle(played):
+    clean = played["oracle", Condition()]
+    for (policy, condition), row in played.items():
+        if policy == "oracle" and condition != Condition() and AXES[condition.axis].changes is Changes.IMAGES:
+            assert (row.actions_hash, row.final_state_hash) == (clean.actions_hash, clean.final_state_hash)
+
+
+def test_what_changes_actions_changes_what_happens_and_not_what_is_first_seen(played):
+    clean = played["untrained", Condition()]
+    for name, axis in AXES.items():
+        row = played["untrained", Condition(name, 5)]
+        if axis.changes is Changes.ACTIONS:
+            assert row.image_statistics is None
+            assert row.final_state_hash != clean.final_state_hash
+        else:
+            statistics = json.loads(row.image_statistics)
+            assert {"psnr_third_person", "psnr_wrist"} <= statistics.keys()

@@ -1,0 +1,57 @@
+"""Perturbation axes and their frozen severities."""
+
+import pytest
+
+from suites.axes import AXES, SEVERITIES, axis_of
+from suites.vocabulary import Condition
+
+every_axis = pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+
+
+def test_the_severities_are_frozen():
+    """Levels that change make reports incomparable: whoever changes one gives the axis another name."""
+    assert {axis.name: axis.levels for axis in AXES.values()} == {
+        "noise": (34.0, 28.0, 22.0, 18.4, 14.9),
+        "blur": (0.3, 0.6, 1.0, 1.8, 2.7),
+        "frozen-frames": (2.0, 5.0, 10.0, 20.0, 40.0),
+        "action-noise": (0.5, 1.0, 2.0, 4.0, 8.0),
+        "action-delay": (50.0, 100.0, 200.0, 300.0, 400.0),
+    }
+
+
+@every_axis
+def test_levels_change_in_one_direction_and_are_farther_apart_than_what_is_tolerated(axis):
+    steps = [b - a for a, b in zip(axis.levels, axis.levels[1:], strict=False)]
+    assert len({step > 0 for step in steps}) == 1
+    if axis.tolerance != float("inf"):
+        assert min(map(abs, steps)) >= 2 * axis.tolerance
+
+
+@every_axis
+def test_each_axis_says_what_it_is(axis):
+    assert AXES[axis.name] is axis
+    assert axis.summary.endswith(".")
+    assert axis.unit
+    assert axis.anchors
+
+
+def test_codes_are_unique():
+    assert len({axis.code for axis in AXES.values()}) == len(AXES)
+
+
+def test_the_axis_of_a_condition_is_found_and_clean_has_none():
+    assert axis_of(Condition("blur", 2)) is AXES["blur"]
+    assert axis_of(Condition()) is None
+
+
+@pytest.mark.parametrize(
+    ("condition", "message"),
+    [
+        (Condition("blurr", 1), "expected an axis out of noise, blur"),
+        (Condition("blur", 0), f"expected a severity from 1 to {SEVERITIES} on axis 'blur', got 0"),
+        (Condition("blur", 6), "got 6"),
+    ],
+)
+def test_a_condition_that_is_none_is_refused(condition, message):
+    with pytest.raises(ValueError, match=message):
+        axis_of(condition)
