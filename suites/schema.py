@@ -249,6 +249,9 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
                 add((place, f"duplicate condition '{condition}'"))
             seen_conditions.add(condition)
 
+    if Condition() not in seen_conditions:
+        add((("conditions",), "no clean condition to compare the perturbed ones with; add clean"))
+
     for i, camera in enumerate(suite.cameras):
         if camera not in CAMERAS:
             add((("cameras", i), f"unknown camera '{camera}'{nearest(camera, CAMERAS)}"))

@@ -44,10 +44,20 @@ SENTENCES = {
     "logarithms of probabilities.",
     "regret": "Success lost on the misrouted pairs: told minus routed, in percentage points.",
     "latency": "Time to infer the task, once per episode.",
+    "severity curve": "Success at each severity, with the 95 % interval of a bootstrap that draws whole seeds within "
+    "each task; over several tasks, every task weighs the same. Drop: clean rate minus rate.",
+    "area kept": "Area under the success kept of the clean rate, divided by the range of severities: 1 if nothing is "
+    "lost. Only where the clean rate is shown to exceed 20 %.",
+    "half lost at": "Severity at which a falling fit loses half of the clean rate; > is beyond the last one played.",
+    "falls": "One-sided p-value against success not falling with severity, given each seed's own successes; not "
+    "adjusted for the number of axes.",
+    "delivered": "Mean over the episodes in which it was measured, with the least and the greatest of an episode; "
+    "apart: distance of the simulators' means as a share of what was asked for.",
     "skipped": "The simulator could not run on this machine; its episodes count as missing.",
 }
 """One explanation per term, shown where it first appears."""
 MERGING_TERMS = ("expert", "told", "routed", "loss", "pairs", "retention")
+ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "falls")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {

@@ -5,15 +5,19 @@ from __future__ import annotations
 from results.merging import Merging
 from results.report import facts, text
 from results.report import merging as words
+from results.report import robustness as stress
 from results.report.facts import SENTENCES
 from results.report.summary import ERROR_GROUPS
 from results.report.text import TextTable, escape, markdown
+from results.robustness import Robustness
 from results.run import RunDocument
 from results.tables import Tables
 from results.timing import PHASES
 
 
-def render_markdown(document: RunDocument, tables: Tables, merging: Merging | None = None) -> str:
+def render_markdown(
+    document: RunDocument, tables: Tables, merging: Merging | None = None, robustness: Robustness | None = None
+) -> str:
     """The whole report as GitHub Markdown."""
     parts = [
         f"# {escape(document.suite_name)}",
@@ -27,6 +31,7 @@ def render_markdown(document: RunDocument, tables: Tables, merging: Merging | No
     for simulator in tables.simulators:
         parts += [f"### {escape(simulator)}", markdown(text.task_table(tables, simulator))]
     parts.append(_says("done", "error", "bounds"))
+    parts += _robustness(robustness) if robustness else []
     parts += _merging(merging) if merging else []
     parts += _not_run(tables) + _errors(tables) + _timing(tables)
     rows = tuple(facts.provenance(document, tables))
@@ -52,6 +57,16 @@ def _merging(merging: Merging) -> list[str]:
         bins = words.calibration_table(comparison)
         parts += ["Accuracy by confidence:", markdown(bins)] if bins else []
     return parts
+
+
+def _robustness(robustness: Robustness) -> list[str]:
+    parts = ["## Robustness", _says(*facts.ROBUSTNESS_TERMS)]
+    for axis in robustness.axes:
+        parts.append(f"### {escape(stress.title(axis))}")
+        curves = stress.of_axis(robustness, axis)
+        parts.append(markdown(stress.curves_table(robustness, axis)) if curves else "No result beside a clean one.")
+    parts += ["### Delivered", escape(stress.worlds(robustness)), _says("delivered")]
+    return [*parts, markdown(stress.delivered_table(robustness))]
 
 
 def _not_run(tables: Tables) -> list[str]:

@@ -11,8 +11,10 @@ from results.merging import Merging
 from results.record import Status
 from results.report import facts, text
 from results.report import merging as words
+from results.report import robustness as stress
 from results.report.media import Video, task_picture
 from results.report.summary import ERROR_GROUPS
+from results.robustness import Robustness
 from results.run import RunDocument
 from results.tables import Aggregate, CellRow, Tables
 from results.timing import PHASES
@@ -59,7 +61,12 @@ class Card:
 
 
 def render_page(
-    folder: Path, document: RunDocument, tables: Tables, videos: Sequence[Video], merging: Merging | None = None
+    folder: Path,
+    document: RunDocument,
+    tables: Tables,
+    videos: Sequence[Video],
+    merging: Merging | None = None,
+    robustness: Robustness | None = None,
 ) -> str:
     """The whole page as HTML.
 
@@ -69,6 +76,7 @@ def render_page(
         tables: Its numbers.
         videos: Those to show, embedded or left out.
         merging: What merging and routing cost, if the suite asks for it.
+        robustness: How success falls with severity, if anything was perturbed.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -98,6 +106,9 @@ def render_page(
         phases=PHASES,
         merging=merging,
         words=words,
+        robustness=robustness,
+        stress=stress,
+        robustness_terms=list(facts.ROBUSTNESS_TERMS),
         merging_terms=list(facts.MERGING_TERMS),
         router_terms=list(facts.ROUTER_TERMS),
         run=shlex.quote(str(folder)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from results.merging import Merging
+from results.robustness import Robustness
 from results.run import Provenance, RunDocument, RunStatus
 from results.statistics.rates import CONFIDENCE
 from results.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
@@ -18,7 +19,7 @@ ERROR_GROUPS = 50
 class Summary(BaseModel):
     """What `summary.json` says. Fields are only added while `format` stays the same; rates are shares in [0, 1]."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
 
     format: int = SUMMARY_FORMAT
     run_id: str
@@ -63,9 +64,13 @@ class Summary(BaseModel):
     provenance: Provenance
     merging: Merging | None = None
     """What merging and routing cost, if the suite asks for it."""
+    robustness: Robustness | None = None
+    """How success falls with severity, if anything was perturbed. Numbers beyond every level are "Infinity"."""
 
 
-def build_summary(document: RunDocument, tables: Tables, merging: Merging | None = None) -> Summary:
+def build_summary(
+    document: RunDocument, tables: Tables, merging: Merging | None = None, robustness: Robustness | None = None
+) -> Summary:
     """The summary of a run."""
     return Summary(
         run_id=document.run_id,
@@ -92,4 +97,5 @@ def build_summary(document: RunDocument, tables: Tables, merging: Merging | None
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
         provenance=document.provenance,
         merging=merging,
+        robustness=robustness,
     )

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from results import merging
+from results import robustness as robustness_of_run
 from results.merging import Merging, build_merging
 from results.report.markdown import render_markdown
 from results.report.media import choose_videos
 from results.report.page import render_page
 from results.report.parquet import read_frame, write_parquet
 from results.report.summary import build_summary
+from results.robustness import Robustness
 from results.run import RunDocument, RunError, read_run
 from results.run import store_url as url_of
 from results.store import Store
@@ -63,10 +65,10 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     tables = build_tables(document, frame)
     videos = choose_videos(folder, frame)
     del frame
-    compared = _compare(document, paths.episodes)
-    _write_text(paths.summary, build_summary(document, tables, compared).model_dump_json(indent=1) + "\n")
-    _write_text(paths.markdown, render_markdown(document, tables, compared))
-    _write_text(paths.html, render_page(folder, document, tables, videos, compared))
+    compared, robustness = _compare(document, paths.episodes), _stress(document, paths.episodes)
+    _write_text(paths.summary, build_summary(document, tables, compared, robustness).model_dump_json(indent=1) + "\n")
+    _write_text(paths.markdown, render_markdown(document, tables, compared, robustness))
+    _write_text(paths.html, render_page(folder, document, tables, videos, compared, robustness))
     return paths
 
 
@@ -98,6 +100,12 @@ def _written(folder: Path) -> Path:
 
 def _compare(document: RunDocument, file: Path) -> Merging | None:
     return None if document.merging is None else build_merging(document, read_frame(file, merging.COLUMNS))
+
+
+def _stress(document: RunDocument, file: Path) -> Robustness | None:
+    if not robustness_of_run.is_perturbed(document):
+        return None
+    return robustness_of_run.build_robustness(document, read_frame(file, robustness_of_run.COLUMNS))
 
 
 def _write_rows(file: Path, document: RunDocument, url: str) -> None:

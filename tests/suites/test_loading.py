@@ -78,6 +78,12 @@ def test_conditions_have_axes_and_severities(tmp_path):
     assert [str(c) for c in suite.all_conditions()] == ["clean", "light@2", "light@4"]
 
 
+def test_perturbed_conditions_need_the_clean_one_to_be_compared_with(problems):
+    assert problems(SOUND + "conditions: [{axis: light, severities: [2]}]\n") == [
+        "5: no clean condition to compare the perturbed ones with; add clean"
+    ]
+
+
 def test_severity_0_of_an_axis_is_not_a_condition_of_its_own(problems):
     assert problems(SOUND + "conditions: [clean, {axis: light, severities: [0, 2]}]\n") == [
         "5: severity 0 of 'light' is the clean episode; name the condition clean once"
@@ -102,6 +108,7 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
         "4: unknown task 'maniskill/PushCub-v1'; did you mean 'maniskill/PushCube-v1'?",
         "5: unknown simulator 'robosuit' in 'robosuit/Lift'; did you mean 'robosuite'?",
         "6: unknown condition 'lihgt'; did you mean 'light'?",
+        "6: no clean condition to compare the perturbed ones with; add clean",
         "7: unknown camera 'third_persn'; did you mean 'third_person'?",
         "9: unknown simulator 'robosuit'; did you mean 'robosuite'?",
     ]

@@ -133,6 +133,7 @@ def test_the_shape_of_the_summary_is_stable():
             "provenance",
             "reason",
             "render_devices",
+            "robustness",
             "rows_hash",
             "run_id",
         ),
