@@ -17,8 +17,9 @@ from adapters.contract import (
     Observation,
     Simulation,
     StepOutcome,
+    UnsupportedCondition,
 )
-from suites.axes import Axis, axis_of
+from suites.axes import Axis, axis_of, why_unsupported
 from suites.operators import (
     add_noise,
     blur,
@@ -29,6 +30,7 @@ from suites.operators import (
     psnr,
     step_deviation,
 )
+from suites.paraphrases import PARAPHRASES
 from suites.vocabulary import Condition, Episode
 
 OPEN_GRIPPER = -1.0
@@ -195,6 +197,35 @@ class _Frozen(_PerturbedImages):
         return Delivered(100 * self._repeated / self._looks if self._looks else None, self._statistics)
 
 
+class _Reworded(_Perturbed):
+    """The goal in other words."""
+
+    def reset(self, seed: int, condition: Condition) -> None:
+        """Start the episode."""
+        super().reset(seed, condition)
+        self._told: set[tuple[str, str]] = set()
+
+    def observe(self) -> Observation:
+        """What the cameras see, with other words.
+
+        Raises:
+            UnsupportedCondition: There are none for this instruction.
+        """
+        seen = self._simulation.observe()
+        reason = why_unsupported(self._axis, seen.instruction)
+        if reason:
+            raise UnsupportedCondition(f"{self._episode.condition}: {reason}")
+        told = PARAPHRASES[seen.instruction][self._episode.condition.severity - 1]
+        self._told.add((seen.instruction, told))
+        return replace(seen, instruction=told)
+
+    def delivered(self) -> Delivered | None:
+        """The kind of rewording, if the words were others than the task's own."""
+        if any(own == told for own, told in self._told):
+            raise NotDelivered(f"{self._episode.condition}: expected other words than the task's own, got the same")
+        return Delivered(self._level if self._told else None)
+
+
 class _PerturbedActions(_Perturbed):
     """Steps are counted from the reset."""
 
@@ -264,6 +295,7 @@ _PERTURBED: Mapping[str, type[_Perturbed]] = {
     "frozen-frames": _Frozen,
     "action-noise": _NoisyActions,
     "action-delay": _Delayed,
+    "instruction": _Reworded,
 }
 
 

@@ -14,6 +14,7 @@ from orchestrator.runner import PolicySource
 from policies import catalog as policies
 from policies.contract import PolicyError, PolicyMismatch, check_fit
 from results.run import PlannedCell, RunDocument
+from suites.axes import axis_of, why_unsupported
 from suites.loading import Problem, SuiteError, load_suite
 from suites.part import NoSuchPart, Part
 from suites.plugins import nearest
@@ -136,6 +137,7 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
         by_digest.setdefault(digest, entry.name)
         digests[entry.name] = digest
         sources[entry.name] = PolicySource(entry.kind, entry.options)
+    problems += _unsupported(suite)
     if problems:
         raise SuiteError([Problem(str(path), None, problem) for problem in problems])
     cells = tuple(suite.cells(names, digests))
@@ -154,6 +156,18 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
     if len(unavailable) == len(plan.simulators):
         raise PlanError("\n".join(f"{name}: {reason}" for name, reason in unavailable.items()))
     return Plan(suite, path, text, plan.suite_hash, cells, sources, digests, unavailable)
+
+
+def _unsupported(suite: Suite) -> list[str]:
+    """A line for each axis that cannot be brought about in a task of the suite."""
+    cards = simulators.task_cards()
+    axes = dict.fromkeys(filter(None, map(axis_of, suite.all_conditions())))
+    return [
+        f"axis '{axis.name}' is unsupported in {task}: {reason}"
+        for axis in axes
+        for task in suite.tasks
+        if (reason := why_unsupported(axis, cards[task].instruction))
+    ]
 
 
 def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
+from suites.paraphrases import PARAPHRASES
 from suites.vocabulary import Condition
 
 SEVERITIES = 5
@@ -24,6 +25,8 @@ class Changes(StrEnum):
     """What the cameras deliver; the same operator in every simulator."""
     ACTIONS = "actions"
     """What is executed of what the policy commands; the same operator in every simulator."""
+    INSTRUCTION = "instruction"
+    """The words in which the goal is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +120,18 @@ _ALL = (
         "told to stay and to keep its fingers open.",
         "latencies of large policies served over a network",
     ),
+    Axis(
+        "instruction",
+        "G",
+        "other words",
+        Changes.INSTRUCTION,
+        "kind of rewording",
+        (1.0, 2.0, 3.0, 4.0, 5.0),
+        0.0,
+        "The same goal in other words: 1 with a filler, 2 with synonyms, 3 with another syntax, 4 with things named by "
+        "what they are or where they lie, 5 behind an irrelevant clause.",
+        "kinds as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
+    ),
 )
 AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
 """Every axis by name."""
@@ -135,3 +150,15 @@ def axis_of(condition: Condition) -> Axis | None:
     axis = AXES[condition.axis]
     axis.value(condition.severity)
     return axis
+
+
+def why_unsupported(axis: Axis, instruction: str) -> str | None:
+    """Why an axis cannot be brought about in a task, or None if it can.
+
+    Args:
+        axis: The axis.
+        instruction: The task's own.
+    """
+    if axis.changes is Changes.INSTRUCTION and instruction not in PARAPHRASES:
+        return f"there are no other words for '{instruction}' (suites/paraphrases.py)"
+    return None

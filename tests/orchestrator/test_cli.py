@@ -71,6 +71,31 @@ def test_plan_counts_without_starting_anything(tmp_path, suite):
     assert {path.name for path in tmp_path.iterdir()} == {"suite.yaml"}
 
 
+def test_an_axis_that_a_task_cannot_have_is_one_line_at_planning(tmp_path):
+    file = tmp_path / "worded.yaml"
+    file.write_text(
+        "name: worded\npolicies: [zero]\ntasks: [null/Reach]\nseeds: {count: 1}\n"
+        "conditions: [clean, {axis: instruction, severities: [2]}]\n"
+    )
+    done = gauntlet("plan", file)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert "axis 'instruction' is unsupported in null/Reach: there are no other words" in done.stderr
+
+
+def test_axes_are_listed_and_shown_by_name_or_code():
+    listed = gauntlet("axes", "list").stdout
+    assert "noise" in listed
+    assert "dB PSNR" in listed
+    shown = gauntlet("axes", "show", "n1").stdout
+    assert "noise (N1): sensor noise" in shown
+    assert "18.4" in shown
+    wrong = gauntlet("axes", "show", "nois")
+    assert (wrong.returncode, wrong.stderr.strip()) == (
+        EXIT_BAD_INPUT,
+        "gauntlet: unknown axis 'nois'; did you mean 'noise'?",
+    )
+
+
 def test_a_part_of_a_suite_is_planned_and_run(tmp_path, suite):
     part = ("--policy", "orac*", "--task", "null/Slow", "--seeds", "3")
     assert "nulls: 3 episodes, 3 to play" in gauntlet("plan", suite, *part, cwd=tmp_path).stdout

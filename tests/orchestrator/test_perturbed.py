@@ -12,6 +12,7 @@ from orchestrator import perturbed as module
 from orchestrator.perturbed import perturbed
 from orchestrator.rollout import rollout
 from suites.axes import AXES, Changes
+from suites.paraphrases import PARAPHRASES
 from suites.vocabulary import Condition, Episode, Protocol, View
 from tests.orchestrator.test_rollout import Scripted
 
@@ -64,6 +65,14 @@ def test_the_clean_condition_is_the_simulation_itself():
     assert perturbed(scene, episode()) is scene
 
 
+@pytest.fixture(autouse=True)
+def other_words(monkeypatch):
+    """Words for the null simulator's goal too."""
+    words = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
+    monkeypatch.setattr("suites.axes.PARAPHRASES", words)
+    monkeypatch.setattr(module, "PARAPHRASES", words)
+
+
 @every_axis
 def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean_episode(axis):
     _, simulation = begun(axis, 5)
@@ -71,7 +80,7 @@ def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean
     clean.reset(4, Condition())
     assert simulation.state_hash() == clean.state_hash()
     ours, theirs = simulation.observe(), clean.observe()
-    assert ours.instruction == theirs.instruction
+    assert (ours.instruction == theirs.instruction) == (axis != "instruction")
     assert (ours.proprioception == theirs.proprioception).all()
 
 
@@ -164,6 +173,21 @@ def test_noise_that_misses_its_level_is_an_error(monkeypatch):
     _, simulation = looks("noise", 1, 1)
     with pytest.raises(AdapterError, match=r"noise@1: expected 34 dB PSNR, delivered \d"):
         simulation.delivered()
+
+
+def test_the_instruction_is_given_in_the_words_of_its_severity_and_the_images_stay():
+    scene, simulation = begun("instruction", 3)
+    seen = simulation.observe()
+    assert seen.instruction == "reach the goal, 3"
+    assert simulation.delivered().value == 3.0
+    assert (seen.images["wrist"] == scene.inner.observe().images["wrist"]).mean() > 0.9
+
+
+def test_an_instruction_without_other_words_is_an_error(monkeypatch):
+    monkeypatch.setattr("suites.axes.PARAPHRASES", {})
+    _, simulation = begun("instruction", 3)
+    with pytest.raises(AdapterError, match="instruction@3: there are no other words for 'reach the goal'"):
+        simulation.observe()
 
 
 def test_the_record_says_what_was_delivered():

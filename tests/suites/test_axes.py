@@ -16,6 +16,7 @@ def test_the_severities_are_frozen():
         "frozen-frames": (2.0, 5.0, 10.0, 20.0, 40.0),
         "action-noise": (0.5, 1.0, 2.0, 4.0, 8.0),
         "action-delay": (50.0, 100.0, 200.0, 300.0, 400.0),
+        "instruction": (1.0, 2.0, 3.0, 4.0, 5.0),
     }
 
 

@@ -1,0 +1,81 @@
+"""Instructions in other words: for each task's own sentence one per severity, each asking for the same thing.
+
+1 adds a filler, 2 takes synonyms, 3 turns the syntax round, 4 names things by what they are or where they lie, 5 puts
+an irrelevant clause in front. Sentences have at most 15 words, which is what the smallest policies read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+MOST_WORDS = 15
+
+PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
+    {
+        "push the blue cube onto the red and white target": (
+            "please push the blue cube onto the red and white target",
+            "shove the blue block onto the red and white goal",
+            "onto the red and white target the blue cube should be pushed",
+            "push the only blue object away from you onto the ringed disc",
+            "ignore the radio and push the blue cube onto the red and white target",
+        ),
+        "pull the blue cube onto the red and white target": (
+            "please pull the blue cube onto the red and white target",
+            "drag the blue block onto the red and white goal",
+            "onto the red and white target the blue cube should be pulled",
+            "pull the only blue object towards you onto the ringed disc",
+            "ignore the radio and pull the blue cube onto the red and white target",
+        ),
+        "stack the red cube on top of the green cube": (
+            "please stack the red cube on top of the green cube",
+            "place the red block on top of the green block",
+            "on top of the green cube the red cube should be stacked",
+            "stack the cube that is not green on top of the other one",
+            "it is raining outside so stack the red cube on top of the green cube",
+        ),
+        "reach the red ball with the closed gripper": (
+            "please reach the red ball with the closed gripper",
+            "touch the red sphere with the shut hand",
+            "with the closed gripper the red ball should be reached",
+            "reach the round red thing with the fingers kept together",
+            "lunch is at noon today but reach the red ball with the closed gripper",
+        ),
+        "push the green cube onto the red goal": (
+            "please push the green cube onto the red goal",
+            "shove the green block onto the red target",
+            "onto the red goal the green cube should be pushed",
+            "push the cube that can be moved onto the place marked in red",
+            "the floor was swept yesterday now push the green cube onto the red goal",
+        ),
+        "pick up the green cube and carry it to the red goal": (
+            "please pick up the green cube and carry it to the red goal",
+            "grasp the green block and bring it to the red target",
+            "to the red goal the green cube should be picked up and carried",
+            "pick up the cube and carry it to the place marked in red",
+            "it rains outside; pick up the green cube and carry it to the red goal",
+        ),
+        "lift the red cube off the table": (
+            "please lift the red cube off the table",
+            "raise the red block off the desk",
+            "off the table the red cube should be lifted",
+            "lift the only object here off the surface that it lies on",
+            "it is raining outside so lift the red cube off the table",
+        ),
+        "put the red cube on the green cube": (
+            "please put the red cube on the green cube",
+            "place the red block on the green block",
+            "on the green cube the red cube should be put",
+            "put the smaller of the two cubes on the larger one",
+            "lunch is at noon today but put the red cube on the green cube",
+        ),
+        "turn the handle down and pull the door open": (
+            "please turn the handle down and pull the door open",
+            "press the handle down and draw the door open",
+            "the door should be pulled open after the handle is turned down",
+            "work the lever and open what it keeps shut",
+            "the floor was swept yesterday now turn the handle down and pull the door open",
+        ),
+    }
+)
+"""A task's instruction to its five."""

@@ -1,0 +1,40 @@
+"""Instructions in other words."""
+
+import re
+
+import pytest
+
+from adapters.catalog import simulators
+from suites.axes import SEVERITIES
+from suites.paraphrases import MOST_WORDS, PARAPHRASES
+
+INSTRUCTIONS = {
+    card.instruction for s in simulators().values() if not s.internal for card in s.tasks.values() if card.instruction
+}
+
+
+def words(sentence):
+    return re.findall(r"[a-z0-9]+", sentence.lower())
+
+
+def test_every_task_that_is_offered_has_other_words():
+    assert PARAPHRASES.keys() >= INSTRUCTIONS
+
+
+@pytest.mark.parametrize("instruction", PARAPHRASES)
+def test_sentences_are_others_than_the_tasks_own_and_short_enough_for_the_smallest_policy(instruction):
+    found = PARAPHRASES[instruction]
+    assert len({instruction, *found}) == 1 + SEVERITIES
+    assert all(1 < len(words(sentence)) <= MOST_WORDS for sentence in found)
+
+
+@pytest.mark.parametrize("instruction", PARAPHRASES)
+def test_fillers_and_irrelevant_clauses_leave_the_sentence_whole(instruction):
+    filler, *_, behind = PARAPHRASES[instruction]
+    assert filler.endswith(instruction)
+    assert behind.endswith(instruction)
+
+
+def test_no_sentence_asks_for_two_tasks():
+    everything = [sentence for found in PARAPHRASES.values() for sentence in found]
+    assert len(set(everything)) == len(everything)
