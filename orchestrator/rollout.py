@@ -14,7 +14,7 @@ import numpy as np
 
 from adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from adapters.frames import STATE_QUANTUM
-from orchestrator.perturbed import perturbed
+from orchestrator.perturbations import perturbed
 from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk, check_routing
 from results.record import EpisodeResult, Status
 from suites.vocabulary import SUCCESS_HOLD, Episode

@@ -8,8 +8,7 @@ import pytest
 
 from adapters.catalog import open_simulation
 from adapters.contract import AdapterError
-from orchestrator import perturbed as module
-from orchestrator.perturbed import perturbed
+from orchestrator.perturbations import images, perturbed, words
 from orchestrator.rollout import rollout
 from suites.axes import AXES, Changes
 from suites.paraphrases import PARAPHRASES
@@ -68,9 +67,9 @@ def test_the_clean_condition_is_the_simulation_itself():
 @pytest.fixture(autouse=True)
 def other_words(monkeypatch):
     """Words for the null simulator's goal too."""
-    words = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
-    monkeypatch.setattr("suites.axes.PARAPHRASES", words)
-    monkeypatch.setattr(module, "PARAPHRASES", words)
+    found = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
+    monkeypatch.setattr("suites.axes.PARAPHRASES", found)
+    monkeypatch.setattr(words, "PARAPHRASES", found)
 
 
 @every_axis
@@ -169,7 +168,7 @@ def test_a_blur_that_changes_nothing_is_an_error():
 
 
 def test_noise_that_misses_its_level_is_an_error(monkeypatch):
-    monkeypatch.setattr(module, "noise_deviation", lambda image, target, pattern: 0.5)
+    monkeypatch.setattr(images, "noise_deviation", lambda image, target, pattern: 0.5)
     _, simulation = looks("noise", 1, 1)
     with pytest.raises(AdapterError, match=r"noise@1: expected 34 dB PSNR, delivered \d"):
         simulation.delivered()

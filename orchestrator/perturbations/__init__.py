@@ -1,0 +1,36 @@
+"""Perturbs what a policy sees and does, alike in every simulator, and measures what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from adapters.contract import Simulation
+from orchestrator.perturbations.actions import Delayed, NoisyActions
+from orchestrator.perturbations.base import Perturbed
+from orchestrator.perturbations.images import Blurred, Frozen, Noisy
+from orchestrator.perturbations.words import Reworded
+from suites.axes import axis_of
+from suites.vocabulary import Episode
+
+_PERTURBED: Mapping[str, type[Perturbed]] = {
+    "noise": Noisy,
+    "blur": Blurred,
+    "frozen-frames": Frozen,
+    "action-noise": NoisyActions,
+    "action-delay": Delayed,
+    "instruction": Reworded,
+}
+
+
+def perturbed(simulation: Simulation, episode: Episode) -> Simulation:
+    """The simulation as this episode's condition has it: itself, or with something between it and the policy.
+
+    Draws depend on the pair alone, so that two policies meet the same disturbance.
+
+    Raises:
+        ValueError: There is no such axis or severity.
+    """
+    axis = axis_of(episode.condition)
+    if axis is None:
+        return simulation
+    return _PERTURBED[axis.name](simulation, axis, episode)
