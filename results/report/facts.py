@@ -44,10 +44,11 @@ SENTENCES = {
     "logarithms of probabilities.",
     "regret": "Success lost on the misrouted pairs: told minus routed, in percentage points.",
     "latency": "Time to infer the task, once per episode.",
-    "severity curve": "Success at each severity, with the 95 % interval of a bootstrap that draws whole seeds within "
-    "each task; over several tasks, every task weighs the same. Drop: clean rate minus rate.",
+    "severity curve": "Success at each severity with Wilson's interval; over several tasks, all tasks weigh the same. "
+    "Drop: clean rate minus rate on the same seeds, with Newcombe's paired interval (95 %).",
     "area kept": "Area under the success kept of the clean rate, divided by the range of severities: 1 if nothing is "
-    "lost. Only where the clean rate is shown to exceed 20 %.",
+    "lost. Only where the clean rate is shown to exceed 20 %. This interval and the next are a bootstrap of whole "
+    "seeds within tasks, and absent where it shows no spread.",
     "half lost at": "Severity at which a falling fit loses half of the clean rate; > is beyond the last one played.",
     "falls": "One-sided p-value against success not falling with severity, given each seed's own successes; not "
     "adjusted for the number of axes.",

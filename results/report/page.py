@@ -96,7 +96,7 @@ def render_page(
         skipped_episodes=facts.skipped_episodes(tables),
         error_groups=tables.errors[:ERROR_GROUPS],
         series=series,
-        matrix=_matrix(tables),
+        matrix=[row for row in _matrix(tables) if robustness is None or row.total.condition == _shown(tables)],
         several=len(tables.conditions) > 1,
         shown=_shown(tables),
         forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},

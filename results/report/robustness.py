@@ -18,6 +18,12 @@ def title(axis: str) -> str:
     return axis if known is None else f"{axis} ({known.code}): {known.title}, {known.unit}"
 
 
+def short_title(axis: str) -> str:
+    """`sensor noise (N1)`."""
+    known = AXES.get(axis)
+    return axis if known is None else f"{known.title} ({known.code})"
+
+
 def of_axis(robustness: Robustness, axis: str) -> tuple[PolicyCurve, ...]:
     """The axis' curves."""
     return tuple(curve for curve in robustness.curves if curve.axis == axis)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from results.statistics.aggregate import DRAWS, Outcomes, mean_outcomes, resampled_means
+from results.statistics.pairs import Pairs, paired_difference, pooled
 from results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_interval
 
 LEAST_CLEAN = 0.2
@@ -26,7 +27,7 @@ class SeverityCurve:
     rates: tuple[Estimate, ...]
     """p(s)."""
     drops: tuple[Estimate, ...]
-    """p(0) - p(s), 0 at level 0."""
+    """p(0) - p(s) over the seeds with a verdict at both, 0 at level 0."""
     retention: tuple[Estimate, ...] | None
     """p(s) / p(0), floors taken off both; None where the clean rate is too low to lose from, see `LEAST_CLEAN`."""
     area: Estimate | None
@@ -46,7 +47,11 @@ def severity_curve(
     confidence: float = CONFIDENCE,
     draws: int = DRAWS,
 ) -> SeverityCurve:
-    """The curve of one arm, with intervals of a bootstrap that keeps the levels of one seed together.
+    """The curve of one arm.
+
+    Rates have Wilson's interval and drops Newcombe's paired one, of all seeds together, since a bootstrap of outcomes
+    that are all alike shows no spread however few they are. What is made of several levels has that of a bootstrap
+    which keeps the levels of one seed together, and none where it shows no spread.
 
     Args:
         strata: Outcomes of each task, shape (seeds, levels), NaN where there is no verdict.
@@ -72,11 +77,8 @@ def severity_curve(
     value = mean_outcomes(strata).mean(axis=0)
     drawn = resampled_means(strata, generator, draws).mean(axis=1)
 
-    def estimates(values: NDArray[np.float64], samples: NDArray[np.float64]) -> tuple[Estimate, ...]:
-        return tuple(_estimate(v, s, confidence) for v, s in zip(values, samples.T, strict=True))
-
-    rates = estimates(value, drawn)
-    drops = estimates(value[0] - value, drawn[:, :1] - drawn)
+    rates = tuple(_rate(strata, level, value[level], confidence) for level in range(len(steps)))
+    drops = tuple(_drop(strata, level, confidence) for level in range(len(steps)))
     trend = falling_trend(strata, steps)
     if not _has_something_to_lose(strata, confidence):
         return SeverityCurve(tuple(steps.tolist()), rates, drops, None, None, None, trend)
@@ -85,7 +87,7 @@ def severity_curve(
         tuple(steps.tolist()),
         rates,
         drops,
-        estimates(kept, kept_drawn),
+        tuple(_estimate(v, s, confidence) for v, s in zip(kept, kept_drawn.T, strict=True)),
         _estimate(float(area(kept, steps)), area(kept_drawn, steps), confidence),
         _estimate(half_lost(kept, steps), np.array([half_lost(row, steps) for row in kept_drawn]), confidence),
         trend,
@@ -169,9 +171,32 @@ def _has_something_to_lose(strata: Sequence[Outcomes], confidence: float) -> boo
     return found is not None and found.low > LEAST_CLEAN
 
 
+def _rate(strata: Sequence[Outcomes], level: int, value: float, confidence: float) -> Estimate:
+    verdicts = sum(int((~np.isnan(outcomes[:, level])).sum()) for outcomes in strata)
+    if not verdicts:
+        return Estimate(math.nan, None)
+    return Estimate(float(value), wilson_interval(round(value * verdicts), verdicts, confidence))
+
+
+def _drop(strata: Sequence[Outcomes], level: int, confidence: float) -> Estimate:
+    found = paired_difference(pooled(_pairs(outcomes[:, 0], outcomes[:, level]) for outcomes in strata), confidence)
+    if found is None:
+        return Estimate(math.nan, None)
+    return found if level else Estimate(0.0, None)
+
+
+def _pairs(first: NDArray[np.floating], second: NDArray[np.floating]) -> Pairs:
+    """Of trials with a verdict on both sides."""
+    both = ~np.isnan(first) & ~np.isnan(second)
+    one, other = first[both] == 1, second[both] == 1
+    return Pairs(
+        int((one & other).sum()), int((one & ~other).sum()), int((~one & other).sum()), int((~one & ~other).sum())
+    )
+
+
 def _estimate(value: float, drawn: NDArray[np.float64], confidence: float) -> Estimate:
-    """With the percentile interval; none where a data set drawn has no value."""
-    if np.isnan(drawn).any():
+    """With the percentile interval; none where a data set drawn has no value, or all have the same."""
+    if np.isnan(drawn).any() or drawn.max() == drawn.min():
         return Estimate(float(value), None)
     ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], method="inverted_cdf")
     return Estimate(float(value), Interval(float(ends[0]), float(ends[1])))

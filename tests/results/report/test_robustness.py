@@ -23,7 +23,7 @@ def test_the_table_of_an_axis_names_levels_in_their_unit():
     assert table.header[2:5] == ("clean", "2: 28", "4: 18.4")
     line = next(line for line in table.rows if line[:2] == ("merged", "all"))
     assert line[2].startswith("80 % [")
-    assert line[4] == "0 % [0, 0]"
+    assert line[4] == "0 % [0, 9]"
     assert line[-1] == "<0.001"
 
 

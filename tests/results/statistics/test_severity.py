@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from results.statistics.pairs import Pairs, paired_difference
+from results.statistics.rates import wilson_interval
 from results.statistics.severity import area, falling_trend, half_lost, retention, severity_curve
 
 LEVELS = np.arange(6.0)
@@ -30,7 +32,23 @@ def test_a_curve_by_hand():
     assert found.area.value == pytest.approx((0.5 + 1 + 0.75 + 0.5 + 0.25 + 0) / 5)
     assert found.half.value == pytest.approx(3)
     assert found.trend < 1e-6
-    assert all(drop.interval.low <= drop.value <= drop.interval.high for drop in found.drops)
+    assert all(drop.interval.low <= drop.value <= drop.interval.high for drop in found.drops[1:])
+
+
+def test_a_few_seeds_that_all_succeed_are_not_certain():
+    found = severity_curve([outcomes((1.0, 1.0, 1.0), 6)], [0, 2, 4], generator())
+    assert found.rates[0].interval == wilson_interval(6, 6)
+    assert found.drops[2].interval.low < -0.2
+    assert found.drops[2].interval.high > 0.2
+    assert found.area.interval is None
+    assert found.half.interval is None
+
+
+def test_rates_have_the_interval_of_all_seeds_and_drops_that_of_pairs():
+    strata = [outcomes((0.8, 0.4), 10), outcomes((0.6, 0.2), 10)]
+    found = severity_curve(strata, [0, 1], generator())
+    assert found.rates[0].interval == wilson_interval(14, 20)
+    assert found.drops[1] == paired_difference(Pairs(6, 8, 0, 6))
 
 
 def test_floors_are_taken_off_before_anything_is_divided():
@@ -52,7 +70,8 @@ def test_a_policy_that_is_not_shown_to_do_anything_clean_has_nothing_to_retain()
 def test_half_that_is_never_lost_is_beyond_the_last_level_in_its_interval_too():
     found = severity_curve([outcomes((0.9, 0.9, 0.8))], [0, 2, 4], generator())
     assert found.half.value == math.inf
-    assert found.half.interval.high == math.inf
+    worse = severity_curve([outcomes((0.9, 0.7, 0.5), 20)], [0, 2, 4], generator())
+    assert worse.half.interval.high == math.inf
 
 
 def test_half_lost_by_hand():
