@@ -19,6 +19,7 @@ What is panda-gym's and what is ours:
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -42,8 +43,10 @@ from adapters.contract import (
     StepOutcome,
     TaskCard,
     UnsupportedCondition,
+    Viewpoint,
 )
 from adapters.frames import axis_angle, hash_state
+from adapters.viewpoints import looking_at
 from suites.vocabulary import Condition, RenderProfile, View
 
 TASKS = {
@@ -83,6 +86,7 @@ THIRD_PERSON = Camera(eye=(1.28, 0.36, 0.52), target=(0.57, 0.0, 0.12), up=(0.0,
 """In front of the robot and to its left, looking at the workspace and back at the arm."""
 WRIST = Camera(eye=(0.08, 0.0, -0.08), target=(0.0, 0.0, 0.04), up=(-1.0, 0.0, 0.0), fovy=75.0)
 """On the front of the hand, looking down between the fingertips. The tool's z axis points out of the gripper."""
+CAMERAS = {"third_person": THIRD_PERSON, "wrist": WRIST}
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ class PyBulletSimulation:
         self._client = env.sim.physics_client
         self._bodies: Mapping[str, int] = env.sim._bodies_idx
         self._light = Light()
+        self._viewpoints: dict[str, Viewpoint] = {}
         self._target = np.zeros(3)
         rotations = ("rx", "ry", "rz")
         self.action_spec = ActionSpec(
@@ -129,6 +134,7 @@ class PyBulletSimulation:
         """
         if condition != Condition():
             raise UnsupportedCondition(f"pybullet cannot bring about {condition}; it offers clean")
+        self._viewpoints.clear()
         self._forget_contacts()
         self._env.reset(seed=seed)
         self._target, _ = self._tool_pose()
@@ -199,6 +205,18 @@ class PyBulletSimulation:
             state["cube_velocity"] = np.concatenate(self._client.getBaseVelocity(body))
         return state
 
+    def viewpoint(self, camera: str) -> Viewpoint:
+        """A camera's viewpoint; that of the wrist in the tool's frame."""
+        if camera in self._viewpoints:
+            return self._viewpoints[camera]
+        own = CAMERAS[camera]
+        eye, target, up = (np.array(part) for part in (own.eye, own.target, own.up))
+        return looking_at(eye, target, math.radians(own.fovy), up)
+
+    def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
+        """Give a camera another viewpoint, until the next reset."""
+        self._viewpoints[camera] = viewpoint
+
     def delivered(self) -> Delivered | None:
         """Nothing: this adapter knows clean only."""
         return None
@@ -225,10 +243,12 @@ class PyBulletSimulation:
 
     def _render(self, name: str, size: int) -> Image:
         """An upright RGB image (size, size, 3) of the world as it is now."""
-        camera, origin, rotation = THIRD_PERSON, np.zeros(3), Rotation.identity()
+        camera, origin, rotation = CAMERAS[name], np.zeros(3), Rotation.identity()
+        if name in self._viewpoints:
+            camera = _camera(self._viewpoints[name])
         if name == "wrist":
             position, quaternion = self._tool_pose()
-            camera, origin, rotation = WRIST, position, Rotation.from_quat(quaternion)
+            origin, rotation = position, Rotation.from_quat(quaternion)
         client, light = self._client, self._light
         # All arguments of the light every time: PyBullet keeps the last value of one that is left out.
         _, _, pixels, _, _ = client.getCameraImage(
@@ -250,6 +270,12 @@ class PyBulletSimulation:
             renderer=client.ER_TINY_RENDERER,
         )
         return np.ascontiguousarray(np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)[..., :3])
+
+
+def _camera(viewpoint: Viewpoint) -> Camera:
+    _, down, forward = viewpoint.rotation.T
+    eye, target, up = (tuple(part.tolist()) for part in (viewpoint.position, viewpoint.position + forward, -down))
+    return Camera(eye, target, up, math.degrees(viewpoint.fovy))
 
 
 def open(task: str, view: View) -> PyBulletSimulation:
@@ -291,4 +317,5 @@ SIMULATOR = Simulator(
     modules=MODULES,
     distributions=("pybullet", "panda-gym", "gymnasium"),
     open=open,
+    adjusts=frozenset({"cameras"}),
 )
