@@ -129,7 +129,7 @@ class Delivered:
     value: float | None
     """In the unit of its axis; None if nothing was there to be measured, as when a policy never looks."""
     statistics: Mapping[str, float] = field(default_factory=dict)
-    """Of the first images that the policy was given, by name."""
+    """Other numbers, by name: of the first images that the policy was given, or of the camera that was moved."""
 
 
 class Simulation(Protocol):

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from adapters import catalog as simulators
-from adapters.contract import ActionSpec, ObservationSpec
+from adapters.contract import ADJUSTABLE, ActionSpec, ObservationSpec
 from orchestrator.names import known_names
 from orchestrator.runner import PolicySource
 from policies import catalog as policies
 from policies.contract import PolicyError, PolicyMismatch, check_fit
 from results.run import PlannedCell, RunDocument
-from suites.axes import axis_of, why_unsupported
+from suites.axes import Axis, axis_of, why_unsupported
 from suites.loading import Problem, SuiteError, load_suite
 from suites.part import NoSuchPart, Part
 from suites.plugins import nearest
@@ -166,8 +166,16 @@ def _unsupported(suite: Suite) -> list[str]:
         f"axis '{axis.name}' is unsupported in {task}: {reason}"
         for axis in axes
         for task in suite.tasks
-        if (reason := why_unsupported(axis, cards[task].instruction))
+        if (reason := _why_unadjusted(axis, task) or why_unsupported(axis, cards[task].instruction))
     ]
+
+
+def _why_unadjusted(axis: Axis, task: str) -> str | None:
+    """Why an axis of the world cannot be brought about in a task's simulator, or None."""
+    simulator = simulators.find(task.partition("/")[0])
+    if str(axis.changes) in ADJUSTABLE and str(axis.changes) not in simulator.adjusts:
+        return f"{simulator.title} does not let {axis.changes} be adjusted"
+    return None
 
 
 def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:

@@ -139,7 +139,7 @@ def rollout(
         unknown_score=routing.unknown if routing else None,
         rejected=routing.rejected if routing else None,
         delivered=_rounded(delivered.value) if delivered and delivered.value is not None else None,
-        image_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
+        delivered_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
         routing_s=routing.latency_s if routing else 0.0,
         started_at=started,
         wall_s=time.perf_counter() - clock,

@@ -60,8 +60,8 @@ class EpisodeResult:
     delivered: Annotated[
         float | None, "What the perturbation measured, in the unit of its axis (rounded to 1e-6), if it was measured."
     ] = None
-    image_statistics: Annotated[
-        str | None, "Numbers about the first images under a perturbation as JSON (rounded to 1e-6), if it has any."
+    delivered_statistics: Annotated[
+        str | None, "Other numbers that the perturbation measured as JSON (rounded to 1e-6), if it has any."
     ] = None
     error: Annotated[str | None, "What went wrong, if the status is error."] = None
 

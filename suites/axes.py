@@ -21,6 +21,8 @@ SEVERITIES = 5
 class Changes(StrEnum):
     """What an axis changes. Everything else stays as it is in the clean episode, and that is checked."""
 
+    CAMERAS = "cameras"
+    """Where cameras are and how they look, in simulators that let them be moved."""
     IMAGES = "images"
     """What the cameras deliver; the same operator in every simulator."""
     ACTIONS = "actions"
@@ -48,6 +50,8 @@ class Axis:
     summary: str
     anchors: str
     """What the levels are aligned with."""
+    also: tuple[float, ...] = ()
+    """A second quantity that goes with the levels (deg), see the summary."""
 
     def value(self, severity: int) -> float:
         """The level of a severity from 1 to 5.
@@ -61,6 +65,52 @@ class Axis:
 
 
 _ALL = (
+    Axis(
+        "camera-orbit",
+        "C1",
+        "camera orbit",
+        Changes.CAMERAS,
+        "deg",
+        (5.0, 10.0, 20.0, 40.0, 75.0),
+        0.1,
+        "The third-person camera goes round what it is aimed at, to either side, and upwards by a fifth of that.",
+        "robosuite's randomisation has 5; LIBERO-Plus turns by 10 and orbits by up to 75 (2510.13626)",
+        (1.0, 2.0, 4.0, 8.0, 15.0),
+    ),
+    Axis(
+        "camera-distance",
+        "C2a",
+        "camera distance",
+        Changes.CAMERAS,
+        "times",
+        (1.05, 1.1, 1.25, 1.5, 2.0),
+        0.005,
+        "The third-person camera at so many times the distance from what it is aimed at.",
+        "LIBERO-Plus reaches 2 (2510.13626)",
+    ),
+    Axis(
+        "field-of-view",
+        "C2b",
+        "field of view",
+        Changes.CAMERAS,
+        "deg",
+        (2.0, 5.0, 10.0, 15.0, 20.0),
+        0.1,
+        "The third-person camera's vertical field of view is wider by this.",
+        "ManiSkill's randomisation has 2, robosuite's 5, RL-ViGen 10 and 20 (2307.10224)",
+    ),
+    Axis(
+        "camera-bump",
+        "C3",
+        "bumped cameras",
+        Changes.CAMERAS,
+        "cm",
+        (0.5, 1.0, 2.5, 5.0, 10.0),
+        0.05,
+        "Every camera is moved by this in a random direction, and turned by 0.5, 1, 2, 3, 5 deg about a random axis.",
+        "ManiSkill's randomisation has 2.5 cm, Colosseum 10 cm and 2.9 deg (2402.08191)",
+        (0.5, 1.0, 2.0, 3.0, 5.0),
+    ),
     Axis(
         "noise",
         "N1",

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
+from adapters import catalog as simulators
+from adapters.contract import ADJUSTABLE, AdapterError
 from orchestrator.cli.shared import BadInput, out
 from suites.axes import AXES, SEVERITIES, Axis
 from suites.plugins import nearest
+from suites.vocabulary import RenderProfile, View
 
 app = typer.Typer(no_args_is_help=True, help="Perturbation axes and their severities.")
 
@@ -36,8 +40,46 @@ def show(axis: Annotated[str, typer.Argument(help="Name or code, such as noise o
     for severity in range(1, SEVERITIES + 1):
         table.add_row(str(severity), f"{found.value(severity):g}")
     out.print(table)
+    if found.changes in ADJUSTABLE:
+        able = [s.title for s in simulators.simulators().values() if str(found.changes) in s.adjusts]
+        out.print(f"supported by: {', '.join(able) or 'no simulator'}", markup=False, highlight=False)
     out.print(f"changes {found.changes} only; {_checked(found)}", markup=False, highlight=False)
     out.print(f"aligned with: {found.anchors}", markup=False, highlight=False)
+
+
+@app.command()
+def sheet(
+    axis: Annotated[str, typer.Argument(help="Name or code, such as noise or N1.")],
+    out_file: Annotated[Path, typer.Option("--out", help="PNG file to write.")],
+    task: Annotated[
+        list[str] | None, typer.Option(help="simulator/task. Repeatable; by default the first of each simulator.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the episode whose first images are shown.")] = 0,
+    image_size: Annotated[int, typer.Option(help="Height and width of each image (px).")] = 128,
+) -> None:
+    """A contact sheet: what a policy sees in each simulator at every severity of an axis."""
+    from orchestrator import contact_sheet
+
+    found = _find(axis)
+    if out_file.suffix.lower() != ".png":
+        raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
+    usable = [s for s in simulators.simulators().values() if not s.internal and not simulators.missing_reason(s)]
+    tasks = task or [f"{simulator.name}/{next(iter(simulator.tasks))}" for simulator in usable]
+    if not tasks:
+        raise BadInput("expected a simulator, none is installed")
+    view = View(image_size=image_size, render_profile=RenderProfile.FAST)
+    rows = []
+    for name in tasks:
+        out.print(f"{name}: {SEVERITIES + 1} looks", markup=False, highlight=False)
+        try:
+            rows.append((name, contact_sheet.looks(name, found, view, seed)))
+        except AdapterError as error:
+            raise BadInput(f"{name}: {error}") from None
+    try:
+        contact_sheet.sheet(found, rows).save(out_file)
+    except OSError as error:
+        raise BadInput(f"{out_file}: {error.strerror or error}") from None
+    out.print(str(out_file), markup=False, highlight=False, soft_wrap=True)
 
 
 def _find(name: str) -> Axis:

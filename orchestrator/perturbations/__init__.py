@@ -7,12 +7,17 @@ from collections.abc import Mapping
 from adapters.contract import Simulation
 from orchestrator.perturbations.actions import Delayed, NoisyActions
 from orchestrator.perturbations.base import Perturbed
+from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
 from orchestrator.perturbations.images import Blurred, Frozen, Noisy
 from orchestrator.perturbations.words import Reworded
 from suites.axes import axis_of
 from suites.vocabulary import Episode
 
 _PERTURBED: Mapping[str, type[Perturbed]] = {
+    "camera-orbit": Orbited,
+    "camera-distance": Farther,
+    "field-of-view": Widened,
+    "camera-bump": Bumped,
     "noise": Noisy,
     "blur": Blurred,
     "frozen-frames": Frozen,

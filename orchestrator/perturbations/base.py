@@ -15,6 +15,7 @@ class Perturbed:
     def __init__(self, simulation: Simulation, axis: Axis, episode: Episode) -> None:
         self.simulation, self.axis, self.episode = simulation, axis, episode
         self.level = axis.value(episode.condition.severity)
+        self.also = axis.also[episode.condition.severity - 1] if axis.also else 0.0
         self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
 
     def reset(self, seed: int, condition: Condition) -> None:

@@ -81,7 +81,7 @@ class EncodedEpisode:
     success: NDArray[np.bool_]
     images: Mapping[str, tuple[bytes, ...]]
     """Camera name to n PNG files."""
-    image_statistics: Mapping[str, Mapping[str, Any]]
+    delivered_statistics: Mapping[str, Mapping[str, Any]]
     """Camera name to minimum, maximum, mean and standard deviation of each channel in [0, 1], shape (3, 1, 1)."""
     content_hash: str
     """See `episode_hash`."""
@@ -131,7 +131,7 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
         actions,
         success,
         {camera: tuple(map(encode_png, frames)) for camera, frames in stacked.items()},
-        {camera: _image_statistics(frames) for camera, frames in stacked.items()},
+        {camera: _delivered_statistics(frames) for camera, frames in stacked.items()},
         episode_hash(recording.instruction, fps, states, actions, success, stacked),
     )
 
@@ -261,7 +261,7 @@ def number_statistics(values: NDArray[Any]) -> dict[str, Any]:
     }
 
 
-def pooled_image_statistics(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def pooled_delivered_statistics(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Image statistics of several episodes taken together: exact, since all images are of one size."""
     counts = np.array([part["count"][0] for part in parts], dtype=np.float64)
     shares = (counts / counts.sum())[:, None, None, None]
@@ -277,7 +277,7 @@ def pooled_image_statistics(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any
     }
 
 
-def _image_statistics(frames: NDArray[np.uint8]) -> dict[str, Any]:
+def _delivered_statistics(frames: NDArray[np.uint8]) -> dict[str, Any]:
     scaled = frames.reshape(-1, 3) / 255.0
     found = {"min": scaled.min(0), "max": scaled.max(0), "mean": scaled.mean(0), "std": scaled.std(0)}
     return {**{name: values.reshape(3, 1, 1).tolist() for name, values in found.items()}, "count": [len(frames)]}

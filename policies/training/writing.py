@@ -29,7 +29,7 @@ from policies.training.lerobot import (
     image_key,
     number_statistics,
     numbers,
-    pooled_image_statistics,
+    pooled_delivered_statistics,
 )
 from suites.vocabulary import content_hash
 
@@ -176,7 +176,7 @@ class DatasetWriter:
             key = image_key(camera)
             names = ("min", "max", "mean", "std", "count")
             parts = [{name: row[f"stats/{key}/{name}"] for name in names} for row in self._rows]
-            statistics[key] = pooled_image_statistics(parts)
+            statistics[key] = pooled_delivered_statistics(parts)
         return statistics
 
     def _continue(self) -> None:
@@ -223,7 +223,7 @@ def _row(
     """An episode's row under `meta/episodes`; `seed` and `content_hash` are ours."""
     plain = _without_images(table)
     statistics = {name: number_statistics(numbers(plain, name)) for name in plain.column_names}
-    statistics |= {image_key(camera): dict(found) for camera, found in episode.image_statistics.items()}
+    statistics |= {image_key(camera): dict(found) for camera, found in episode.delivered_statistics.items()}
     return {
         "episode_index": episode_index,
         "tasks": [episode.instruction],

@@ -28,7 +28,7 @@ def test_fields_are_outcome_or_telemetry_and_only_routing_perturbation_and_error
     assert not set(OUTCOME) & set(TELEMETRY)
     described = describe_fields()
     routing = {"inferred_task", "routing_scores", "unknown_score", "rejected"}
-    assert {name for name in FIELDS if described[name][1]} == {*routing, "delivered", "image_statistics", "error"}
+    assert {name for name in FIELDS if described[name][1]} == {*routing, "delivered", "delivered_statistics", "error"}
 
 
 def test_a_record_carries_the_identity_of_its_episode():

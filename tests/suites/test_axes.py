@@ -11,12 +11,23 @@ every_axis = pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
 def test_the_severities_are_frozen():
     """Levels that change make reports incomparable: whoever changes one gives the axis another name."""
     assert {axis.name: axis.levels for axis in AXES.values()} == {
+        "camera-orbit": (5.0, 10.0, 20.0, 40.0, 75.0),
+        "camera-distance": (1.05, 1.1, 1.25, 1.5, 2.0),
+        "field-of-view": (2.0, 5.0, 10.0, 15.0, 20.0),
+        "camera-bump": (0.5, 1.0, 2.5, 5.0, 10.0),
         "noise": (34.0, 28.0, 22.0, 18.4, 14.9),
         "blur": (0.3, 0.6, 1.0, 1.8, 2.7),
         "frozen-frames": (2.0, 5.0, 10.0, 20.0, 40.0),
         "action-noise": (0.5, 1.0, 2.0, 4.0, 8.0),
         "action-delay": (50.0, 100.0, 200.0, 300.0, 400.0),
         "instruction": (1.0, 2.0, 3.0, 4.0, 5.0),
+    }
+
+
+def test_the_quantities_that_go_with_them_are_frozen_too():
+    assert {axis.name: axis.also for axis in AXES.values() if axis.also} == {
+        "camera-orbit": (1.0, 2.0, 4.0, 8.0, 15.0),
+        "camera-bump": (0.5, 1.0, 2.0, 3.0, 5.0),
     }
 
 
@@ -48,7 +59,7 @@ def test_the_axis_of_a_condition_is_found_and_clean_has_none():
 @pytest.mark.parametrize(
     ("condition", "message"),
     [
-        (Condition("blurr", 1), "expected an axis out of noise, blur"),
+        (Condition("blurr", 1), "expected an axis out of camera-orbit, camera-distance"),
         (Condition("blur", 0), f"expected a severity from 1 to {SEVERITIES} on axis 'blur', got 0"),
         (Condition("blur", 6), "got 6"),
     ],

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from adapters.catalog import open_simulation
-from adapters.contract import AdapterError
+from adapters.contract import AdapterError, ObservationSpec
+from adapters.viewpoints import looking_at, turn_between
 from orchestrator.perturbations import images, perturbed, words
 from orchestrator.rollout import rollout
 from suites.axes import AXES, Changes
@@ -21,12 +22,17 @@ every_axis = pytest.mark.parametrize("axis", AXES)
 
 
 class Scene:
-    """The null simulator with something to see, remembering what it was told to do."""
+    """The null simulator with something to see and cameras to move, remembering what it was told to do."""
 
     def __init__(self):
         self.inner = open_simulation("null/Reach", View())
         self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
         self.told, self.shown = [], 0
+        aim = np.array([0.5, 0.0, 0.0])
+        self.viewpoints = {
+            "third_person": looking_at(aim + 0.6, aim, 0.7),
+            "wrist": looking_at(np.array([0.05, 0.0, 0.0]), np.array([0.05, 0.0, 1.0]), 1.2, np.array([1.0, 0, 0])),
+        }
 
     def observe(self):
         seen = self.inner.observe()
@@ -38,6 +44,12 @@ class Scene:
     def step(self, action):
         self.told.append(np.array(action))
         return self.inner.step(action)
+
+    def viewpoint(self, camera):
+        return self.viewpoints[camera]
+
+    def set_viewpoint(self, camera, viewpoint):
+        self.viewpoints[camera] = viewpoint
 
     def __getattr__(self, name):
         return getattr(self.inner, name)
@@ -189,20 +201,69 @@ def test_an_instruction_without_other_words_is_an_error(monkeypatch):
         simulation.observe()
 
 
+CAMERA_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.CAMERAS]
+
+
+@pytest.mark.parametrize("severity", range(1, 6))
+@pytest.mark.parametrize("axis", CAMERA_AXES)
+def test_cameras_are_moved_by_the_level_as_read_back(axis, severity):
+    _, simulation = begun(axis, severity)
+    delivered = simulation.delivered()
+    assert delivered.value == pytest.approx(AXES[axis].value(severity), abs=1e-6)
+    assert "turned_third_person" in delivered.statistics
+
+
+def test_a_bump_moves_every_camera_on_its_own_and_the_other_axes_the_third_person_one():
+    for axis in CAMERA_AXES:
+        scene, _ = begun(axis, 5)
+        moved = {c for c, v in Scene().viewpoints.items() if not np.allclose(v.position, scene.viewpoints[c].position)}
+        moved |= {c for c, v in Scene().viewpoints.items() if v.fovy != scene.viewpoints[c].fovy}
+        assert moved == ({"third_person", "wrist"} if axis == "camera-bump" else {"third_person"})
+    scene, _ = begun("camera-bump", 5)
+    offsets = [scene.viewpoints[c].position - v.position for c, v in Scene().viewpoints.items()]
+    assert not np.allclose(*offsets)
+    assert turn_between(Scene().viewpoints["wrist"], scene.viewpoints["wrist"]) == pytest.approx(np.radians(5))
+
+
+def test_an_orbit_goes_to_either_side():
+    sides = {begun("camera-orbit", 4, seed=seed)[0].viewpoints["third_person"].position[1] > 0.6 for seed in range(12)}
+    assert sides == {True, False}
+
+
+def test_a_camera_that_does_not_move_is_an_error(monkeypatch):
+    monkeypatch.setattr(Scene, "set_viewpoint", lambda self, camera, viewpoint: None)
+    _, simulation = begun("camera-orbit", 3)
+    with pytest.raises(AdapterError, match=r"camera-orbit@3: expected 20 deg, delivered 0.00"):
+        simulation.delivered()
+
+
+def test_a_simulation_whose_cameras_cannot_be_moved_is_refused():
+    simulation = perturbed(open_simulation("null/Reach", View()), episode("camera-orbit", 3))
+    with pytest.raises(AdapterError, match="camera-orbit@3: this simulation does not let cameras be moved"):
+        simulation.reset(4, Condition("camera-orbit", 3))
+
+
+def test_a_suite_that_does_not_show_the_moved_camera_is_refused():
+    scene = Scene()
+    scene.observation_spec = ObservationSpec(("wrist",), 96)
+    with pytest.raises(AdapterError, match="expected a suite that shows camera 'third_person'"):
+        perturbed(scene, episode("camera-orbit", 3)).reset(4, Condition("camera-orbit", 3))
+
+
 def test_the_record_says_what_was_delivered():
     result = rollout(Scene(), Scripted(), episode("noise", 3))
     assert result.delivered == pytest.approx(22.0, abs=0.1)
-    assert json.loads(result.image_statistics)["psnr_wrist"] == pytest.approx(22.0, abs=0.1)
+    assert json.loads(result.delivered_statistics)["psnr_wrist"] == pytest.approx(22.0, abs=0.1)
     clean = rollout(Scene(), Scripted(), episode())
     assert clean.delivered is None
-    assert clean.image_statistics is None
+    assert clean.delivered_statistics is None
     assert clean.state_hash == result.state_hash
 
 
 def test_rendering_for_nobody_changes_nothing():
     lazy, eager = (rollout(Scene(), Scripted(), episode("noise", 3), eager=eager) for eager in (False, True))
     assert lazy.actions_hash == eager.actions_hash
-    assert lazy.image_statistics == eager.image_statistics
+    assert lazy.delivered_statistics == eager.delivered_statistics
 
 
 def test_what_a_policy_never_looks_at_is_not_measured():

@@ -16,7 +16,7 @@ from policies.training.lerobot import (
     encode_png,
     episode_table,
     number_statistics,
-    pooled_image_statistics,
+    pooled_delivered_statistics,
 )
 from tests.policies.training.synthetic import recording
 
@@ -95,10 +95,10 @@ def test_statistics_are_numpys(values):
     assert found["count"] == [20]
 
 
-def test_pooled_image_statistics_are_those_of_all_images_together():
+def test_pooled_delivered_statistics_are_those_of_all_images_together():
     recordings = [recording(seed, steps) for seed, steps in enumerate((3, 9, 20))]
-    parts = [encode_episode(r).image_statistics["wrist"] for r in recordings]
-    found = pooled_image_statistics(parts)
+    parts = [encode_episode(r).delivered_statistics["wrist"] for r in recordings]
+    found = pooled_delivered_statistics(parts)
     pixels = np.concatenate([np.stack(r.images["wrist"]) for r in recordings]) / 255.0
     assert np.allclose(np.ravel(found["mean"]), pixels.mean((0, 1, 2)))
     assert np.allclose(np.ravel(found["std"]), pixels.std((0, 1, 2)))

@@ -1,0 +1,123 @@
+"""Moved cameras: orbit, distance, field of view, bumped mounts. Measured by what the simulator reads back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from adapters.contract import Delivered, FloatArray, MovableCameras, UnsupportedCondition, Viewpoint
+from adapters.viewpoints import angle_round, bumped, farther, orbited, seen_at_height, turn_between, widened
+from orchestrator.perturbations.base import Perturbed
+from suites.operators import generator_for
+from suites.vocabulary import Condition
+
+THIRD_PERSON = "third_person"
+BASE_HEIGHT = 0.0
+"""What a third-person camera is aimed at lies at the height of the robot's base."""
+DRAW = 0
+"""Key of what is drawn once per episode."""
+
+
+class MovedCameras(Perturbed):
+    """Some cameras with other viewpoints from the reset on."""
+
+    def reset(self, seed: int, condition: Condition) -> None:
+        """Start the clean episode, then move the cameras.
+
+        Raises:
+            UnsupportedCondition: This simulation's cameras cannot be moved, or the policy is not shown the camera.
+        """
+        super().reset(seed, condition)
+        if not isinstance(self.simulation, MovableCameras):
+            raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let cameras be moved")
+        self.generator = generator_for(self.episode.pair_id, DRAW)
+        self._found: dict[str, tuple[Viewpoint, Viewpoint]] = {}
+        for camera in self.moved():
+            if camera not in self.observation_spec.cameras:
+                raise UnsupportedCondition(f"{self.episode.condition}: expected a suite that shows camera '{camera}'")
+            own = self.simulation.viewpoint(camera)
+            self.simulation.set_viewpoint(camera, self.other(own))
+            self._found[camera] = own, self.simulation.viewpoint(camera)
+
+    def moved(self) -> Iterable[str]:
+        """The cameras that are moved."""
+        return (THIRD_PERSON,)
+
+    def other(self, own: Viewpoint) -> Viewpoint:
+        """A camera's other viewpoint."""
+        raise NotImplementedError
+
+    def measured(self, own: Viewpoint, other: Viewpoint) -> float:
+        """How far a camera was moved, in the unit of the axis."""
+        raise NotImplementedError
+
+    def delivered(self) -> Delivered | None:
+        """The mean over the cameras, each of which is held to the level."""
+        values = [self.checked(self.measured(*found)) for found in self._found.values()]
+        turned = {f"turned_{camera}": math.degrees(turn_between(*found)) for camera, found in self._found.items()}
+        return Delivered(float(np.mean(values)), turned)
+
+
+class Orbited(MovedCameras):
+    """The third-person camera carried round what it is aimed at."""
+
+    def other(self, own: Viewpoint) -> Viewpoint:
+        """To the left or to the right, and a little upwards."""
+        azimuth = math.radians(self.level) * self.generator.choice([-1.0, 1.0])
+        return orbited(own, _aim(own), azimuth, math.radians(self.also))
+
+    def measured(self, own: Viewpoint, other: Viewpoint) -> float:
+        """The angle about the vertical (deg)."""
+        return math.degrees(angle_round(_aim(own), own, other))
+
+
+class Farther(MovedCameras):
+    """The third-person camera farther away."""
+
+    def other(self, own: Viewpoint) -> Viewpoint:
+        """Along its optical axis."""
+        return farther(own, _aim(own), self.level)
+
+    def measured(self, own: Viewpoint, other: Viewpoint) -> float:
+        """The ratio of the distances."""
+        after, before = (np.linalg.norm(viewpoint.position - _aim(own)) for viewpoint in (other, own))
+        return float(after / before)
+
+
+class Widened(MovedCameras):
+    """The third-person camera with another lens."""
+
+    def other(self, own: Viewpoint) -> Viewpoint:
+        """A wider one."""
+        return widened(own, math.radians(self.level))
+
+    def measured(self, own: Viewpoint, other: Viewpoint) -> float:
+        """The difference of the vertical fields of view (deg)."""
+        return math.degrees(other.fovy - own.fovy)
+
+
+class Bumped(MovedCameras):
+    """All cameras moved and turned at random, each on its own."""
+
+    def moved(self) -> Iterable[str]:
+        """All that the policy is shown."""
+        return self.observation_spec.cameras
+
+    def other(self, own: Viewpoint) -> Viewpoint:
+        """By the level's length and angle, in directions drawn evenly over the sphere."""
+        offset = self._direction() * self.level / 100
+        return bumped(own, offset, self._direction() * math.radians(self.also))
+
+    def measured(self, own: Viewpoint, other: Viewpoint) -> float:
+        """The length of the way (cm)."""
+        return float(100 * np.linalg.norm(other.position - own.position))
+
+    def _direction(self) -> FloatArray:
+        drawn = self.generator.standard_normal(3)
+        return drawn / np.linalg.norm(drawn)
+
+
+def _aim(own: Viewpoint) -> FloatArray:
+    return seen_at_height(own, BASE_HEIGHT)
