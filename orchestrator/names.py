@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from adapters import catalog as simulators
 from policies import catalog as policies
-from suites.axes import AXES, SEVERITIES
+from suites.axes import AXES
 from suites.schema import KnownNames, KnownPolicy, KnownTask
 
 
@@ -16,5 +16,5 @@ def known_names() -> KnownNames:
             kind.name: KnownPolicy(frozenset(kind.options), kind.tasks() if kind.tasks else None)
             for kind in policies.kinds().values()
         },
-        axes=dict.fromkeys(AXES, SEVERITIES),
+        axes={axis.name: len(axis.levels) for axis in AXES.values()},
     )

@@ -211,7 +211,13 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         if document.store_url is not None and options.store is None:
             raise PlanError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
         return document.model_copy(
-            update={"status": RunStatus.RUNNING, "reason": None, "workers": workers, "merging": plan.suite.merging}
+            update={
+                "status": RunStatus.RUNNING,
+                "reason": None,
+                "workers": workers,
+                "merging": plan.suite.merging,
+                "gate": plan.suite.gate,
+            }
         )
     cards = simulators.task_cards()
     distributions = [d for name in plan.simulators for d in simulators.find(name).distributions]
@@ -227,6 +233,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         plan=plan.planned_cells(),
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         merging=plan.suite.merging,
+        gate=plan.suite.gate,
         workers=workers,
         skipped=dict(plan.unavailable),
         provenance=provenance.collect(distributions),

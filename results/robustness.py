@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,9 +11,10 @@ import numpy as np
 from results.record import Status
 from results.run import PlannedCell, RunDocument
 from results.statistics.aggregate import Outcomes
+from results.statistics.rates import Estimate
 from results.statistics.severity import SeverityCurve, severity_curve
 from suites.axes import AXES
-from suites.vocabulary import CLEAN, content_hash
+from suites.vocabulary import CLEAN, CONTROLS, content_hash
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +24,8 @@ COLUMNS = (
     *("state_hash", "delivered"),
 )
 """Fields of the record that are needed."""
+LEAST_SOLVED = 0.95
+"""Share of the seeds that the gate must solve at a level; below, the level says nothing about the task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,33 @@ class PolicyCurve:
 
 
 @dataclass(frozen=True, slots=True)
+class ControlRow:
+    """One policy under one control, in one simulator or in all."""
+
+    policy: str
+    simulator: str | None
+    control: str
+    clean: Estimate
+    rate: Estimate
+    drop: Estimate
+    """Clean minus control, on the same seeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class GateRow:
+    """What the gate let pass of one task under one condition."""
+
+    task: str
+    axis: str
+    severity: int
+    seeds: int
+    """With a verdict of the gate."""
+    passed: int
+    capped: bool
+    """Too few passed: the level says nothing about this task."""
+
+
+@dataclass(frozen=True, slots=True)
 class Worlds:
     """Whether perturbed episodes started from the world of the clean ones."""
 
@@ -86,6 +116,11 @@ class Robustness:
     """In the order of the plan."""
     curves: tuple[PolicyCurve, ...]
     """By axis, then policy; of each all simulators first."""
+    controls: tuple[ControlRow, ...]
+    gate: str | None
+    """Policy that must solve an episode for it to count."""
+    gated: tuple[GateRow, ...]
+    """Conditions in which it did not solve everything."""
     delivered: tuple[DeliveredRow, ...]
     worlds: Worlds
 
@@ -95,54 +130,139 @@ def is_perturbed(document: RunDocument) -> bool:
     return any(cell.axis != CLEAN for cell in document.plan)
 
 
+Rejected = Mapping[tuple[str, str], Set[int]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Rows, and what of them does not count."""
+
+    frame: pd.DataFrame
+    rejected: Rejected
+    capped: Set[tuple[str, str, int]]
+
+    def outcomes(self, cells: Sequence[PlannedCell], levels: Sequence[int]) -> list[Outcomes]:
+        """Success of each task's seeds at each level, shape (seeds, levels), tasks without any verdict left out.
+
+        Args:
+            cells: Of one policy under one axis and the clean condition.
+            levels: Severities.
+        """
+        strata = []
+        for task in dict.fromkeys(cell.task for cell in cells):
+            own = [cell for cell in cells if cell.task == task]
+            rows = _together([_verdicts(self.frame, cell) for cell in own if not self._is_capped(cell)])
+            out = set().union(*(self.rejected.get((task, axis), ()) for axis in {cell.axis for cell in own}))
+            rows = rows[~rows["seed"].isin(out)]
+            if not len(rows):
+                continue
+            won = (rows["status"] == str(Status.SUCCESS)).astype(float)
+            table = won.groupby([rows["seed"], rows["severity"]]).first().unstack()
+            strata.append(table.reindex(columns=list(levels)).to_numpy(dtype=float))
+        return strata
+
+    def _is_capped(self, cell: PlannedCell) -> bool:
+        return (cell.task, cell.axis, cell.severity) in self.capped
+
+
 def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
-    """Curves and delivered values of a run.
+    """Curves, controls and delivered values of a run.
 
     Args:
         document: The run.
         frame: `COLUMNS` of its rows.
     """
-    axes = tuple(dict.fromkeys(cell.axis for cell in document.plan if cell.axis != CLEAN))
-    curves = []
-    for axis in axes:
-        for policy in dict.fromkeys(cell.policy for cell in document.plan):
-            planned = [cell for cell in document.plan if cell.policy == policy and cell.axis in (axis, CLEAN)]
-            simulators = dict.fromkeys(cell.simulator for cell in planned)
-            curves += [
-                _curve(policy, simulator, axis, planned, frame)
-                for simulator in ((None, *simulators) if len(simulators) > 1 else tuple(simulators))
-            ]
-    return Robustness(axes, tuple(filter(None, curves)), _delivered(axes, frame), _worlds(frame))
+    named = dict.fromkeys(cell.axis for cell in document.plan if cell.axis != CLEAN)
+    axes = tuple(name for name in named if name not in CONTROLS)
+    gated = _gated(document, frame)
+    rejected = _rejected(document, frame, gated)
+    capped = {(row.task, row.axis, row.severity) for row in gated if row.capped}
+    policies = [policy for policy in dict.fromkeys(cell.policy for cell in document.plan) if policy != document.gate]
+    places = [
+        (policy, simulator, axis, planned)
+        for axis in named
+        for policy in policies
+        for planned in [[c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]]
+        for simulator in _places(planned)
+    ]
+    curves = [_curve(*place, _Judged(frame, rejected, capped)) for place in places]
+    found = [curve for curve in curves if curve is not None]
+    return Robustness(
+        axes,
+        tuple(curve for curve in found if curve.axis in axes),
+        tuple(_control(curve) for curve in found if curve.axis not in axes),
+        document.gate,
+        tuple(row for row in gated if row.passed < row.seeds),
+        _delivered(axes, frame),
+        _worlds(frame),
+    )
+
+
+def _places(planned: Sequence[PlannedCell]) -> tuple[str | None, ...]:
+    """All simulators together, if there are several, then each."""
+    simulators = tuple(dict.fromkeys(cell.simulator for cell in planned))
+    return (None, *simulators) if len(simulators) > 1 else simulators
+
+
+def _gated(document: RunDocument, frame: pd.DataFrame) -> tuple[GateRow, ...]:
+    """What the gate solved, condition by condition; controls are not meant to be solved."""
+    rows = []
+    for cell in document.plan:
+        if cell.policy == document.gate and cell.axis not in CONTROLS:
+            won = _verdicts(frame, cell)["status"] == str(Status.SUCCESS)
+            seeds, passed = len(won), int(won.sum())
+            capped = cell.axis != CLEAN and seeds > 0 and passed < LEAST_SOLVED * seeds
+            rows.append(GateRow(cell.task, cell.axis, cell.severity, seeds, passed, capped))
+    return tuple(rows)
+
+
+def _rejected(document: RunDocument, frame: pd.DataFrame, gated: Sequence[GateRow]) -> Rejected:
+    """(task, axis) to the seeds that the gate did not solve under the clean condition or at a level that counts.
+
+    They are left out at every level and for all policies alike: else a level would be compared with the clean
+    episodes of other seeds.
+    """
+    capped = {(row.task, row.axis, row.severity) for row in gated if row.capped}
+    rejected: dict[tuple[str, str], set[int]] = {}
+    for cell in document.plan:
+        if cell.policy != document.gate or cell.axis in CONTROLS or (cell.task, cell.axis, cell.severity) in capped:
+            continue
+        rows = _verdicts(frame, cell)
+        unsolved = rows[rows["status"] != str(Status.SUCCESS)]["seed"]
+        rejected.setdefault((cell.task, cell.axis), set()).update(unsolved.tolist())
+    return rejected
+
+
+def _verdicts(frame: pd.DataFrame, cell: PlannedCell) -> pd.DataFrame:
+    """A cell's rows that are successes or failures."""
+    here = (frame["task"] == cell.task) & (frame["policy_digest"] == cell.policy_digest)
+    here &= (frame["axis"] == cell.axis) & (frame["severity"] == cell.severity)
+    return frame[here & (frame["status"] != str(Status.ERROR))]
+
+
+def _together(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.concat(frames)
+
+
+def _control(found: PolicyCurve) -> ControlRow:
+    curve = found.curve
+    return ControlRow(found.policy, found.simulator, found.axis, curve.rates[0], curve.rates[1], curve.drops[1])
 
 
 def _curve(
-    policy: str, simulator: str | None, axis: str, planned: Sequence[PlannedCell], frame: pd.DataFrame
+    policy: str, simulator: str | None, axis: str, planned: Sequence[PlannedCell], judged: _Judged
 ) -> PolicyCurve | None:
     """None where there is no clean episode, or nothing else."""
     cells = [cell for cell in planned if simulator in (None, cell.simulator)]
     levels = sorted({cell.severity for cell in cells})
-    strata = _outcomes(cells, levels, frame)
+    strata = judged.outcomes(cells, levels)
     if len(levels) < 2 or levels[0] != 0 or not strata:
         return None
     generator = np.random.default_rng(int(content_hash([policy, simulator, axis]), 16))
     curve = severity_curve(strata, levels, generator)
     return PolicyCurve(policy, simulator, axis, len(strata), max(map(len, strata)), curve)
-
-
-def _outcomes(cells: Sequence[PlannedCell], levels: Sequence[int], frame: pd.DataFrame) -> list[Outcomes]:
-    """Success of each task's seeds at each level, shape (seeds, levels), tasks without any verdict left out."""
-    strata = []
-    for task in dict.fromkeys(cell.task for cell in cells):
-        own = [cell for cell in cells if cell.task == task]
-        digest, axes = own[0].policy_digest, {cell.axis for cell in own}
-        rows = frame[(frame["task"] == task) & (frame["policy_digest"] == digest) & frame["axis"].isin(axes)]
-        rows = rows[rows["status"] != str(Status.ERROR)]
-        if not len(rows):
-            continue
-        won = (rows["status"] == str(Status.SUCCESS)).astype(float)
-        table = won.groupby([rows["seed"], rows["severity"]]).first().unstack()
-        strata.append(table.reindex(columns=list(levels)).to_numpy(dtype=float))
-    return strata
 
 
 def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, ...]:

@@ -89,6 +89,8 @@ class RunDocument(_Model):
     plan: tuple[PlannedCell, ...]
     instructions: dict[str, str] = Field(default_factory=dict)
     """Task to its goal in words."""
+    gate: str | None = None
+    """Policy that must solve an episode for it to count under a perturbation."""
     merging: MergingEntry | None = None
     """Which policies the report compares to say what merging and routing cost."""
     workers: dict[str, int] = Field(default_factory=dict)

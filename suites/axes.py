@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
-from suites.paraphrases import PARAPHRASES
-from suites.vocabulary import Condition
+from suites.paraphrases import OTHER_GOALS, PARAPHRASES
+from suites.vocabulary import CONTROLS, Condition
 
 SEVERITIES = 5
 
@@ -42,8 +42,8 @@ class Axis:
     title: str
     changes: Changes
     unit: str
-    levels: tuple[float, float, float, float, float]
-    """The value at severity 1 (mild) to 5 (extreme but solvable)."""
+    levels: tuple[float, ...]
+    """The value at severity 1 (mild) to 5 (extreme but solvable); of a control one alone."""
     tolerance: float
     """How far what is delivered in an episode may be from what was asked for (same unit); infinite where a single
     episode is too short to tell."""
@@ -53,14 +53,19 @@ class Axis:
     also: tuple[float, ...] = ()
     """A second quantity that goes with the levels (deg), see the summary."""
 
+    @property
+    def is_control(self) -> bool:
+        """Whether it has no scale: a condition in which success says something against a policy."""
+        return self.name in CONTROLS
+
     def value(self, severity: int) -> float:
         """The level of a severity from 1 to 5.
 
         Raises:
             ValueError: There is no such severity.
         """
-        if not 1 <= severity <= SEVERITIES:
-            raise ValueError(f"expected a severity from 1 to {SEVERITIES} on axis '{self.name}', got {severity}")
+        if not 1 <= severity <= len(self.levels):
+            raise ValueError(f"expected a severity from 1 to {len(self.levels)} on axis '{self.name}', got {severity}")
         return self.levels[severity - 1]
 
 
@@ -183,8 +188,44 @@ _ALL = (
         "kinds as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
     ),
 )
-AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
-"""Every axis by name."""
+_CONTROLS = (
+    Axis(
+        "blind",
+        "V1",
+        "black images",
+        Changes.IMAGES,
+        "control",
+        (1.0,),
+        0.0,
+        "All images are black. What a policy still does it does without seeing.",
+        "success here is no skill of seeing; it is the floor of every axis of images",
+    ),
+    Axis(
+        "blank-instruction",
+        "V2",
+        "no instruction",
+        Changes.INSTRUCTION,
+        "control",
+        (1.0,),
+        0.0,
+        "The instruction is empty. What a policy still does it does without being told.",
+        "LIBERO-Plus finds that it changes little (2510.13626)",
+    ),
+    Axis(
+        "wrong-goal",
+        "V3",
+        "another goal",
+        Changes.INSTRUCTION,
+        "control",
+        (1.0,),
+        0.0,
+        "The instruction asks for something else that could be done in the same scene. A policy that reaches the "
+        "task's own goal all the same does not listen.",
+        "LIBERO-Plus finds that following collapses (2510.13626)",
+    ),
+)
+AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in (*_ALL, *_CONTROLS)})
+"""Every axis by name, the controls last."""
 
 
 def axis_of(condition: Condition) -> Axis | None:
@@ -209,6 +250,7 @@ def why_unsupported(axis: Axis, instruction: str) -> str | None:
         axis: The axis.
         instruction: The task's own.
     """
-    if axis.changes is Changes.INSTRUCTION and instruction not in PARAPHRASES:
+    table = {"instruction": PARAPHRASES, "wrong-goal": OTHER_GOALS}.get(axis.name)
+    if table is not None and instruction not in table:
         return f"there are no other words for '{instruction}' (suites/paraphrases.py)"
     return None

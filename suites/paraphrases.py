@@ -79,3 +79,17 @@ PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
     }
 )
 """A task's instruction to its five."""
+OTHER_GOALS: Mapping[str, str] = MappingProxyType(
+    {
+        "push the blue cube onto the red and white target": "pull the blue cube away from the red and white target",
+        "pull the blue cube onto the red and white target": "push the blue cube away from the red and white target",
+        "stack the red cube on top of the green cube": "stack the green cube on top of the red cube",
+        "reach the red ball with the closed gripper": "keep the closed gripper away from the red ball",
+        "push the green cube onto the red goal": "pick up the green cube and hold it above the table",
+        "pick up the green cube and carry it to the red goal": "push the green cube off the table",
+        "lift the red cube off the table": "push the red cube across the table",
+        "put the red cube on the green cube": "put the green cube on the red cube",
+        "turn the handle down and pull the door open": "leave the handle alone and keep the door shut",
+    }
+)
+"""A task's instruction to that of something else which its scene allows."""

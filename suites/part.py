@@ -47,6 +47,7 @@ class Part:
                 "tasks": tuple(task for task in suite.tasks if task in _kept("task", self.tasks, suite.tasks)),
                 "seeds": Seeds(start=suite.seeds.start, count=count),
                 "merging": merging,
+                "gate": suite.gate if suite.gate in names else None,
             }
         )
 

@@ -10,8 +10,9 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from suites.plugins import nearest
-from suites.vocabulary import CAMERAS, CLEAN, Cell, Condition, Protocol, RenderProfile, View, content_hash
+from suites.vocabulary import CAMERAS, CLEAN, CONTROLS, Cell, Condition, Protocol, RenderProfile, View, content_hash
 
+MOST_SEVERE = 5
 Count = Annotated[int, Field(strict=True, ge=1)]
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 
@@ -70,7 +71,7 @@ class PolicyEntry(_Model):
 
 
 class ConditionEntry(_Model):
-    """A perturbation axis with the severities to run, or `clean`."""
+    """A perturbation axis with the severities to run, `clean`, or a control."""
 
     axis: str
     severities: tuple[Annotated[int, Field(strict=True, ge=0, le=5)], ...] = Field(min_length=1)
@@ -78,7 +79,9 @@ class ConditionEntry(_Model):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, value: Any) -> Any:
-        return {"axis": value, "severities": [0]} if value == CLEAN else value
+        if value == CLEAN:
+            return {"axis": value, "severities": [0]}
+        return {"axis": value, "severities": [1]} if value in CONTROLS else value
 
     def conditions(self) -> list[Condition]:
         """One condition per severity."""
@@ -147,6 +150,8 @@ class Suite(_Model):
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Share of errors among the planned episodes at which the run ends early."""
+    gate: Name | None = None
+    """A policy that must solve an episode for it to count under a perturbation, for all policies alike: an oracle."""
     merging: MergingEntry | None = None
     """Has the report say what merging and routing cost; no part of what is evaluated."""
 
@@ -243,6 +248,8 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
         for condition in entry.conditions():
             if entry.axis == CLEAN and condition.severity:
                 add((place, "clean has severity 0 only"))
+            if condition.severity > names.axes.get(entry.axis, MOST_SEVERE):
+                add((place, f"'{entry.axis}' has severity {names.axes[entry.axis]} at most, got {condition.severity}"))
             if entry.axis != CLEAN and not condition.severity:
                 add((place, f"severity 0 of '{entry.axis}' is the clean episode; name the condition clean once"))
             if condition in seen_conditions:
@@ -261,6 +268,9 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
         for simulator in suite.workers:
             if simulator not in names.simulators:
                 add((("workers", simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
+    if suite.gate is not None and suite.gate not in seen_policies:
+        message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
+        add((("gate",), message))
     return problems + (_check_merging(suite.merging, seen_policies) if suite.merging else [])
 
 

@@ -9,6 +9,8 @@ from enum import StrEnum
 from functools import cached_property
 
 CLEAN = "clean"
+CONTROLS = ("blind", "blank-instruction", "wrong-goal")
+"""Conditions of one severity in which a policy that does what it is said to do should fail."""
 CAMERAS = ("third_person", "wrist")
 SUCCESS_HOLD = 5
 """Control steps in a row for which a task's success predicate must hold before the episode counts as a success."""
@@ -25,15 +27,15 @@ class RenderProfile(StrEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Condition:
-    """Clean, or one perturbation axis at one severity."""
+    """Clean, one perturbation axis at one severity, or a control."""
 
     axis: str = CLEAN
-    """Name of the perturbation axis, or `clean`."""
+    """Name of the perturbation axis or control, or `clean`."""
     severity: int = 0
-    """0 for clean, else 1 (mild) to 5 (extreme but solvable)."""
+    """0 for clean, 1 for a control, else 1 (mild) to 5 (extreme but solvable)."""
 
     def __str__(self) -> str:
-        return self.axis if self.axis == CLEAN else f"{self.axis}@{self.severity}"
+        return self.axis if self.axis in (CLEAN, *CONTROLS) else f"{self.axis}@{self.severity}"
 
 
 @dataclass(frozen=True, slots=True)

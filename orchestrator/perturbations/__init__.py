@@ -8,8 +8,8 @@ from adapters.contract import Simulation
 from orchestrator.perturbations.actions import Delayed, NoisyActions
 from orchestrator.perturbations.base import Perturbed
 from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
-from orchestrator.perturbations.images import Blurred, Frozen, Noisy
-from orchestrator.perturbations.words import Reworded
+from orchestrator.perturbations.images import Blind, Blurred, Frozen, Noisy
+from orchestrator.perturbations.words import Misled, Reworded, Untold
 from suites.axes import axis_of
 from suites.vocabulary import Episode
 
@@ -24,6 +24,9 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "action-noise": NoisyActions,
     "action-delay": Delayed,
     "instruction": Reworded,
+    "blind": Blind,
+    "blank-instruction": Untold,
+    "wrong-goal": Misled,
 }
 
 

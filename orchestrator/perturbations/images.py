@@ -80,6 +80,17 @@ class Blurred(PerturbedImages):
         return Delivered(self.level, self._statistics)
 
 
+class Blind(PerturbedImages):
+    """Nothing to be seen."""
+
+    def _image(self, image: Image, camera: int) -> Image:
+        return np.zeros_like(image)
+
+    def delivered(self) -> Delivered | None:
+        """That the images were black."""
+        return Delivered(self.level if self._statistics else None, self._statistics)
+
+
 class Frozen(PerturbedImages):
     """Frames that do not change."""
 

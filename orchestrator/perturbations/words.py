@@ -7,7 +7,7 @@ from dataclasses import replace
 from adapters.contract import Delivered, NotDelivered, Observation, UnsupportedCondition
 from orchestrator.perturbations.base import Perturbed
 from suites.axes import why_unsupported
-from suites.paraphrases import PARAPHRASES
+from suites.paraphrases import OTHER_GOALS, PARAPHRASES
 from suites.vocabulary import Condition
 
 
@@ -19,6 +19,10 @@ class Reworded(Perturbed):
         super().reset(seed, condition)
         self._told: set[tuple[str, str]] = set()
 
+    def words(self, instruction: str) -> str:
+        """What is said in place of the task's own instruction."""
+        return PARAPHRASES[instruction][self.episode.condition.severity - 1]
+
     def observe(self) -> Observation:
         """What the cameras see, with other words.
 
@@ -29,7 +33,7 @@ class Reworded(Perturbed):
         reason = why_unsupported(self.axis, seen.instruction)
         if reason:
             raise UnsupportedCondition(f"{self.episode.condition}: {reason}")
-        told = PARAPHRASES[seen.instruction][self.episode.condition.severity - 1]
+        told = self.words(seen.instruction)
         self._told.add((seen.instruction, told))
         return replace(seen, instruction=told)
 
@@ -38,3 +42,19 @@ class Reworded(Perturbed):
         if any(own == told for own, told in self._told):
             raise NotDelivered(f"{self.episode.condition}: expected other words than the task's own, got the same")
         return Delivered(self.level if self._told else None)
+
+
+class Untold(Reworded):
+    """No instruction."""
+
+    def words(self, instruction: str) -> str:
+        """Nothing."""
+        return ""
+
+
+class Misled(Reworded):
+    """Another goal in the same scene."""
+
+    def words(self, instruction: str) -> str:
+        """The other goal."""
+        return OTHER_GOALS[instruction]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from results.report import text
+from results.robustness import LEAST_SOLVED
 from results.run import RunDocument, RunStatus
 from results.tables import NotRun, Tables
 from suites.vocabulary import SUCCESS_HOLD
@@ -52,6 +53,11 @@ SENTENCES = {
     "half lost at": "Severity at which a falling fit loses half of the clean rate; > is beyond the last one played.",
     "falls": "One-sided p-value against success not falling with severity, given each seed's own successes; not "
     "adjusted for the number of axes.",
+    "control": "A condition in which a policy that sees and listens should fail: what it still does there needs no "
+    "eyes, no instruction, or not this one. Lost: clean rate minus rate, on the same seeds.",
+    "gate": "An oracle must solve a seed under the clean condition and at every level of an axis for it to count "
+    f"there; a level at which it solves less than {100 * LEAST_SOLVED:.0f} % of a task's seeds says nothing about that "
+    "task and is left out.",
     "delivered": "Mean over the episodes in which it was measured, with the least and the greatest of an episode; "
     "apart: distance of the simulators' means as a share of what was asked for.",
     "skipped": "The simulator could not run on this machine; its episodes count as missing.",

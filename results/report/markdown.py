@@ -65,6 +65,11 @@ def _robustness(robustness: Robustness) -> list[str]:
         parts.append(f"### {escape(stress.title(axis))}")
         curves = stress.of_axis(robustness, axis)
         parts.append(markdown(stress.curves_table(robustness, axis)) if curves else "No result beside a clean one.")
+    if robustness.controls:
+        parts += ["### Controls", _says("control"), markdown(stress.controls_table(robustness))]
+    parts += ["### Gate", escape(stress.gate(robustness))]
+    if robustness.gated:
+        parts += [_says("gate"), markdown(stress.gate_table(robustness))]
     parts += ["### Delivered", escape(stress.worlds(robustness)), _says("delivered")]
     return [*parts, markdown(stress.delivered_table(robustness))]
 

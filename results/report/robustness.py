@@ -9,6 +9,7 @@ from results.report.merging import points
 from results.report.text import NOTHING, TextTable
 from results.robustness import DeliveredCell, PolicyCurve, Robustness
 from results.statistics.rates import Estimate
+from results.statistics.severity import SeverityCurve
 from suites.axes import AXES
 
 
@@ -22,6 +23,11 @@ def short_title(axis: str) -> str:
     """`sensor noise (N1)`."""
     known = AXES.get(axis)
     return axis if known is None else f"{known.title} ({known.code})"
+
+
+def judged(curve: SeverityCurve) -> tuple[tuple[float, Estimate], ...]:
+    """Levels with their rates, those without any verdict left out."""
+    return tuple((s, r) for s, r in zip(curve.levels, curve.rates, strict=True) if not math.isnan(r.value))
 
 
 def of_axis(robustness: Robustness, axis: str) -> tuple[PolicyCurve, ...]:
@@ -53,7 +59,7 @@ def _line(found: PolicyCurve, levels: list[float]) -> tuple[str, ...]:
         found.policy,
         found.simulator or "all",
         *(rate(rates.get(level)) for level in levels),
-        points(curve.drops[-1]),
+        NOTHING if math.isnan(curve.drops[-1].value) else points(curve.drops[-1]),
         number(curve.area),
         severity(curve.half, curve.levels[-1]),
         NOTHING if curve.trend is None else ("<0.001" if curve.trend < 0.001 else f"{curve.trend:.3f}"),
@@ -120,3 +126,44 @@ def worlds(robustness: Robustness) -> str:
     if found.differing:
         return f"{found.differing:,} of {compared} started from another physical state than the clean episode."
     return f"All of {compared} started from the physical state of the clean episode."
+
+
+def controls_table(robustness: Robustness) -> TextTable:
+    """Per policy and simulator: success clean and under each control, and what is lost there."""
+    names = tuple(dict.fromkeys(row.control for row in robustness.controls))
+    header = ["policy", "simulator", "clean"]
+    for name in names:
+        header += [AXES[name].title, "lost"]
+    found = {(row.policy, row.simulator, row.control): row for row in robustness.controls}
+    lines = []
+    for policy, simulator in dict.fromkeys((row.policy, row.simulator) for row in robustness.controls):
+        rows = [found.get((policy, simulator, name)) for name in names]
+        cells = [policy, simulator or "all", rate(next(row for row in rows if row is not None).clean)]
+        for row in rows:
+            cells += [rate(row.rate), points(row.drop)] if row else [NOTHING, NOTHING]
+        lines.append(tuple(cells))
+    return TextTable(tuple(header), tuple(lines), 2)
+
+
+def gate_table(robustness: Robustness) -> TextTable:
+    """Conditions in which the gate did not solve every seed."""
+    lines = tuple(
+        (
+            row.task,
+            "clean" if not row.severity else f"{row.axis}@{row.severity}",
+            text.count(row.seeds),
+            text.count(row.seeds - row.passed),
+            "level left out" if row.capped else "seeds left out",
+        )
+        for row in robustness.gated
+    )
+    return TextTable(("task", "condition", "seeds", "not solved", "so"), lines, 2)
+
+
+def gate(robustness: Robustness) -> str:
+    """What the gate did, in a sentence."""
+    if robustness.gate is None:
+        return "No oracle gates these numbers: whether a perturbed episode can be solved at all was not tested."
+    if not robustness.gated:
+        return f"{robustness.gate} solved every seed under every condition."
+    return f"Seeds that {robustness.gate} did not solve are left out for all policies and levels alike."

@@ -1,6 +1,7 @@
 """How success falls with severity, and what was delivered, from rows."""
 
 import dataclasses
+import math
 
 import pandas as pd
 import pytest
@@ -70,6 +71,58 @@ def test_errors_are_left_out_of_their_level():
     found = curve(built(results), "expert", "maniskill", "noise")
     assert found.curve.rates[0].value == 1.0
     assert found.seeds == SEEDS
+
+
+GATED = cells(("expert", "oracle"), TASKS[:1], (Condition(), Condition("noise", 2), Condition("noise", 4)))
+
+
+def gated(unsolved):
+    """The oracle fails on these (severity, seed); the expert always succeeds but for seed 1 at severity 4."""
+    found = []
+    for cell in GATED:
+        for seed in range(SEEDS):
+            severity = cell.condition.severity
+            failed = (severity, seed) in unsolved if cell.policy == "oracle" else (severity, seed) == (4, 1)
+            found.append(row(cell, seed, "failure" if failed else "success"))
+    frame = pd.DataFrame([dataclasses.asdict(result) for result in found])
+    return build_robustness(document(SEEDS, of=GATED, gate="oracle"), frame[list(COLUMNS)])
+
+
+def test_a_seed_that_the_gate_does_not_solve_counts_at_no_level():
+    assert [rate.value for rate in gated(set()).curves[0].curve.rates] == pytest.approx([1, 1, 0.95])
+    found = gated({(4, 1)})
+    assert [rate.value for rate in found.curves[0].curve.rates] == [1.0, 1.0, 1.0]
+    assert found.curves[0].seeds == SEEDS - 1
+    assert [(g.axis, g.severity, g.passed, g.capped) for g in found.gated] == [("noise", 4, SEEDS - 1, False)]
+
+
+def test_a_level_at_which_the_gate_solves_too_little_is_capped_and_rejects_no_seed():
+    found = gated({(4, 0), (4, 1), (4, 2)})
+    curve = found.curves[0].curve
+    assert [rate.value for rate in curve.rates[:2]] == [1.0, 1.0]
+    assert math.isnan(curve.rates[2].value)
+    assert found.curves[0].seeds == SEEDS
+    assert found.gated[0].capped
+
+
+def test_the_gate_itself_has_no_curve():
+    assert {c.policy for c in gated(set()).curves} == {"expert"}
+
+
+def test_controls_are_no_axes_and_are_set_beside_the_clean_episodes():
+    plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1)))
+    results = [
+        row(cell, seed, "success" if seed < (10, 4)[cell.condition.severity] else "failure")
+        for cell in plan
+        for seed in range(10)
+    ]
+    frame = pd.DataFrame([dataclasses.asdict(result) for result in results])
+    found = build_robustness(document(10, of=plan), frame[list(COLUMNS)])
+    assert found.axes == ()
+    assert found.curves == ()
+    whole = found.controls[0]
+    assert (whole.policy, whole.simulator, whole.control) == ("expert", None, "blind")
+    assert (whole.clean.value, whole.rate.value, whole.drop.value) == pytest.approx((1.0, 0.4, 0.6))
 
 
 def test_what_was_delivered_is_compared_across_simulators():

@@ -3,14 +3,16 @@
 import pytest
 
 from suites.axes import AXES, SEVERITIES, axis_of
-from suites.vocabulary import Condition
+from suites.vocabulary import CONTROLS, Condition
 
+SCALES = {name: axis for name, axis in AXES.items() if not axis.is_control}
+every_scale = pytest.mark.parametrize("axis", SCALES.values(), ids=SCALES)
 every_axis = pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
 
 
 def test_the_severities_are_frozen():
     """Levels that change make reports incomparable: whoever changes one gives the axis another name."""
-    assert {axis.name: axis.levels for axis in AXES.values()} == {
+    assert {axis.name: axis.levels for axis in AXES.values() if not axis.is_control} == {
         "camera-orbit": (5.0, 10.0, 20.0, 40.0, 75.0),
         "camera-distance": (1.05, 1.1, 1.25, 1.5, 2.0),
         "field-of-view": (2.0, 5.0, 10.0, 15.0, 20.0),
@@ -31,7 +33,7 @@ def test_the_quantities_that_go_with_them_are_frozen_too():
     }
 
 
-@every_axis
+@every_scale
 def test_levels_change_in_one_direction_and_are_farther_apart_than_what_is_tolerated(axis):
     steps = [b - a for a, b in zip(axis.levels, axis.levels[1:], strict=False)]
     assert len({step > 0 for step in steps}) == 1
@@ -45,6 +47,14 @@ def test_each_axis_says_what_it_is(axis):
     assert axis.summary.endswith(".")
     assert axis.unit
     assert axis.anchors
+
+
+def test_controls_have_no_scale_and_are_named_as_conditions_are():
+    assert tuple(name for name, axis in AXES.items() if axis.is_control) == CONTROLS
+    assert all(len(AXES[name].levels) == 1 for name in CONTROLS)
+    assert [str(Condition(name, 1)) for name in CONTROLS] == list(CONTROLS)
+    with pytest.raises(ValueError, match="from 1 to 1 on axis 'blind', got 2"):
+        axis_of(Condition("blind", 2))
 
 
 def test_codes_are_unique():

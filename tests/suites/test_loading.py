@@ -20,7 +20,7 @@ NAMES = KnownNames(
         "random": KnownPolicy(),
         "learned": KnownPolicy(options=frozenset({"checkpoint"}), tasks=frozenset({"robosuite/Lift"})),
     },
-    axes={"light": 5},
+    axes={"light": 5, "blind": 1},
 )
 SOUND = """
 name: a-suite
@@ -47,10 +47,10 @@ def problems(tmp_path):
     return read
 
 
-def load(tmp_path, text):
+def load(tmp_path, text, names=NAMES):
     path = tmp_path / "suite.yaml"
     path.write_text(textwrap.dedent(text), encoding="utf-8")
-    return load_suite(path, NAMES)
+    return load_suite(path, names)
 
 
 def test_a_sound_suite_has_the_documented_defaults(tmp_path):
@@ -87,6 +87,17 @@ def test_perturbed_conditions_need_the_clean_one_to_be_compared_with(problems):
 def test_severity_0_of_an_axis_is_not_a_condition_of_its_own(problems):
     assert problems(SOUND + "conditions: [clean, {axis: light, severities: [0, 2]}]\n") == [
         "5: severity 0 of 'light' is the clean episode; name the condition clean once"
+    ]
+
+
+def test_controls_are_conditions_of_their_own_name(tmp_path):
+    suite = load(tmp_path, SOUND + "conditions: [clean, blind]\n")
+    assert [str(condition) for condition in suite.all_conditions()] == ["clean", "blind"]
+
+
+def test_a_control_has_one_severity(problems):
+    assert problems(SOUND + "conditions: [clean, {axis: blind, severities: [2]}]\n") == [
+        "5: 'blind' has severity 1 at most, got 2"
     ]
 
 

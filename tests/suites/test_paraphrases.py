@@ -6,7 +6,7 @@ import pytest
 
 from adapters.catalog import simulators
 from suites.axes import SEVERITIES
-from suites.paraphrases import MOST_WORDS, PARAPHRASES
+from suites.paraphrases import MOST_WORDS, OTHER_GOALS, PARAPHRASES
 
 INSTRUCTIONS = {
     card.instruction for s in simulators().values() if not s.internal for card in s.tasks.values() if card.instruction
@@ -17,7 +17,13 @@ def words(sentence):
     return re.findall(r"[a-z0-9]+", sentence.lower())
 
 
-def test_every_task_that_is_offered_has_other_words():
+def test_another_goal_is_no_tasks_own():
+    assert not set(OTHER_GOALS.values()) & INSTRUCTIONS
+    assert all(len(words(goal)) <= MOST_WORDS for goal in OTHER_GOALS.values())
+
+
+def test_every_task_that_is_offered_has_other_words_and_another_goal():
+    assert OTHER_GOALS.keys() >= INSTRUCTIONS
     assert PARAPHRASES.keys() >= INSTRUCTIONS
 
 

@@ -12,13 +12,18 @@ from adapters.viewpoints import looking_at, turn_between
 from orchestrator.perturbations import images, perturbed, words
 from orchestrator.rollout import rollout
 from suites.axes import AXES, Changes
-from suites.paraphrases import PARAPHRASES
+from suites.paraphrases import OTHER_GOALS, PARAPHRASES
 from suites.vocabulary import Condition, Episode, Protocol, View
 from tests.orchestrator.test_rollout import Scripted
 
 IMAGE_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.IMAGES]
 ACTION_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.ACTIONS]
 every_axis = pytest.mark.parametrize("axis", AXES)
+
+
+def top(axis):
+    """The greatest severity."""
+    return len(AXES[axis].levels)
 
 
 class Scene:
@@ -80,18 +85,20 @@ def test_the_clean_condition_is_the_simulation_itself():
 def other_words(monkeypatch):
     """Words for the null simulator's goal too."""
     found = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
-    monkeypatch.setattr("suites.axes.PARAPHRASES", found)
-    monkeypatch.setattr(words, "PARAPHRASES", found)
+    goals = dict(OTHER_GOALS) | {"reach the goal": "leave the goal"}
+    for name, table in (("PARAPHRASES", found), ("OTHER_GOALS", goals)):
+        monkeypatch.setattr(f"suites.axes.{name}", table)
+        monkeypatch.setattr(words, name, table)
 
 
 @every_axis
 def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean_episode(axis):
-    _, simulation = begun(axis, 5)
+    _, simulation = begun(axis, top(axis))
     clean = Scene()
     clean.reset(4, Condition())
     assert simulation.state_hash() == clean.state_hash()
     ours, theirs = simulation.observe(), clean.observe()
-    assert (ours.instruction == theirs.instruction) == (axis != "instruction")
+    assert (ours.instruction == theirs.instruction) == (AXES[axis].changes is not Changes.INSTRUCTION)
     assert (ours.proprioception == theirs.proprioception).all()
 
 
@@ -104,7 +111,7 @@ def test_axes_of_actions_leave_the_images_alone(axis):
 
 @pytest.mark.parametrize("axis", IMAGE_AXES)
 def test_axes_of_images_leave_the_actions_alone(axis):
-    scene, simulation = begun(axis, 5)
+    scene, simulation = begun(axis, top(axis))
     action = np.array([0.01, 0.02, -0.03, 0, 0, 0, 1.0])
     simulation.step(action)
     assert (scene.told[0] == action).all()
@@ -132,7 +139,7 @@ def test_two_policies_meet_the_same_disturbance_and_two_seeds_another(axis):
     action = np.array([0.01, 0, 0, 0, 0, 0, 0.0])
 
     def trace(**which):
-        scene, simulation = begun(axis, 5, **which)
+        scene, simulation = begun(axis, top(axis), **which)
         images = [simulation.observe().images["wrist"] for _ in range(6)]
         for _ in range(6):
             simulation.step(action)
@@ -192,6 +199,21 @@ def test_the_instruction_is_given_in_the_words_of_its_severity_and_the_images_st
     assert seen.instruction == "reach the goal, 3"
     assert simulation.delivered().value == 3.0
     assert (seen.images["wrist"] == scene.inner.observe().images["wrist"]).mean() > 0.9
+
+
+@pytest.mark.parametrize(("control", "told"), [("blank-instruction", ""), ("wrong-goal", "leave the goal")])
+def test_controls_of_the_instruction_say_nothing_or_something_else(control, told):
+    _, simulation = begun(control, 1)
+    assert simulation.observe().instruction == told
+    assert simulation.delivered().value == 1.0
+
+
+def test_a_blind_policy_is_shown_black_images():
+    scene, simulation = begun("blind", 1)
+    seen = simulation.observe()
+    assert not any(image.any() for image in seen.images.values())
+    assert simulation.delivered().value == 1.0
+    assert (seen.proprioception == scene.inner.observe().proprioception).all()
 
 
 def test_an_instruction_without_other_words_is_an_error(monkeypatch):

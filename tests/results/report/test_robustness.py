@@ -2,14 +2,16 @@
 
 import json
 import math
+import re
 
 import pytest
 
 from results.report import robustness as words
 from results.report import write_report
 from results.statistics.rates import Estimate, Interval
-from tests.results.synthetic import document, run_folder
-from tests.results.test_robustness import PLAN, SEEDS, built, rows
+from suites.vocabulary import Condition
+from tests.results.synthetic import cells, document, row, run_folder
+from tests.results.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows
 
 
 def test_what_is_beyond_the_last_level_says_so():
@@ -56,6 +58,29 @@ def test_the_summary_has_it_too(paths):
     found = json.loads(paths.summary.read_text())["robustness"]
     assert found["axes"] == ["noise", "blur"]
     assert found["worlds"] == {"compared": 240, "differing": 0}
+
+
+def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
+    results = []
+    for cell in GATED:
+        for seed in range(SEEDS):
+            failed = cell.policy == "oracle" and cell.condition.severity == 4 and seed < 3
+            results.append(row(cell, seed, "failure" if failed else "success"))
+    run = document(SEEDS, of=GATED, gate="oracle")
+    paths = write_report(run_folder(tmp_path / "run", run, results))
+    section = paths.html.read_text().partition('id="robustness"')[2].partition("</section>")[0]
+    assert not re.search(r"\bnan\b", section)
+    assert "level left out" in section
+    assert "noise@4 | 20 | 3 | level left out |" in paths.markdown.read_text()
+
+
+def test_controls_are_set_beside_the_clean_rate_and_without_a_gate_the_report_says_so():
+    plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1), Condition("wrong-goal", 1)))
+    found = built([row(cell, seed) for cell in plan for seed in range(5)], plan)
+    table = words.controls_table(found)
+    assert table.header == ("policy", "simulator", "clean", "black images", "lost", "another goal", "lost")
+    assert table.rows[0][:2] == ("expert", "all")
+    assert words.gate(found).startswith("No oracle gates these numbers")
 
 
 def test_a_run_without_perturbations_has_no_such_section(tmp_path):
