@@ -74,15 +74,14 @@ def severity_curve(
     base = np.zeros(len(steps)) if floors is None else np.asarray(floors, dtype=float)
     if base.shape != steps.shape:
         raise ValueError(f"expected a floor for each of {len(steps)} levels, got {len(base)}")
-    value = mean_outcomes(strata).mean(axis=0)
-    drawn = resampled_means(strata, generator, draws).mean(axis=1)
+    means, drawn = mean_outcomes(strata), resampled_means(strata, generator, draws)
 
-    rates = tuple(_rate(strata, level, value[level], confidence) for level in range(len(steps)))
+    rates = tuple(_rate(strata, level, means[:, level], confidence) for level in range(len(steps)))
     drops = tuple(_drop(strata, level, confidence) for level in range(len(steps)))
     trend = falling_trend(strata, steps)
     if not _has_something_to_lose(strata, confidence):
         return SeverityCurve(tuple(steps.tolist()), rates, drops, None, None, None, trend)
-    kept, kept_drawn = retention(value, base), retention(drawn, base)
+    kept, kept_drawn = retention(means, base), retention(drawn, base)
     return SeverityCurve(
         tuple(steps.tolist()),
         rates,
@@ -95,10 +94,22 @@ def severity_curve(
 
 
 def retention(rates: NDArray[np.float64], floors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(p(s) - f(s)) / (p(0) - f(0)) along the last axis; NaN where there is nothing to retain."""
+    """(p(s) - f(s)) / (p(0) - f(0)), means over the strata that have a rate at level s.
+
+    A stratum without one, such as a task in which an oracle fails there, is left out of the clean rate too.
+
+    Args:
+        rates: Shape (..., strata, levels), NaN where there is none.
+        floors: Shape (levels,).
+
+    Returns:
+        Shape (..., levels); NaN where there is nothing to retain.
+    """
     above = rates - floors
+    clean = np.where(np.isnan(above), np.nan, above[..., :1])
+    left, whole = np.nansum(above, axis=-2), np.nansum(clean, axis=-2)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: NDArray[np.float64] = np.where(above[..., :1] > 0, above / above[..., :1], np.nan)
+        found: NDArray[np.float64] = np.where(whole > 0, left / whole, np.nan)
     return found
 
 
@@ -171,11 +182,13 @@ def _has_something_to_lose(strata: Sequence[Outcomes], confidence: float) -> boo
     return found is not None and found.low > LEAST_CLEAN
 
 
-def _rate(strata: Sequence[Outcomes], level: int, value: float, confidence: float) -> Estimate:
+def _rate(strata: Sequence[Outcomes], level: int, means: NDArray[np.float64], confidence: float) -> Estimate:
+    """Mean of the strata that have a rate at a level."""
     verdicts = sum(int((~np.isnan(outcomes[:, level])).sum()) for outcomes in strata)
     if not verdicts:
         return Estimate(math.nan, None)
-    return Estimate(float(value), wilson_interval(round(value * verdicts), verdicts, confidence))
+    value = float(np.nanmean(means))
+    return Estimate(value, wilson_interval(round(value * verdicts), verdicts, confidence))
 
 
 def _drop(strata: Sequence[Outcomes], level: int, confidence: float) -> Estimate:

@@ -94,7 +94,16 @@ def test_the_area_of_what_keeps_everything_is_one_and_it_grows_with_what_is_kept
 
 
 def test_retention_without_anything_to_retain_is_no_number():
-    assert np.isnan(retention(np.array([0.1, 0.1]), np.array([0.1, 0.0]))).all()
+    assert np.isnan(retention(np.array([[0.1, 0.1]]), np.array([0.1, 0.0]))).all()
+
+
+def test_a_task_without_a_rate_at_a_level_is_left_out_of_the_clean_rate_it_is_compared_with():
+    easy, hard = outcomes((1.0, 1.0), 10), outcomes((0.5, 0.5), 10)
+    easy[:, 1] = np.nan
+    found = severity_curve([easy, hard], [0, 1], generator())
+    assert [rate.value for rate in found.rates] == pytest.approx([0.75, 0.5])
+    assert found.retention[1].value == pytest.approx(1.0)
+    assert found.drops[1].value == pytest.approx(0.0)
 
 
 def test_outcomes_without_verdict_are_left_out_of_their_level_alone():

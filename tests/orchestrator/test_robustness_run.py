@@ -1,0 +1,53 @@
+"""The shipped smoke suite of perturbations over three simulators: everything delivered, nothing else changed."""
+
+import io
+import json
+import math
+
+import pytest
+from rich.console import Console
+
+from orchestrator.plan import find_suite, make_plan
+from orchestrator.progress import Progress
+from orchestrator.run import RunOptions, run_plan
+from results.record import Status
+from results.report import ReportPaths
+from results.store import Store
+from suites.axes import AXES
+
+pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.slow, pytest.mark.usefixtures("ray_here")]
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory, ray_here):
+    folder = tmp_path_factory.mktemp("runs") / "smoke"
+    shown = Progress(Console(file=io.StringIO(), force_terminal=False))
+    return run_plan(make_plan(find_suite("robustness-smoke")), folder, RunOptions(media=False), shown)
+
+
+@pytest.fixture(scope="module")
+def rows(played):
+    store = Store.open_file(played.folder / "episodes.sqlite", played.document.run_id)
+    found = list(store.results())
+    store.close()
+    return found
+
+
+def test_no_episode_is_an_error(rows):
+    assert {row.error for row in rows if row.status == Status.ERROR} == set()
+    assert len(rows) == 96
+
+
+def test_every_level_is_delivered_where_a_policy_looks_and_where_actions_are_perturbed(rows):
+    for row in rows:
+        if row.axis != "clean" and (row.policy == "experts" or row.delivered is not None):
+            axis = AXES[row.axis]
+            assert math.isclose(row.delivered, axis.value(row.severity), abs_tol=max(axis.tolerance, 1e-6))
+
+
+def test_all_start_from_the_clean_world_and_the_report_says_so(played):
+    found = json.loads(ReportPaths.of(played.folder).summary.read_text())["robustness"]
+    assert found["worlds"] == {"compared": 84, "differing": 0}
+    assert found["gate"] == "oracle"
+    assert {row["control"] for row in found["controls"]} == {"blind", "wrong-goal"}
+    assert {row["axis"] for row in found["gated"]} <= {"action-delay"}
