@@ -42,5 +42,5 @@ export FOLDER DATA GAUNTLET
 xargs -P 2 -L 1 bash -c 'expert "$0" "$1"' <<<"$EXPERTS"
 
 finished "$FOLDER/merged" ||
-    "$GAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --keep-blocks 2 \
+    "$GAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --keep-blocks 1 --rounds 2 \
         --demonstrations "$DATA"

@@ -20,14 +20,15 @@ from policies.mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack
 from policies.mergevla.merging.merged import MergedTau
 from policies.mergevla.merging.recipe import BackboneRule, MaskRule
 from policies.mergevla.merging.signs import check_row_scales
-from policies.mergevla.merging.taus import Weights
+from policies.mergevla.merging.taus import Weights, difference
 from policies.mergevla.merging_experts import Merging
 
-TAU, TRUNK, MASK, SCALE, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
+TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
     "tau",
     "trunk",
     "mask",
     "scale",
+    "residual",
     "head",
     "adapter",
     "subspace",
@@ -104,12 +105,9 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
 
 
 def _tensors(parts: Parts) -> dict[str, Tensor]:
-    tensors = _under(TAU, parts.merged.tau) | _under(TRUNK, parts.trunk)
+    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk)
     for number, expert in enumerate(parts.statistics.tasks):
         tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
-        if parts.merged.masks:
-            tensors |= _under(f"{MASK}/{number}", pack_mask(parts.merged.masks[expert]))
-        tensors |= _under(f"{SCALE}/{number}", parts.merged.row_scales.get(expert, {}))
         for weight, factors in parts.adapters.get(expert, {}).items():
             scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
             tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
@@ -118,26 +116,43 @@ def _tensors(parts: Parts) -> dict[str, Tensor]:
     return tensors
 
 
-def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:
+def _merged_tensors(merged: MergedTau) -> dict[str, Tensor]:
+    halved = {name: delta.bfloat16() for name, delta in merged.tau.items()} if merged.rule is MaskRule.SIGNS else None
+    tensors = _under(TAU, halved or merged.tau)
+    for number, expert in enumerate(merged.experts):
+        if merged.masks:
+            tensors |= _under(f"{MASK}/{number}", pack_mask(merged.masks[expert]))
+        tensors |= _under(f"{SCALE}/{number}", merged.row_scales.get(expert, {}))
+    return tensors | (_under(RESIDUAL, _merged_tensors(merged.residual)) if merged.residual else {})
+
+
+def _merged(card: MergedCard, tensors: Weights, rounds: int) -> MergedTau:
     numbered = {expert: str(number) for number, expert in enumerate(card.experts)}
-    recipe, tau = card.recipe, _section(tensors, TAU)
+    recipe, tau = card.recipe, {name: delta.float() for name, delta in _section(tensors, TAU).items()}
     rule = recipe.masks if tau else MaskRule.NONE
-    masks = {expert: _mask(tensors, n, tau) for expert, n in numbered.items()} if rule is not MaskRule.NONE else {}
+    signs = rule is MaskRule.SIGNS
     per_expert = recipe.lambda_ if isinstance(recipe.lambda_, Mapping) else dict.fromkeys(card.experts, recipe.lambda_)
-    merged = MergedTau(
+    return MergedTau(
         experts=card.experts,
         operator=recipe.operator,
         alpha=recipe.alpha,
         rule=rule,
         tau=tau,
-        masks=masks,
+        masks={expert: _mask(tensors, n, tau) for expert, n in numbered.items()} if rule is not MaskRule.NONE else {},
         lambdas=per_expert if rule is MaskRule.TASK else {},
         rescalers=card.rescalers,
-        row_scales={expert: _row_scales(tensors, n, tau) for expert, n in numbered.items()}
-        if rule is MaskRule.SIGNS
-        else {},
+        row_scales={expert: _row_scales(tensors, n, tau) for expert, n in numbered.items()} if signs else {},
         options=recipe.options,
+        residual=_merged(card, _section(tensors, RESIDUAL), rounds - 1) if signs and rounds > 1 else None,
     )
+
+
+def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:
+    numbered = {expert: str(number) for number, expert in enumerate(card.experts)}
+    recipe = card.recipe
+    merged = _merged(card, tensors, recipe.rounds)
+    if merged.residual and (problem := difference(merged.tau, merged.residual.tau)):
+        raise ExpertsDiffer(f"the second round is for another model: {problem}")
     selects = recipe.backbone is BackboneRule.SELECT
     return Parts(
         architecture=card.architecture,

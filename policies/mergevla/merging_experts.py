@@ -187,6 +187,7 @@ def _merged(taus: Taus, recipe: Recipe) -> MergedTau:
         rule=recipe.masks,
         lambdas=recipe.lambda_,
         options=recipe.options,
+        rounds=recipe.rounds,
     )
 
 

@@ -25,7 +25,7 @@ WAYS = {
     "WUDI+S, k = 1": {"operator": "wudi"},
     "TSV+S, k = 0, output merged": {"operator": "tsv", "kept_blocks": 0, "merge_output": True},
     "TSV+S, k = 1": {"operator": "tsv"},
-    "TSV+S, k = 2 (shipped)": {"operator": "tsv", "kept_blocks": 2},
+    "TSV+S, k = 2": {"operator": "tsv", "kept_blocks": 2},
     "TSV+S, k = 3": {"operator": "tsv", "kept_blocks": 3},
     "signs of rows without a merged vector, k = 1": {"operator": "flat", "masks": "signs"},
     "signs of TIES, k = 1": {"operator": "ties", "masks": "signs"},
@@ -38,6 +38,8 @@ WAYS = {
     "signs of magnitudes, k = 0": {"operator": "magnitude", "masks": "signs", "kept_blocks": 0},
     "signs of magnitudes, k = 1": {"operator": "magnitude", "masks": "signs"},
     "signs of magnitudes, k = 2": {"operator": "magnitude", "masks": "signs", "kept_blocks": 2},
+    "two bits of rows without a merged vector, k = 1": {"operator": "flat", "masks": "signs", "rounds": 2},
+    "two bits of magnitudes, k = 1 (shipped)": {"operator": "magnitude", "masks": "signs", "rounds": 2},
 }
 
 

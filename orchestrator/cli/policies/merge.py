@@ -50,6 +50,9 @@ def merge(
             help="Of the task masks. Repeatable. auto: for each task the best on its held-out demonstrations.",
         ),
     ] = None,
+    rounds: Annotated[
+        int, typer.Option(help="Bits spent on each weight under masks signs: each round reads what is left over.")
+    ] = 1,
     alpha: Annotated[float, typer.Option(help="Scale of the merged task vector.")] = 1.0,
     trunk: Annotated[
         str, typer.Option(help="vectors: merged as the backbone is; mean: averaged, as in the paper.")
@@ -80,6 +83,7 @@ def merge(
             alpha=alpha,
             masks=_rule(MaskRule, masks or MASKS_OF.get(operator, MaskRule.TASK)),
             lambda_=LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_task)),
+            rounds=rounds,
             trunk=_rule(TrunkRule, trunk),
             kept_blocks=keep_blocks,
             merge_output=merge_output,

@@ -131,6 +131,7 @@ def gaussian_null(
     rule: MaskRule = MaskRule.TASK,
     lambdas: float | Mapping[str, float] = LAMBDA,
     options: Mapping[str, Any] | None = None,
+    rounds: int = 1,
     shape: tuple[int, ...] = NULL_SHAPE,
 ) -> MaskStatistics:
     """The statistics that independent Gaussian task vectors would give under the same merge: the null of any claim.
@@ -145,10 +146,11 @@ def gaussian_null(
         rule: What each task keeps.
         lambdas: One for all or expert name to its own.
         options: Of the operator.
+        rounds: As in `merged.merge`.
         shape: Of the one weight that is simulated.
     """
     drawn = {expert: {"w": torch.randn(shape, generator=generator) * scale} for expert, scale in scales.items()}
-    merged = merge(drawn, operator, alpha=alpha, rule=rule, lambdas=lambdas, options=options)
+    merged = merge(drawn, operator, alpha=alpha, rule=rule, lambdas=lambdas, options=options, rounds=rounds)
     return mask_statistics(drawn, merged)
 
 
@@ -189,22 +191,28 @@ def _relative_distance(a: Weights, b: Weights, names: Sequence[str]) -> float:
 
 
 def bytes_per_task(
-    tau: Tau, head: Weights, *, masks: bool = True, row_scales: Weights | None = None, lora_rank: int | None = None
+    tau: Tau, head: Weights, *, masks: int = 1, row_scales: Weights | None = None, lora_rank: int | None = None
 ) -> BytesPerTask:
     """What a task costs beside the shared weights.
 
     Args:
         tau: Any task vector of the masked weights, for their shapes.
         head: The task's own weights, as they are stored.
-        masks: Whether the task has a mask at all.
-        row_scales: Of the task, if it has any.
+        masks: How many the task has.
+        row_scales: Of the task, of all rounds, if it has any.
         lora_rank: Of the alternative, one adapter of rank * (outputs + inputs) numbers per matrix.
     """
-    mask = sum(packed_bytes(delta.numel()) for delta in tau.values()) if masks else 0
+    mask = masks * sum(packed_bytes(delta.numel()) for delta in tau.values())
     mask += _bytes(row_scales or {})
     matrices = [delta.shape for delta in tau.values() if delta.ndim == 2]
     lora = None if lora_rank is None else _FLOAT_BYTES * lora_rank * sum(sum(shape) for shape in matrices)
     return BytesPerTask(mask, _bytes(head), lora)
+
+
+def _row_scales(merged: MergedTau, expert: str) -> dict[str, torch.Tensor]:
+    more = _row_scales(merged.residual, expert) if merged.residual else {}
+    own = merged.row_scales.get(expert, {})
+    return dict(own) | {f"{merged.rounds}/{name}": scales for name, scales in more.items()}
 
 
 def _bytes(weights: Weights) -> int:
@@ -243,6 +251,7 @@ def report(
         rule=merged.rule,
         lambdas=merged.lambdas or LAMBDA,
         options=merged.options,
+        rounds=merged.rounds,
     )
     heads = heads or {}
     return MergeReport(
@@ -261,8 +270,8 @@ def report(
             expert: bytes_per_task(
                 tau,
                 heads.get(expert, {}),
-                masks=bool(merged.masks),
-                row_scales=merged.row_scales.get(expert),
+                masks=merged.rounds if merged.masks else 0,
+                row_scales=_row_scales(merged, expert),
                 lora_rank=lora_rank,
             )
             for expert, tau in taus.items()

@@ -72,6 +72,8 @@ class Recipe:
     backbone: BackboneRule = BackboneRule.MERGED
     options: Mapping[str, Any] = field(default_factory=dict)
     """Of the operator."""
+    rounds: int = 1
+    """Bits that a task spends on each entry under `MaskRule.SIGNS`: each round reads what those before left over."""
 
     def __post_init__(self) -> None:
         for name, rule in (("masks", MaskRule), ("trunk", TrunkRule), ("backbone", BackboneRule)):
@@ -81,6 +83,9 @@ class Recipe:
             object.__setattr__(self, name, rule(value))
         check_range("alpha", self.alpha, 0, math.inf)
         check_range("k, the blocks kept per task,", self.kept_blocks, 0, math.inf, closed="[)", whole=True)
+        check_range("rounds", self.rounds, 1, math.inf, closed="[)", whole=True)
+        if self.rounds > 1 and self.masks is not MaskRule.SIGNS:
+            raise OutOfRange(f"expected masks '{MaskRule.SIGNS}' for {self.rounds} rounds, got '{self.masks}'")
         for value in self.lambda_.values() if isinstance(self.lambda_, Mapping) else (self.lambda_,):
             check_lambda(value)
 

@@ -28,7 +28,10 @@ class FirstSightings:
 
 
 def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) -> FirstSightings:
-    """The first frame of every episode; of several datasets of one task, all.
+    """First frames of episodes, of every task as many as the task with the fewest has.
+
+    With more of some tasks than of others, what the classes have in common is mostly theirs, and a task that is left
+    out is noticed less: an AUROC of .72 instead of .85 with up to four times as many of five out of nine.
 
     Args:
         datasets: Of which only the first frames' images are decoded.
@@ -48,7 +51,12 @@ def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) 
         for index, sighting in enumerate(_sightings(dataset, task, cameras)):
             part = held_out if index % every == every - 1 else frames
             part.setdefault(task, []).append(sighting)
-    return FirstSightings(frames, held_out)
+    return FirstSightings(_balanced(frames), _balanced(held_out))
+
+
+def _balanced(frames: Mapping[str, Sequence[Sighting]]) -> dict[str, Sequence[Sighting]]:
+    fewest = min(map(len, frames.values()), default=0)
+    return {task: found[:fewest] for task, found in frames.items()}
 
 
 def _sightings(dataset: Demonstrations, task: str, cameras: Sequence[str]) -> list[Sighting]:

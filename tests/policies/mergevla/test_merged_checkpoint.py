@@ -157,6 +157,24 @@ def test_row_scales_for_another_model_are_refused(folders, tmp_path):
     refused(tmp_path, f"row scales are for another model: weight {name} is missing")
 
 
+def test_all_rounds_come_back(folders, tmp_path):
+    made = merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
+    save_merged(tmp_path, made, FITTED)
+    ours, theirs = MergedModel(made.parts), MergedModel(load_merged(tmp_path).parts)
+    for task in TASKS:
+        assert all(torch.equal(ours.weights(task)[n], theirs.weights(task)[n]) for n in ours.weights(task))
+    once = MergedModel(merging(folders, operator="magnitude", masks=MaskRule.SIGNS).parts).weights(TASKS[0])
+    assert any(not torch.equal(once[n], theirs.weights(TASKS[0])[n]) for n in once)
+    assert made.report.bytes_per_task[TASKS[0]].mask > 2 * made.report.entries // 8
+
+
+def test_a_second_round_for_another_model_is_refused(folders, tmp_path):
+    save_merged(tmp_path, merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2), FITTED)
+    name = "backbone.projector.0.weight"
+    change(tmp_path, lambda tensors: [tensors.pop(k) for k in list(tensors) if k.startswith("residual/") and name in k])
+    refused(tmp_path, f"the second round is for another model: weight {name} is missing")
+
+
 def test_a_missing_head_is_refused(saved):
     change(saved, lambda tensors: tensors.pop("head/1/action_expert.output.bias"))
     refused(saved, "expert null/Slow: expected action_expert.output.bias to be merged or kept, it is neither")

@@ -77,6 +77,8 @@ def test_no_experts_are_refused():
         ({"alpha": 0.0}, "expected alpha"),
         ({"alpha": float("nan")}, "expected alpha"),
         ({"masks": "tall"}, "expected masks out of none, task, emr, signs, got tall"),
+        ({"rounds": 0, "masks": "signs"}, "expected rounds to be a whole number"),
+        ({"rounds": 2}, "expected masks 'signs' for 2 rounds, got 'task'"),
         ({"trunk": "sum"}, "expected trunk out of mean, vectors, got sum"),
         ({"backbone": "half"}, "expected backbone out of merged, select, got half"),
     ],

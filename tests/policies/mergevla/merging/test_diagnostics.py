@@ -116,7 +116,7 @@ def test_bytes_per_task_by_hand():
     head = {"out": torch.zeros(7), "norm": torch.zeros(2, dtype=torch.bfloat16)}
     costs = bytes_per_task(tau, head, lora_rank=4)
     assert (costs.mask, costs.head, costs.lora) == (2 + 1, 28 + 4, 4 * 4 * 8)
-    assert bytes_per_task(tau, head, masks=False).mask == 0
+    assert bytes_per_task(tau, head, masks=0).mask == 0
     assert bytes_per_task(tau, head).lora is None
 
 

@@ -1,5 +1,8 @@
 """Signs and row scales: what each task keeps of shared magnitudes."""
 
+from itertools import pairwise
+
+import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
@@ -38,7 +41,8 @@ def test_magnitudes_and_flat_rows_by_hand():
 @settings(max_examples=25, deadline=None)
 @given(experts=taus(max_experts=1))
 def test_one_expert_is_read_as_it_is(experts):
-    assert close(merge(experts, "magnitude", rule=MaskRule.SIGNS).of("expert0"), experts["expert0"])
+    # Up to the rounding of magnitudes to bf16, eight bits.
+    assert close(merge(experts, "magnitude", rule=MaskRule.SIGNS).of("expert0"), experts["expert0"], 2**-7)
 
 
 @settings(max_examples=25, deadline=None)
@@ -46,7 +50,7 @@ def test_one_expert_is_read_as_it_is(experts):
 def test_no_magnitudes_serve_the_experts_better(experts):
     best = distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS))
     for operator in ("flat", "ties", "emr", "mean"):
-        assert best <= distance(experts, merge(experts, operator, rule=MaskRule.SIGNS)) * (1 + 1e-5) + 1e-9
+        assert best <= distance(experts, merge(experts, operator, rule=MaskRule.SIGNS)) * 1.02 + 1e-4
 
 
 def test_magnitudes_are_nowhere_negative_and_do_not_depend_on_the_order_beyond_rounding():
@@ -59,7 +63,7 @@ def test_magnitudes_are_nowhere_negative_and_do_not_depend_on_the_order_beyond_r
 def test_alpha_cancels():
     experts = random_taus(3)
     one, half = (merge(experts, "ties", rule=MaskRule.SIGNS, alpha=alpha).of("expert1") for alpha in (1.0, 0.5))
-    assert close(one, half)
+    assert close(one, half, 2**-7)
 
 
 def test_an_expert_that_changed_nothing_reads_nothing():
@@ -88,3 +92,29 @@ def test_signs_and_row_scales_for_another_model_are_refused_in_one_line():
         read_signs(shared, signs, {})
     with pytest.raises(ExpertsDiffer, match="does not fit the merged one"):
         sign_readings({"a": {"w": torch.ones(3, 2)}}, shared)
+
+
+@settings(max_examples=25, deadline=None)
+@given(experts=taus(min_experts=2))
+def test_every_round_reads_what_the_rounds_before_left_over_and_brings_the_task_nearer(experts):
+    distances = [distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS, rounds=n)) for n in (1, 2, 3)]
+    assert all(after <= before * 1.02 + 1e-4 for before, after in pairwise(distances))
+
+
+def test_two_rounds_are_the_first_and_the_merge_of_what_it_left_over():
+    experts = random_taus(4)
+    both, first = (merge(experts, "magnitude", rule=MaskRule.SIGNS, rounds=n) for n in (2, 1))
+    left = {e: {n: d - first.of(e)[n] for n, d in tau.items()} for e, tau in experts.items()}
+    second = merge(left, "magnitude", rule=MaskRule.SIGNS)
+    assert (both.rounds, first.rounds) == (2, 1)
+    assert close(both.of("expert2"), {n: d + second.of("expert2")[n] for n, d in first.of("expert2").items()})
+
+
+def test_two_bits_of_unrelated_experts_are_as_near_as_the_second_round_of_one_bit_deltas():
+    experts = random_taus(9, shape=(64, 64))
+    one, two = (
+        mask_statistics(experts, merge(experts, "flat", rule=MaskRule.SIGNS, rounds=n)).cosine["expert0"]
+        for n in (1, 2)
+    )
+    assert one == pytest.approx((2 / np.pi) ** 0.5, abs=0.01)  # E|x| of a standard normal
+    assert two == pytest.approx((1 - (1 - 2 / np.pi) * (1 - 0.637)) ** 0.5, abs=0.03)

@@ -11,9 +11,9 @@ from tests.policies.training.synthetic import recording, write
 CAMERAS = ("wrist", "third_person")
 
 
-def dataset(folder, episodes):
+def dataset(folder, episodes, task="null/Reach"):
     recordings = [recording(seed, 6 + seed) for seed in range(episodes)]
-    write(folder, recordings)
+    write(folder, recordings, task=task)
     return Demonstrations(folder), recordings
 
 
@@ -35,6 +35,13 @@ def test_datasets_of_one_task_are_joined(tmp_path):
     parts = [dataset(tmp_path / name, count)[0] for name, count in (("one", 4), ("two", 2))]
     split = first_sightings(parts, CAMERAS)
     assert (len(split.frames["null/Reach"]), len(split.held_out["null/Reach"])) == (4, 2)
+
+
+def test_every_task_has_as_many_as_the_one_with_the_fewest(tmp_path):
+    few, many = dataset(tmp_path / "few", 4)[0], dataset(tmp_path / "many", 12, "null/Other")[0]
+    split = first_sightings([few, many], CAMERAS)
+    assert {task: len(found) for task, found in split.frames.items()} == {"null/Reach": 3, "null/Other": 3}
+    assert {task: len(found) for task, found in split.held_out.items()} == {"null/Reach": 1, "null/Other": 1}
 
 
 def test_a_dataset_that_cannot_be_split_is_refused(tmp_path):
