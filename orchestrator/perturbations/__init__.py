@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from adapters.contract import Simulation
+from adapters.contract import Simulation, UnsupportedCondition
 from orchestrator.perturbations.actions import Delayed, NoisyActions
 from orchestrator.perturbations.base import Perturbed
 from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
@@ -36,9 +36,12 @@ def perturbed(simulation: Simulation, episode: Episode) -> Simulation:
     Draws depend on the pair alone, so that two policies meet the same disturbance.
 
     Raises:
-        ValueError: There is no such axis or severity.
+        UnsupportedCondition: There is no such axis or severity.
     """
-    axis = axis_of(episode.condition)
+    try:
+        axis = axis_of(episode.condition)
+    except ValueError as error:
+        raise UnsupportedCondition(str(error)) from None
     if axis is None:
         return simulation
     return _PERTURBED[axis.name](simulation, axis, episode)

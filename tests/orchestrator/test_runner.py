@@ -53,8 +53,10 @@ def test_a_simulator_that_raises_once_is_tried_again(runner, tmp_path, monkeypat
 
 
 def test_an_unsupported_condition_is_an_error_row(runner):
-    (result,) = runner.play(lease(seeds=(1,), condition=Condition("light", 3)))
-    assert result.error == "UnsupportedCondition: null: condition light@3 is not supported"
+    (unknown,) = runner.play(lease(seeds=(1,), condition=Condition("light", 3)))
+    (unmovable,) = runner.play(lease(seeds=(1,), condition=Condition("camera-orbit", 3)))
+    assert unknown.error.startswith("UnsupportedCondition: expected an axis out of camera-orbit, ")
+    assert unmovable.error == "UnsupportedCondition: camera-orbit@3: this simulation does not let cameras be moved"
 
 
 def test_a_policy_that_does_not_fit_is_an_error_row(runner, monkeypatch):
