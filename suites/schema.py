@@ -79,9 +79,8 @@ class ConditionEntry(_Model):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, value: Any) -> Any:
-        if value == CLEAN:
-            return {"axis": value, "severities": [0]}
-        return {"axis": value, "severities": [1]} if value in CONTROLS else value
+        # A name alone is clean or a control; severity 0 of anything else is refused when names are checked.
+        return {"axis": value, "severities": [int(value in CONTROLS)]} if isinstance(value, str) else value
 
     def conditions(self) -> list[Condition]:
         """One condition per severity."""
@@ -250,8 +249,13 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
                 add((place, "clean has severity 0 only"))
             if condition.severity > names.axes.get(entry.axis, MOST_SEVERE):
                 add((place, f"'{entry.axis}' has severity {names.axes[entry.axis]} at most, got {condition.severity}"))
-            if entry.axis != CLEAN and not condition.severity:
-                add((place, f"severity 0 of '{entry.axis}' is the clean episode; name the condition clean once"))
+            if entry.axis in names.axes and not condition.severity:
+                add(
+                    (
+                        place,
+                        f"expected severities from 1 for '{entry.axis}', as {{axis: {entry.axis}, severities: [2, 4]}}",
+                    )
+                )
             if condition in seen_conditions:
                 add((place, f"duplicate condition '{condition}'"))
             seen_conditions.add(condition)

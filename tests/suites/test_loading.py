@@ -86,7 +86,14 @@ def test_perturbed_conditions_need_the_clean_one_to_be_compared_with(problems):
 
 def test_severity_0_of_an_axis_is_not_a_condition_of_its_own(problems):
     assert problems(SOUND + "conditions: [clean, {axis: light, severities: [0, 2]}]\n") == [
-        "5: severity 0 of 'light' is the clean episode; name the condition clean once"
+        "5: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}"
+    ]
+
+
+def test_a_condition_that_is_only_named_is_clean_or_a_control(problems):
+    assert problems(SOUND + "conditions: [clean, light, blnd]\n") == [
+        "5: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}",
+        "5: unknown condition 'blnd'; did you mean 'blind'?",
     ]
 
 
