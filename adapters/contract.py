@@ -161,9 +161,6 @@ class Simulation(Protocol):
     def state_hash(self) -> str:
         """Hash of the full physical state, see `adapters.frames.hash_state`."""
 
-    def delivered(self) -> Delivered | None:
-        """What the episode's perturbation amounted to so far; None under the clean condition."""
-
     def picture(self) -> Image:
         """The third-person view for people, (256, 256, 3): for videos and reports, never for policies."""
 

@@ -29,7 +29,6 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
-    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -190,10 +189,6 @@ class ManiSkillSimulation:
         """SAPIEN's own camera behind ManiSkill's."""
         scene = self._env.scene
         return (scene.human_render_cameras if name == PICTURE else scene.sensors)[name].camera._render_cameras[0]
-
-    def delivered(self) -> Delivered | None:
-        """Nothing: this adapter knows clean only."""
-        return None
 
     def picture(self) -> Image:
         """The third-person view, (256, 256, 3)."""

@@ -17,7 +17,6 @@ import numpy as np
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
-    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -104,10 +103,6 @@ class NullSimulation:
     def state_hash(self) -> str:
         """Hash of point and goal."""
         return hash_state({"position": self._position, "goal": self._goal})
-
-    def delivered(self) -> Delivered | None:
-        """Nothing: this adapter knows clean only."""
-        return None
 
     def picture(self) -> Image:
         """The point (dark) and the goal (green) from above."""

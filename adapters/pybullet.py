@@ -33,7 +33,6 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
-    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -216,10 +215,6 @@ class PyBulletSimulation:
     def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
         """Give a camera another viewpoint, until the next reset."""
         self._viewpoints[camera] = viewpoint
-
-    def delivered(self) -> Delivered | None:
-        """Nothing: this adapter knows clean only."""
-        return None
 
     def picture(self) -> Image:
         """The third-person view for people, (256, 256, 3), in the view's render profile."""

@@ -30,7 +30,6 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
-    Delivered,
     FloatArray,
     Image,
     Observation,
@@ -190,10 +189,6 @@ class RobosuiteSimulation:
     def _place(self, camera: str, position: FloatArray, quaternion: FloatArray, fovy: FloatArray) -> None:
         seen = self._model.camera(CAMERA_NAMES[camera])
         seen.pos[:], seen.quat[:], seen.fovy[:] = position, quaternion, fovy
-
-    def delivered(self) -> Delivered | None:
-        """Nothing: this adapter knows clean only."""
-        return None
 
     def picture(self) -> Image:
         """The third-person view, (256, 256, 3)."""

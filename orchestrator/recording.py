@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from adapters.contract import ACTION_NAMES, Delivered, FloatArray, Image, Observation, Simulation, StepOutcome
+from adapters.contract import ACTION_NAMES, FloatArray, Image, Observation, Simulation, StepOutcome
 from orchestrator.runner import EpisodeRunner
 from policies.training.lerobot import EncodedEpisode, Recording, encode_episode
 from policies.training.writing import Attempt
@@ -74,10 +74,6 @@ class RecordedSimulation:
     def state_hash(self) -> str:
         """As the simulation."""
         return self._simulation.state_hash()
-
-    def delivered(self) -> Delivered | None:
-        """As the simulation."""
-        return self._simulation.delivered()
 
     def picture(self) -> Image:
         """As the simulation."""

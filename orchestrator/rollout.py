@@ -15,6 +15,7 @@ import numpy as np
 from adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from adapters.frames import STATE_QUANTUM
 from orchestrator.perturbations import perturbed
+from orchestrator.perturbations.base import Perturbed
 from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk, check_routing
 from results.record import EpisodeResult, Status
 from suites.vocabulary import SUCCESS_HOLD, Episode
@@ -120,7 +121,7 @@ def rollout(
                 with phases.timed("render"):
                     world.observe()
     policy.finish([episode])
-    delivered = simulation.delivered()
+    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else None
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     return EpisodeResult.of(
