@@ -1,4 +1,7 @@
-"""Collects demonstrations: the oracle plays many seeds of each task, and its successes become a dataset per task."""
+"""Collects demonstrations: the oracle plays many seeds of each task, and its successes become a dataset per task.
+
+With a learner, the oracle takes over from it (see `orchestrator.recording`).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from adapters import catalog as simulators
 from orchestrator.cluster import ray_session
@@ -16,8 +19,13 @@ from orchestrator.lanes import Lane
 from orchestrator.names import known_names
 from orchestrator.plan import find_suite
 from orchestrator.run import explain, locked
+from orchestrator.runner import PolicySource
 from policies import catalog as policies
+from policies.contract import PolicyError
+from policies.mergevla.card import digest_of
+from policies.mergevla.merged_policy import EXPERTS_NAME, expert_folders
 from policies.training.writing import DatasetWriter
+from policies.zoo import shipped
 from results.run import RunStatus
 from suites.loading import load_suite
 from suites.plugins import nearest
@@ -50,6 +58,22 @@ class Order:
     """Deviation of the executed motion per axis, as a share of the largest motion in one step."""
     first_seed: int = FIRST_SEED
     workers: int = 2
+    learner: str | None = None
+    """Folder of experts, each of which acts first in its task's episodes, or None: the oracle alone."""
+
+    @property
+    def learners(self) -> dict[str, Path]:
+        """Task to the checkpoint of the expert that acts first.
+
+        Raises:
+            PolicyError: The folder holds no experts.
+        """
+        return expert_folders(shipped(self.learner)) if self.learner is not None else {}
+
+    @property
+    def learner_source(self) -> PolicySource | None:
+        """From what the learner is built."""
+        return PolicySource(EXPERTS_NAME, {"folder": self.learner}) if self.learner is not None else None
 
     def problems(self) -> list[str]:
         """What is wrong with it, a line each."""
@@ -57,6 +81,10 @@ class Order:
         can = playable(self.tasks)
         found = [f"unknown task '{task}'{nearest(task, known)}" for task in self.tasks if task not in known]
         found += [f"the oracle has no script for '{task}'" for task in self.tasks if task in known and task not in can]
+        try:
+            found += [f"the learner has no expert for '{task}'" for task in can - self.learners.keys() if self.learner]
+        except PolicyError as error:
+            found.append(f"learner: {error}")
         if not self.tasks:
             found.append("expected at least one task, got none")
         for name, value, low, high in (
@@ -159,7 +187,7 @@ def _play(order: Order, collected: Collected, listener: Listener) -> None:
     try:
         try:
             with ray_session(address=None, workers=order.workers):
-                Gatherer(lanes, order.noise, order.workers, listener).run()
+                Gatherer(lanes, order.noise, order.workers, listener, order.learner_source).run()
         finally:
             for lane in lanes:
                 lane.flush()
@@ -173,12 +201,15 @@ def _play(order: Order, collected: Collected, listener: Listener) -> None:
 def _lane(task: str, order: Order, folder: Path) -> Lane:
     """A task's lane, with what is there already."""
     card = simulators.task_cards()[task]
-    digest = content_hash({"oracle": policies.digest(ORACLE, {}), "noise": order.noise})
-    cell = Cell(ORACLE, digest, task, Protocol(card.horizon, 1, order.view))
+    made_by: dict[str, Any] = {"oracle": policies.digest(ORACLE, {}), "noise": order.noise}
+    horizon = card.horizon
+    if learner := order.learners.get(task):
+        made_by["learner"] = digest_of(str(learner))
+        horizon *= 2  # as much for the oracle as without the learner
+    cell = Cell(ORACLE, content_hash(made_by), task, Protocol(horizon, 1, order.view))
     source = {
         "task": task,
-        "oracle": policies.digest(ORACLE, {}),
-        "noise": order.noise,
+        **made_by,
         "first_seed": order.first_seed,
         "protocol": asdict(cell.protocol),
         "versions": _versions(cell.simulator),

@@ -18,6 +18,8 @@ from orchestrator.lanes import Lane, Played, fair_share
 from orchestrator.recording import demonstrate
 from orchestrator.runner import EpisodeRunner, PolicySource
 from orchestrator.worker_environment import worker_environment
+from policies import catalog as policies
+from policies.contract import Policy
 from suites.vocabulary import Cell
 
 LEASE = 4
@@ -40,10 +42,12 @@ class Listener(Protocol):
 class Demonstrator:
     """Plays and records episodes of one simulator."""
 
-    def __init__(self, policy: str) -> None:
+    def __init__(self, policy: str, learner: PolicySource | None = None) -> None:
         # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._runner = EpisodeRunner({policy: PolicySource(policy)})
+        self._source = learner
+        self._learner: Policy | None = None
         self._task: str | None = None
 
     @ray.method(num_returns="streaming")
@@ -52,7 +56,10 @@ class Demonstrator:
 
         Raises:
             AdapterError: The task cannot be opened here.
+            PolicyError: The learner cannot be loaded.
         """
+        if self._source is not None and self._learner is None:
+            self._learner = policies.load(self._source.kind, self._source.options)
         if self._task != cell.task:
             try:
                 self._runner.prepare(cell.task, cell.protocol.view)
@@ -61,7 +68,7 @@ class Demonstrator:
                 raise AdapterError(lines[0] if lines else type(error).__name__) from None
             self._task = cell.task
         for seed in seeds:
-            yield demonstrate(self._runner, cell.episode(seed), noise)
+            yield demonstrate(self._runner, cell.episode(seed), noise, self._learner)
 
 
 @dataclass
@@ -86,6 +93,8 @@ class Gatherer:
     noise: float
     workers: int
     listener: Listener
+    learner: PolicySource | None = None
+    """Acts first in every episode."""
     _slots: list[_Slot] = field(default_factory=list, init=False)
 
     def run(self) -> None:
@@ -119,7 +128,7 @@ class Gatherer:
             environment = {"env_vars": worker_environment(catalog.find(lane.simulator))}
             actor: Any = Demonstrator
             slot.actor = actor.options(num_cpus=1, max_restarts=0, max_task_retries=0, runtime_env=environment).remote(
-                lane.cell.policy
+                lane.cell.policy, self.learner
             )
             slot.simulator = lane.simulator
         slot.lane = lane

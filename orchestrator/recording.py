@@ -1,17 +1,63 @@
-"""Records one episode of an oracle: noise in the executed action, the clean action in the record."""
+"""Records one episode of an oracle: noise in the executed action, the clean action in the record.
+
+A learner may act first, as it will when it is judged; the oracle says at every step what it would do instead, takes
+over at a step drawn for the episode and finishes it. So the record holds what to do where the learner's own mistakes
+lead (DAgger: Ross et al., 2011, arXiv 1011.0686; one change of hands per episode: AggreVaTe, 2014, arXiv 1406.5979).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from adapters.contract import ACTION_NAMES, FloatArray, Image, Observation, Simulation, StepOutcome
 from orchestrator.runner import EpisodeRunner
+from policies.contract import Policy, PolicyError, Query, Sees, check_chunk, check_fit
 from policies.training.lerobot import EncodedEpisode, Recording, encode_episode
 from policies.training.writing import Attempt
 from results.record import Status
 from suites.vocabulary import Condition, Episode
+
+LEARNER_REPLANS_EVERY = 4
+"""Steps of its chunk that a learner executes, as in the shipped suites."""
+
+HANDS_OVER = 2**32 - 1
+"""Keys the draw of the step at which a learner hands over; steps key those of the noise."""
+
+
+@dataclass
+class Learner:
+    """A policy that acts until a step drawn for the episode, uniform over what the task allows."""
+
+    policy: Policy
+    episode: Episode
+    longest: int
+    """It hands over after fewer steps than this."""
+    _chunk: list[FloatArray] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        if self.policy.spec.sees is not Sees.OBSERVATION:
+            raise PolicyError(f"expected a learner that sees observations, got one that sees {self.policy.spec.sees}")
+        self.hands_over = int(_generator(self.episode, HANDS_OVER).integers(self.longest))
+
+    def begin(self, simulation: Simulation) -> None:
+        """Start the episode anew.
+
+        Raises:
+            PolicyMismatch: The learner does not fit the simulation.
+        """
+        check_fit(self.policy.spec, simulation.action_spec, simulation.observation_spec)
+        self.policy.reset([self.episode])
+        self._chunk = []
+
+    def action(self, observation: Observation, step: int) -> FloatArray:
+        """What it executes in this step, shape (7,)."""
+        if not self._chunk:
+            (decision,) = self.policy.act([Query(self.episode, step, observation=observation)])
+            self._chunk = list(check_chunk(decision.actions)[:LEARNER_REPLANS_EVERY])
+        return self._chunk.pop(0)
 
 
 class RecordedSimulation:
@@ -21,9 +67,16 @@ class RecordedSimulation:
     the record says what the oracle wanted to do where the noise had led.
     """
 
-    def __init__(self, simulation: Simulation, episode: Episode, noise: float) -> None:
-        """Args: noise: deviation of the executed motion per axis, as a share of the largest motion in one step."""
-        self._simulation, self._episode, self._noise = simulation, episode, noise
+    def __init__(self, simulation: Simulation, episode: Episode, noise: float, learner: Learner | None = None) -> None:
+        """Record what is told.
+
+        Args:
+            simulation: Plays.
+            episode: Keys the noise.
+            noise: Deviation of the executed motion per axis, as a share of the largest motion in one step.
+            learner: Acts first, without noise; what is told is recorded all the same.
+        """
+        self._simulation, self._episode, self._noise, self._learner = simulation, episode, noise, learner
         self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
         self._observations: list[Observation] = []
         self._actions: list[FloatArray] = []
@@ -33,20 +86,24 @@ class RecordedSimulation:
         """Start the episode, and the record."""
         self._observations, self._actions, self._success = [], [], []
         self._simulation.reset(seed, condition)
+        if self._learner is not None:
+            self._learner.begin(self._simulation)
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Look, record, disturb, execute."""
         self._observations.append(self._simulation.observe())
-        outcome = self._simulation.step(self._disturbed(action))
+        outcome = self._simulation.step(self._executed(action))
         self._actions.append(np.array(action))
         self._success.append(outcome.success)
         return outcome
 
-    def _disturbed(self, action: FloatArray) -> FloatArray:
-        generator = np.random.default_rng([int(self._episode.id, 16), len(self._actions)])
-        spec = self.action_spec
-        disturbed = np.array(action)
-        disturbed[:6] += self._noise * spec.high[:6] * generator.standard_normal(6)
+    def _executed(self, action: FloatArray) -> FloatArray:
+        step, spec = len(self._actions), self.action_spec
+        if self._learner is not None and step < self._learner.hands_over:
+            disturbed = self._learner.action(self._observations[-1], step)
+        else:
+            disturbed = np.array(action)
+            disturbed[:6] += self._noise * spec.high[:6] * _generator(self._episode, step).standard_normal(6)
         disturbed[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
         return np.clip(disturbed, spec.low, spec.high)
 
@@ -88,13 +145,16 @@ class RecordedSimulation:
         self._simulation.close()
 
 
-def demonstrate(runner: EpisodeRunner, episode: Episode, noise: float) -> tuple[Attempt, EncodedEpisode | None]:
+def demonstrate(
+    runner: EpisodeRunner, episode: Episode, noise: float, learner: Policy | None = None
+) -> tuple[Attempt, EncodedEpisode | None]:
     """Play and record one episode. Its id keys the noise: the same episode, the same record.
 
     Args:
         runner: Knows the episode's policy.
         episode: What to play.
         noise: See `RecordedSimulation`.
+        learner: Acts during a part of the first half of the horizon.
 
     Returns:
         How it went, and the record if it succeeded. Nothing is raised for what a simulator does.
@@ -102,9 +162,14 @@ def demonstrate(runner: EpisodeRunner, episode: Episode, noise: float) -> tuple[
     records: list[RecordedSimulation] = []
 
     def record(simulation: Simulation) -> Simulation:
-        records.append(RecordedSimulation(simulation, episode, noise))
+        first = Learner(learner, episode, episode.protocol.horizon // 2) if learner else None
+        records.append(RecordedSimulation(simulation, episode, noise, first))
         return records[-1]
 
     result = runner.play_one(episode, wrap=record)
     attempt = Attempt(episode.seed, result.status, result.steps, result.error)
     return attempt, encode_episode(records[-1].recording()) if result.status == Status.SUCCESS else None
+
+
+def _generator(episode: Episode, key: int) -> np.random.Generator:
+    return np.random.default_rng([int(episode.id, 16), key])

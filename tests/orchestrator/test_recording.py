@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from adapters import catalog
-from orchestrator.recording import RecordedSimulation, demonstrate
+from orchestrator.recording import LEARNER_REPLANS_EVERY, Learner, RecordedSimulation, demonstrate
 from orchestrator.runner import EpisodeRunner, PolicySource
+from policies.contract import Decision, PolicyError, PolicySpec, Sees, StatelessPolicy
 from suites.vocabulary import Condition, Episode, Protocol, View
 
 VIEW = View(image_size=16)
@@ -63,6 +64,56 @@ def test_what_is_seen_is_the_world_before_the_step():
     found = recorded.recording()
     assert np.array_equal(found.states, positions[:-1])
     assert set(found.images) == set(VIEW.cameras)
+
+
+class Sideways(StatelessPolicy):
+    """Moves along y, whatever it sees."""
+
+    spec = PolicySpec(Sees.OBSERVATION, chunk_length=8)
+
+    def __init__(self):
+        self.asked = []
+
+    def act(self, queries):
+        self.asked += [query.step for query in queries]
+        return [Decision(np.tile([0.0, 0.01, 0, 0, 0, 0, 0], (8, 1))) for _ in queries]
+
+
+def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_says_is_recorded():
+    simulation = catalog.open_simulation("null/Reach", VIEW)
+    executed = []
+    step = simulation.step
+    simulation.step = lambda action: executed.append(action) or step(action)
+    learner = Learner(Sideways(), episode(), 40)
+    recorded = RecordedSimulation(simulation, episode(), 0.0, learner)
+    recorded.reset(0, Condition())
+    clean = np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(50):
+        recorded.step(clean)
+    own = np.array(executed)[:, 1] == 0.01
+    assert 0 < learner.hands_over < 40
+    assert own[: learner.hands_over].all()
+    assert not own[learner.hands_over :].any()
+    assert np.all(recorded.recording().actions == clean)
+    assert learner.policy.asked == list(range(0, learner.hands_over, LEARNER_REPLANS_EVERY))
+
+
+def test_learners_hand_over_at_every_step_alike():
+    steps = [Learner(Sideways(), episode(seed), 10).hands_over for seed in range(2000)]
+    assert np.bincount(steps, minlength=10) == pytest.approx(200, abs=60)
+
+
+def test_a_learner_that_sees_no_observations_is_refused():
+    blind = Sideways()
+    blind.spec = PolicySpec(Sees.NOTHING, chunk_length=8)
+    with pytest.raises(PolicyError, match="expected a learner that sees observations, got one that sees nothing"):
+        Learner(blind, episode(), 10)
+
+
+def test_an_episode_with_a_learner_repeats_and_differs_from_one_without(runner):
+    with_learner, again = (demonstrate(runner, episode(3), 0.1, Sideways())[1] for _ in range(2))
+    without = demonstrate(runner, episode(3), 0.1)[1]
+    assert with_learner.content_hash == again.content_hash != without.content_hash
 
 
 def test_a_failed_episode_leaves_no_record(runner):

@@ -44,6 +44,13 @@ def demonstrate(
     image_size: Annotated[int | None, typer.Option(help="Height and width of an image (px); by default 96.")] = None,
     render_profile: Annotated[RenderProfile | None, typer.Option(help="By default fast.")] = None,
     workers: Annotated[int, typer.Option(help="Simulator processes.")] = 2,
+    learner: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EXPERTS",
+            help="Folder of experts: each acts first in its task, and the oracle takes over from it (DAgger).",
+        ),
+    ] = None,
 ) -> None:
     """Record the oracle's successes as LeRobot v3 datasets: noise in the executed action, the clean one recorded.
 
@@ -56,7 +63,7 @@ def demonstrate(
             suggested.image_size if image_size is None else image_size,
             render_profile or suggested.render_profile,
         )
-        order = Order(tasks, episodes, view, noise, first_seed, workers)
+        order = Order(tasks, episodes, view, noise, first_seed, workers, learner)
         with DemonstrationProgress(out) as progress:
             collected = collect(order, out_folder, progress)
     except (SuiteError, DemonstrateError, FolderError, PolicyError) as error:

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def finetune(
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="Dataset of the task.")],
+    data: Annotated[
+        list[Path], typer.Argument(metavar="DATA...", help="Datasets of the task, each with the same share of a batch.")
+    ],
     base: Annotated[str, typer.Option(help="Checkpoint to start from: a folder or a hub id.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
     steps: Annotated[int, typer.Option(help="Steps of the optimiser.")] = 2000,
@@ -44,8 +46,6 @@ def finetune(
         lora = LoraSettings(rank, adapt_convolutions)
         start = Path(base) if Path(base).exists() else base
         read_card(locate(base))  # decoding the data takes minutes, a mistyped base should not
-        return training.finetune(
-            Pool.open([data]), start, out_folder, settings, lora=lora, listener=listener, stop=stop
-        )
+        return training.finetune(Pool.open(data), start, out_folder, settings, lora=lora, listener=listener, stop=stop)
 
     run_training(out_folder, train)
