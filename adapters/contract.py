@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,6 @@ ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
 ACTION_DIM = 7
 PROPRIOCEPTION_DIM = 8
 PICTURE_SIZE = 256
-ADJUSTABLE = {"cameras": "MovableCameras"}
-"""What of a world can be adjusted, to the protocol that the simulation then offers."""
 
 FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -107,21 +105,6 @@ class StepOutcome:
     """The simulation cannot be stepped further."""
 
 
-@dataclass(frozen=True)
-class Viewpoint:
-    """Where a pinhole camera is and how it looks, in the frame of its carrier.
-
-    The third-person camera's is the robot's base, the wrist camera's the body that it is mounted on.
-    """
-
-    position: FloatArray
-    """Shape (3,), m."""
-    rotation: FloatArray
-    """Shape (3, 3): the image's right, down and forward as columns."""
-    fovy: float
-    """Vertical field of view (rad)."""
-
-
 @dataclass(frozen=True, slots=True)
 class Delivered:
     """What a perturbation amounted to in an episode, as measured; to be compared with what was asked for."""
@@ -171,17 +154,6 @@ class Simulation(Protocol):
         """Free everything. Safe to call twice."""
 
 
-@runtime_checkable
-class MovableCameras(Protocol):
-    """What a simulation offers, beside the contract above, so that axes of cameras can be played in it."""
-
-    def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint as the simulator has it now, read back from it."""
-
-    def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset. `picture` shows it too."""
-
-
 @dataclass(frozen=True)
 class TaskCard:
     """A task, as the catalog shows it."""
@@ -190,6 +162,8 @@ class TaskCard:
     """The goal in words, as a policy is told it."""
     horizon: int
     """Control steps that a competent policy needs with a comfortable margin."""
+    fixed: Mapping[str, str] = field(default_factory=dict)
+    """What of its world cannot be adjusted in this task although the simulator adjusts it in others, to the reason."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +186,7 @@ class Simulator:
     environment: Mapping[str, str] = field(default_factory=dict)
     """Environment variables that a worker sets, unless set already, before the simulator is imported."""
     adjusts: frozenset[str] = frozenset()
-    """What of its world its simulations let perturbations adjust, out of `ADJUSTABLE`."""
+    """What of its world its simulations let perturbations adjust, out of `adapters.adjusting.ADJUSTABLE`."""
     renders: bool = True
     """False for simulators that draw nothing (the null simulator)."""
     internal: bool = False

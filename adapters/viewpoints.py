@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray, Viewpoint
+from adapters.adjusting import Viewpoint
+from adapters.contract import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from adapters import catalog as simulators
-from adapters.contract import ADJUSTABLE, ActionSpec, ObservationSpec
+from adapters.adjusting import ADJUSTABLE
+from adapters.contract import ActionSpec, ObservationSpec
 from orchestrator.names import known_names
 from orchestrator.runner import PolicySource
 from policies import catalog as policies

@@ -9,7 +9,8 @@ import typer
 from rich.table import Table
 
 from adapters import catalog as simulators
-from adapters.contract import ADJUSTABLE, AdapterError
+from adapters.adjusting import ADJUSTABLE
+from adapters.contract import AdapterError
 from orchestrator.cli.shared import BadInput, out
 from suites.axes import AXES, SEVERITIES, Axis
 from suites.plugins import nearest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from adapters.adjusting import Adjustable, Adjusters
 from adapters.contract import Delivered, FloatArray, Image, NotDelivered, Observation, Simulation, StepOutcome
 from suites.axes import Axis
 from suites.vocabulary import Condition, Episode
@@ -21,6 +22,11 @@ class Perturbed:
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the clean episode of the seed: no such axis touches the world itself."""
         self.simulation.reset(seed, Condition())
+
+    @property
+    def adjusters(self) -> Adjusters:
+        """What of the simulation's world can be adjusted."""
+        return self.simulation.adjusters if isinstance(self.simulation, Adjustable) else Adjusters()
 
     def observe(self) -> Observation:
         """As the simulation."""

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from adapters.contract import Delivered, FloatArray, MovableCameras, UnsupportedCondition, Viewpoint
+from adapters.adjusting import Viewpoint
+from adapters.contract import Delivered, FloatArray, UnsupportedCondition
 from adapters.viewpoints import angle_round, bumped, farther, orbited, seen_at_height, turn_between, widened
 from orchestrator.perturbations.base import Perturbed
 from suites.operators import generator_for
@@ -30,16 +31,17 @@ class MovedCameras(Perturbed):
             UnsupportedCondition: This simulation's cameras cannot be moved, or the policy is not shown the camera.
         """
         super().reset(seed, condition)
-        if not isinstance(self.simulation, MovableCameras):
+        cameras = self.adjusters.cameras
+        if cameras is None:
             raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let cameras be moved")
         self.generator = generator_for(self.episode.pair_id, DRAW)
         self._found: dict[str, tuple[Viewpoint, Viewpoint]] = {}
         for camera in self.moved():
             if camera not in self.observation_spec.cameras:
                 raise UnsupportedCondition(f"{self.episode.condition}: expected a suite that shows camera '{camera}'")
-            own = self.simulation.viewpoint(camera)
-            self.simulation.set_viewpoint(camera, self.other(own))
-            self._found[camera] = own, self.simulation.viewpoint(camera)
+            own = cameras.viewpoint(camera)
+            cameras.set_viewpoint(camera, self.other(own))
+            self._found[camera] = own, cameras.viewpoint(camera)
 
     def moved(self) -> Iterable[str]:
         """The cameras that are moved."""

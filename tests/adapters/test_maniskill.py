@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from adapters.maniskill import SIMULATOR, _device_name, _euler_xyz
+from adapters.maniskill.simulation import SIMULATOR, _device_name, _euler_xyz
 from suites.vocabulary import Condition, RenderProfile, View
 
 CLEAN = Condition()
@@ -110,7 +110,7 @@ def test_the_target_is_drawn_for_policies_and_the_profiles_draw_the_same(push):
 
 @pytest.mark.simulator
 def test_without_a_vulkan_driver_the_reason_and_the_fix_are_told():
-    code = "from adapters.maniskill import *; open_task('PushCube-v1', View())"
+    code = "from adapters.maniskill.simulation import *; open_task('PushCube-v1', View())"
     nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)
     assert "SimulatorUnavailable" in run.stderr.splitlines()[-1]

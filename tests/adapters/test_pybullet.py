@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from adapters import pybullet as adapter
 from adapters.contract import ACTION_NAMES
+from adapters.pybullet import simulation as adapter
 from suites.vocabulary import Condition, RenderProfile, View
 
 pytestmark = pytest.mark.simulator

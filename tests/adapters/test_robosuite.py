@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from adapters.contract import FloatArray, SimulatorUnavailable
-from adapters.robosuite import SIMULATOR, RobosuiteSimulation, import_simulator
+from adapters.robosuite.simulation import SIMULATOR, RobosuiteSimulation, import_simulator
 from suites.vocabulary import Condition, RenderProfile, View
 
 pytestmark = pytest.mark.simulator

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from adapters import pybullet as adapter
+from adapters.pybullet import simulation as adapter
 from policies.oracles.pybullet import SCRIPTS
 from suites.vocabulary import SUCCESS_HOLD, Condition, View
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from adapters.adjusting import Adjusters
 from adapters.catalog import open_simulation
 from adapters.contract import AdapterError, ObservationSpec
 from adapters.viewpoints import looking_at, turn_between
@@ -34,6 +35,7 @@ class Scene:
         self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
         self.told, self.shown = [], 0
         aim = np.array([0.5, 0.0, 0.0])
+        self.adjusters = Adjusters(cameras=self)
         self.viewpoints = {
             "third_person": looking_at(aim + 0.6, aim, 0.7),
             "wrist": looking_at(np.array([0.05, 0.0, 0.0]), np.array([0.05, 0.0, 1.0]), 1.2, np.array([1.0, 0, 0])),

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from adapters.adjusting import Adjusters
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
@@ -38,16 +38,12 @@ from adapters.contract import (
     StepOutcome,
     TaskCard,
     UnsupportedCondition,
-    Viewpoint,
 )
 from adapters.frames import axis_angle, hash_state, wxyz_to_xyzw
+from adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
 from suites.vocabulary import CLEAN, Condition, View
 
 ROBOT = "panda_wristcam"
-PICTURE = "render_camera"
-RIGHT_DOWN_FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""The image's right, down and forward, as columns, in SAPIEN's camera frame: x forward, y left, z up."""
-SENSORS = {"third_person": "base_camera", "wrist": "hand_camera"}
 CONTROLLER_RANGE = 0.1
 """What 1.0 means to ManiSkill's controller: metres per axis, radians of the whole rotation."""
 EYE = (0.5, 0.5, 0.5)
@@ -102,16 +98,14 @@ class ManiSkillSimulation:
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._base_from_world = self._robot.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
-        self._moved: dict[str, tuple[Any, float]] = {}
-        """Own pose and field of view of each camera that was moved, to the bit."""
+        self._cameras = ManiSkillCameras(env, self._base_from_world)
+        self.adjusters = Adjusters(cameras=self._cameras)
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the episode of `seed`; only the clean condition is supported."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"maniskill cannot bring about {condition}: it knows clean only")
-        for name, (pose, fovy) in self._moved.items():
-            self._place(name, pose, fovy)
-        self._moved.clear()
+        self._cameras.undo()
         _renew_physics(self._env)
         self._env.reset(seed=seed)
 
@@ -155,40 +149,6 @@ class ManiSkillSimulation:
                 for name, values in state[kind].items()
             }
         )
-
-    def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint, as SAPIEN has it; that of the wrist in the frame of its mount."""
-        seen = self._component(SENSORS[camera])
-        pose = seen.get_local_pose()
-        if camera == "third_person":
-            pose = self._base_from_world * pose
-        rotation = Rotation.from_quat(wxyz_to_xyzw(pose.q)).as_matrix() @ RIGHT_DOWN_FORWARD
-        return Viewpoint(pose.p.astype(np.float64), rotation, float(seen.fovy))
-
-    def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset."""
-        import sapien
-
-        quaternion = Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T).as_quat()
-        pose = sapien.Pose(viewpoint.position, np.roll(quaternion, 1))
-        names = [SENSORS[camera]]
-        if camera == "third_person":
-            pose = self._base_from_world.inv() * pose
-            names.append(PICTURE)
-        for name in names:
-            seen = self._component(name)
-            self._moved.setdefault(name, (seen.get_local_pose(), seen.fovy))
-            self._place(name, pose, viewpoint.fovy)
-
-    def _place(self, name: str, pose: Any, fovy: float) -> None:
-        seen = self._component(name)
-        seen.set_local_pose(pose)
-        seen.set_fovy(fovy, compute_x=True)
-
-    def _component(self, name: str) -> Any:
-        """SAPIEN's own camera behind ManiSkill's."""
-        scene = self._env.scene
-        return (scene.human_render_cameras if name == PICTURE else scene.sensors)[name].camera._render_cameras[0]
 
     def picture(self) -> Image:
         """The third-person view, (256, 256, 3)."""

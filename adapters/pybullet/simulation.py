@@ -19,7 +19,6 @@ What is panda-gym's and what is ours:
 from __future__ import annotations
 
 import ctypes
-import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
@@ -30,6 +29,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from adapters.adjusting import Adjusters
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
@@ -42,10 +42,9 @@ from adapters.contract import (
     StepOutcome,
     TaskCard,
     UnsupportedCondition,
-    Viewpoint,
 )
 from adapters.frames import axis_angle, hash_state
-from adapters.viewpoints import looking_at
+from adapters.pybullet.cameras import PyBulletCameras
 from suites.vocabulary import Condition, RenderProfile, View
 
 TASKS = {
@@ -71,24 +70,6 @@ FINGERS = (9, 10)
 
 
 @dataclass(frozen=True)
-class Camera:
-    """A pinhole camera. Positions in metres, in the base frame, or in the tool's frame for the wrist."""
-
-    eye: tuple[float, float, float]
-    target: tuple[float, float, float]
-    up: tuple[float, float, float]
-    fovy: float
-    """Vertical field of view (degrees)."""
-
-
-THIRD_PERSON = Camera(eye=(1.28, 0.36, 0.52), target=(0.57, 0.0, 0.12), up=(0.0, 0.0, 1.0), fovy=36.0)
-"""In front of the robot and to its left, looking at the workspace and back at the arm."""
-WRIST = Camera(eye=(0.08, 0.0, -0.08), target=(0.0, 0.0, 0.04), up=(-1.0, 0.0, 0.0), fovy=75.0)
-"""On the front of the hand, looking down between the fingertips. The tool's z axis points out of the gripper."""
-CAMERAS = {"third_person": THIRD_PERSON, "wrist": WRIST}
-
-
-@dataclass(frozen=True)
 class Light:
     """TinyRenderer's one light; the defaults are PyBullet's own."""
 
@@ -111,7 +92,8 @@ class PyBulletSimulation:
         self._client = env.sim.physics_client
         self._bodies: Mapping[str, int] = env.sim._bodies_idx
         self._light = Light()
-        self._viewpoints: dict[str, Viewpoint] = {}
+        self._cameras = PyBulletCameras()
+        self.adjusters = Adjusters(cameras=self._cameras)
         self._target = np.zeros(3)
         rotations = ("rx", "ry", "rz")
         self.action_spec = ActionSpec(
@@ -133,7 +115,7 @@ class PyBulletSimulation:
         """
         if condition != Condition():
             raise UnsupportedCondition(f"pybullet cannot bring about {condition}; it offers clean")
-        self._viewpoints.clear()
+        self._cameras.undo()
         self._forget_contacts()
         self._env.reset(seed=seed)
         self._target, _ = self._tool_pose()
@@ -204,18 +186,6 @@ class PyBulletSimulation:
             state["cube_velocity"] = np.concatenate(self._client.getBaseVelocity(body))
         return state
 
-    def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint; that of the wrist in the tool's frame."""
-        if camera in self._viewpoints:
-            return self._viewpoints[camera]
-        own = CAMERAS[camera]
-        eye, target, up = (np.array(part) for part in (own.eye, own.target, own.up))
-        return looking_at(eye, target, math.radians(own.fovy), up)
-
-    def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset."""
-        self._viewpoints[camera] = viewpoint
-
     def picture(self) -> Image:
         """The third-person view for people, (256, 256, 3), in the view's render profile."""
         return self._render("third_person", PICTURE_SIZE)
@@ -238,9 +208,7 @@ class PyBulletSimulation:
 
     def _render(self, name: str, size: int) -> Image:
         """An upright RGB image (size, size, 3) of the world as it is now."""
-        camera, origin, rotation = CAMERAS[name], np.zeros(3), Rotation.identity()
-        if name in self._viewpoints:
-            camera = _camera(self._viewpoints[name])
+        camera, origin, rotation = self._cameras.camera(name), np.zeros(3), Rotation.identity()
         if name == "wrist":
             position, quaternion = self._tool_pose()
             origin, rotation = position, Rotation.from_quat(quaternion)
@@ -265,12 +233,6 @@ class PyBulletSimulation:
             renderer=client.ER_TINY_RENDERER,
         )
         return np.ascontiguousarray(np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)[..., :3])
-
-
-def _camera(viewpoint: Viewpoint) -> Camera:
-    _, down, forward = viewpoint.rotation.T
-    eye, target, up = (tuple(part.tolist()) for part in (viewpoint.position, viewpoint.position + forward, -down))
-    return Camera(eye, target, up, math.degrees(viewpoint.fovy))
 
 
 def open(task: str, view: View) -> PyBulletSimulation:

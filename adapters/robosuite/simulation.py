@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import importlib
 import logging
-import math
 import os
 import sys
 from collections.abc import Mapping
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from adapters.adjusting import Adjusters
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
@@ -39,17 +39,14 @@ from adapters.contract import (
     StepOutcome,
     TaskCard,
     UnsupportedCondition,
-    Viewpoint,
 )
-from adapters.frames import axis_angle, hash_state, relative_pose, wxyz_to_xyzw
+from adapters.frames import axis_angle, hash_state, relative_pose
+from adapters.robosuite.cameras import CAMERA_NAMES, RobosuiteCameras
 from suites.vocabulary import CLEAN, Condition, RenderProfile, View
 
 CONTROL_HZ = 20.0
 BUILD_SEED = 0
 """Seeds what robosuite draws while it builds a model."""
-RIGHT_DOWN_FORWARD = np.diag([1.0, -1.0, -1.0])
-"""The image's right, down and forward, as columns, in MuJoCo's camera frame: x right, y up, looking along -z."""
-CAMERA_NAMES = {"third_person": "agentview", "wrist": "robot0_eye_in_hand"}
 
 TASKS = {
     "Lift": TaskCard("lift the red cube off the table", horizon=80),
@@ -125,8 +122,8 @@ class RobosuiteSimulation:
         self._option = self._mujoco.MjvOption()
         self._option.geomgroup[0] = 0  # Collision shapes.
         self._renderers: dict[int, Any] = {}
-        self._moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
-        """Own position, quaternion and field of view of each camera that was moved, as the model has them."""
+        self._cameras = RobosuiteCameras(self._model, self._base)
+        self.adjusters = Adjusters(cameras=self._cameras)
         self._closed = False
         self._env.step(np.zeros(self._env.action_dim))
         self.reset(BUILD_SEED, Condition())
@@ -140,9 +137,7 @@ class RobosuiteSimulation:
         """Start the episode of `seed`, from which the objects' placement and the arm's joint noise are drawn."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"robosuite cannot bring about {condition}: this adapter knows clean only")
-        for camera, own in self._moved.items():
-            self._place(camera, *own)
-        self._moved.clear()
+        self._cameras.undo()
         generator = np.random.default_rng(seed)
         self._env.rng = generator
         for sampler in samplers(self._env.placement_initializer):
@@ -166,29 +161,6 @@ class RobosuiteSimulation:
         position, quaternion = self._tool_pose()
         proprioception = np.concatenate([position, axis_angle(quaternion), self._finger_positions()])
         return Observation(images, proprioception, self._instruction)
-
-    def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint, as MuJoCo has it; that of the wrist in the frame of the hand."""
-        seen = self._model.camera(CAMERA_NAMES[camera])
-        position, quaternion = seen.pos, wxyz_to_xyzw(seen.quat)
-        if camera == "third_person":
-            position, quaternion = relative_pose(self._base.xpos, self._base_quaternion(), position, quaternion)
-        rotation = Rotation.from_quat(quaternion).as_matrix() @ RIGHT_DOWN_FORWARD
-        return Viewpoint(np.array(position), rotation, math.radians(float(seen.fovy[0])))
-
-    def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset."""
-        position, turned = viewpoint.position, Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T)
-        if camera == "third_person":
-            base = Rotation.from_quat(self._base_quaternion())
-            position, turned = base.apply(position) + self._base.xpos, base * turned
-        seen = self._model.camera(CAMERA_NAMES[camera])
-        self._moved.setdefault(camera, (seen.pos.copy(), seen.quat.copy(), seen.fovy.copy()))
-        self._place(camera, position, np.roll(turned.as_quat(), 1), np.array([math.degrees(viewpoint.fovy)]))
-
-    def _place(self, camera: str, position: FloatArray, quaternion: FloatArray, fovy: FloatArray) -> None:
-        seen = self._model.camera(CAMERA_NAMES[camera])
-        seen.pos[:], seen.quat[:], seen.fovy[:] = position, quaternion, fovy
 
     def picture(self) -> Image:
         """The third-person view, (256, 256, 3)."""

@@ -1,0 +1,62 @@
+"""The cameras of the PyBullet adapter: PyBullet draws from wherever it is told, so they are ours."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from adapters.adjusting import Viewpoint
+from adapters.viewpoints import looking_at
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera. Positions in metres, in the base frame, or in the tool's frame for the wrist."""
+
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    up: tuple[float, float, float]
+    fovy: float
+    """Vertical field of view (degrees)."""
+
+
+THIRD_PERSON = Camera(eye=(1.28, 0.36, 0.52), target=(0.57, 0.0, 0.12), up=(0.0, 0.0, 1.0), fovy=36.0)
+"""In front of the robot and to its left, looking at the workspace and back at the arm."""
+WRIST = Camera(eye=(0.08, 0.0, -0.08), target=(0.0, 0.0, 0.04), up=(-1.0, 0.0, 0.0), fovy=75.0)
+"""On the front of the hand, looking down between the fingertips. The tool's z axis points out of the gripper."""
+CAMERAS = {"third_person": THIRD_PERSON, "wrist": WRIST}
+
+
+class PyBulletCameras:
+    """See `adapters.adjusting.Cameras`."""
+
+    def __init__(self) -> None:
+        self._viewpoints: dict[str, Viewpoint] = {}
+
+    def undo(self) -> None:
+        """Give every camera its own viewpoint back."""
+        self._viewpoints.clear()
+
+    def camera(self, name: str) -> Camera:
+        """What to draw from; exact where nothing was moved."""
+        return _camera(self._viewpoints[name]) if name in self._viewpoints else CAMERAS[name]
+
+    def viewpoint(self, camera: str) -> Viewpoint:
+        """A camera's viewpoint; that of the wrist in the tool's frame."""
+        if camera in self._viewpoints:
+            return self._viewpoints[camera]
+        own = CAMERAS[camera]
+        eye, target, up = (np.array(part) for part in (own.eye, own.target, own.up))
+        return looking_at(eye, target, math.radians(own.fovy), up)
+
+    def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
+        """Give a camera another viewpoint, until the next reset."""
+        self._viewpoints[camera] = viewpoint
+
+
+def _camera(viewpoint: Viewpoint) -> Camera:
+    _, down, forward = viewpoint.rotation.T
+    eye, target, up = (tuple(part.tolist()) for part in (viewpoint.position, viewpoint.position + forward, -down))
+    return Camera(eye, target, up, math.degrees(viewpoint.fovy))

@@ -1,0 +1,5 @@
+"""The adapter of robosuite (MuJoCo). Light: the simulator is imported when a task is opened."""
+
+from adapters.robosuite.simulation import SIMULATOR
+
+__all__ = ["SIMULATOR"]
