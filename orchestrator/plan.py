@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from array import array
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from adapters import catalog as simulators
@@ -14,7 +15,7 @@ from orchestrator.names import known_names
 from orchestrator.runner import PolicySource
 from policies import catalog as policies
 from policies.contract import PolicyError, PolicyMismatch, check_fit
-from results.run import PlannedCell, RunDocument
+from results.run import PlannedCell, RunDocument, Unsupported
 from suites.axes import Axis, axis_of, why_unsupported
 from suites.loading import Problem, SuiteError, load_suite
 from suites.part import NoSuchPart, Part
@@ -46,6 +47,8 @@ class Plan:
     """Policy name to the hash of its content."""
     unavailable: Mapping[str, str]
     """Simulator of the suite that is not installed here, to the reason."""
+    unsupported: tuple[Unsupported, ...] = ()
+    """Axes that some tasks of the suite cannot have; those cells are not planned."""
 
     @property
     def simulators(self) -> list[str]:
@@ -138,11 +141,13 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
         by_digest.setdefault(digest, entry.name)
         digests[entry.name] = digest
         sources[entry.name] = PolicySource(entry.kind, entry.options)
-    problems += _unsupported(suite)
+    unsupported = _unsupported(suite)
+    problems += _nowhere(suite, unsupported)
     if problems:
         raise SuiteError([Problem(str(path), None, problem) for problem in problems])
-    cells = tuple(suite.cells(names, digests))
-    plan = Plan(suite, path, text, suite.content_hash(digests, names), cells, sources, digests, {})
+    without = {(gap.axis, gap.task) for gap in unsupported}
+    cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
+    plan = Plan(suite, path, text, suite.content_hash(digests, names), cells, sources, digests, {}, unsupported)
     unavailable = {
         name: reason for name in plan.simulators if (reason := simulators.missing_reason(simulators.find(name)))
     }
@@ -156,27 +161,37 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
         raise PlanError("\n".join([*unknown, *required]))
     if len(unavailable) == len(plan.simulators):
         raise PlanError("\n".join(f"{name}: {reason}" for name, reason in unavailable.items()))
-    return Plan(suite, path, text, plan.suite_hash, cells, sources, digests, unavailable)
+    return replace(plan, unavailable=unavailable)
 
 
-def _unsupported(suite: Suite) -> list[str]:
-    """A line for each axis that cannot be brought about in a task of the suite."""
+def _unsupported(suite: Suite) -> tuple[Unsupported, ...]:
+    """The axes that cannot be brought about in a task of the suite."""
     cards = simulators.task_cards()
     axes = dict.fromkeys(filter(None, map(axis_of, suite.all_conditions())))
-    return [
-        f"axis '{axis.name}' is unsupported in {task}: {reason}"
+    return tuple(
+        Unsupported(axis=axis.name, task=task, reason=reason)
         for axis in axes
         for task in suite.tasks
-        if (reason := _why_unadjusted(axis, task) or why_unsupported(axis, cards[task].instruction))
+        if (reason := why_unadjusted(axis, task) or why_unsupported(axis, cards[task].instruction))
+    )
+
+
+def _nowhere(suite: Suite, unsupported: Sequence[Unsupported]) -> list[str]:
+    """A line for each task of an axis that no task of the suite can have."""
+    tasks = Counter(gap.axis for gap in unsupported)
+    return [
+        f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
+        for gap in unsupported
+        if tasks[gap.axis] == len(suite.tasks)
     ]
 
 
-def _why_unadjusted(axis: Axis, task: str) -> str | None:
-    """Why an axis of the world cannot be brought about in a task's simulator, or None."""
-    simulator = simulators.find(task.partition("/")[0])
-    if str(axis.changes) in ADJUSTABLE and str(axis.changes) not in simulator.adjusts:
-        return f"{simulator.title} does not let {axis.changes} be adjusted"
-    return None
+def why_unadjusted(axis: Axis, task: str) -> str | None:
+    """Why an axis of the world cannot be brought about in a task, or None."""
+    part, simulator = str(axis.changes), simulators.find(task.partition("/")[0])
+    if part in ADJUSTABLE and part not in simulator.adjusts:
+        return f"{simulator.title} does not let its {part} be adjusted"
+    return simulators.task_cards()[task].fixed.get(part)
 
 
 def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:

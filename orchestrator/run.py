@@ -231,6 +231,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         store_url=_without_password(options.store),
         started_at=time.time(),
         plan=plan.planned_cells(),
+        unsupported=plan.unsupported,
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         merging=plan.suite.merging,
         gate=plan.suite.gate,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from results.record import Status
-from results.run import PlannedCell, RunDocument
+from results.run import PlannedCell, RunDocument, Unsupported
 from results.statistics.aggregate import Outcomes
 from results.statistics.rates import Estimate
 from results.statistics.severity import SeverityCurve, severity_curve
@@ -100,10 +100,10 @@ class GateRow:
 
 @dataclass(frozen=True, slots=True)
 class Worlds:
-    """Whether perturbed episodes started from the world of the clean ones."""
+    """Whether episodes started from the world of the clean ones, on axes that do not move anything."""
 
     compared: int
-    """Perturbed episodes whose clean episode has a row too."""
+    """Those whose clean episode has a row too."""
     differing: int
     """Those that started from another physical state."""
 
@@ -123,6 +123,8 @@ class Robustness:
     """Conditions in which it did not solve everything."""
     delivered: tuple[DeliveredRow, ...]
     worlds: Worlds
+    unsupported: tuple[Unsupported, ...] = ()
+    """What of the suite could not be planned."""
 
 
 def is_perturbed(document: RunDocument) -> bool:
@@ -195,6 +197,7 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         tuple(row for row in gated if row.passed < row.seeds),
         _delivered(axes, frame),
         _worlds(frame),
+        document.unsupported,
     )
 
 
@@ -284,6 +287,7 @@ def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, 
 def _worlds(frame: pd.DataFrame) -> Worlds:
     played = frame[frame["status"] != str(Status.ERROR)]
     clean = played[played["axis"] == CLEAN].groupby(["task", "seed"], observed=True)["state_hash"].first()
-    other = played[played["axis"] != CLEAN]
+    clean_start = [name for name, axis in AXES.items() if axis.changes.starts_clean]
+    other = played[played["axis"].isin(clean_start)]
     joined = other.join(clean.rename("clean"), on=["task", "seed"], how="inner")
     return Worlds(len(joined), int((joined["state_hash"] != joined["clean"]).sum()))

@@ -50,6 +50,14 @@ class PlannedCell(_Model):
     """Episodes (seeds) planned."""
 
 
+class Unsupported(_Model):
+    """An axis that a task of the plan cannot have; no episode of the two together is planned."""
+
+    axis: str
+    task: str
+    reason: str
+
+
 class Provenance(_Model):
     """With what the run was made."""
 
@@ -87,6 +95,7 @@ class RunDocument(_Model):
     status: RunStatus = RunStatus.RUNNING
     reason: str | None = None
     plan: tuple[PlannedCell, ...]
+    unsupported: tuple[Unsupported, ...] = ()
     instructions: dict[str, str] = Field(default_factory=dict)
     """Task to its goal in words."""
     gate: str | None = None

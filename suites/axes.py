@@ -29,6 +29,26 @@ class Changes(StrEnum):
     """What is executed of what the policy commands; the same operator in every simulator."""
     INSTRUCTION = "instruction"
     """The words in which the goal is given."""
+    LIGHTS = "lights"
+    """How the scene is lit."""
+    STAGE = "stage"
+    """How the table looks, and what stands on it to be seen and not touched."""
+    OBJECTS = "objects"
+    """Where the task's things are."""
+    ARM = "arm"
+    """Where the arm starts."""
+    BODIES = "bodies"
+    """How heavy and how slippery the task's things are."""
+
+    @property
+    def is_seen_only(self) -> bool:
+        """Whether physics does not know of it: who acts without looking meets the clean world, step by step."""
+        return self in (Changes.CAMERAS, Changes.IMAGES, Changes.INSTRUCTION, Changes.LIGHTS, Changes.STAGE)
+
+    @property
+    def starts_clean(self) -> bool:
+        """Whether the episode starts from the physical state of the clean one."""
+        return self not in (Changes.OBJECTS, Changes.ARM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +71,7 @@ class Axis:
     anchors: str
     """What the levels are aligned with."""
     also: tuple[float, ...] = ()
-    """A second quantity that goes with the levels (deg), see the summary."""
+    """A second quantity that goes with the levels, see the summary."""
 
     @property
     def is_control(self) -> bool:
@@ -115,6 +135,104 @@ _ALL = (
         "Every camera is moved by this in a random direction, and turned by 0.5, 1, 2, 3, 5 deg about a random axis.",
         "ManiSkill's randomisation has 2.5 cm, Colosseum 10 cm and 2.9 deg (2402.08191)",
         (0.5, 1.0, 2.0, 3.0, 5.0),
+    ),
+    Axis(
+        "illuminance",
+        "L1",
+        "dimmed light",
+        Changes.LIGHTS,
+        "EV darker",
+        (0.5, 1.0, 1.5, 2.0, 3.0),
+        0.15,
+        "All lamps are dimmed by so many stops, measured in the linear light of the images. Darker only: brighter "
+        "images saturate.",
+        "1 EV is half the light; 3 EV take an office of 500 lux to a dim room of 60",
+    ),
+    Axis(
+        "light-direction",
+        "L2",
+        "moved light",
+        Changes.LIGHTS,
+        "deg",
+        (15.0, 30.0, 45.0, 60.0, 80.0),
+        0.1,
+        "The key light comes from a direction turned by this, to a random side, from 10 deg above the horizon at "
+        "least. Shadows follow where the render profile draws any: `standard` does in PyBullet and robosuite.",
+        "robosuite's randomisation has 20, Colosseum V2 draws any azimuth",
+    ),
+    Axis(
+        "colour-temperature",
+        "L3",
+        "coloured light",
+        Changes.LIGHTS,
+        "K",
+        (5500.0, 4500.0, 3500.0, 2700.0, 2000.0),
+        300.0,
+        "All lamps have the colour of a black body of this temperature instead of daylight's 6500 K, at the same "
+        "luminance.",
+        "from daylight to incandescent lamp and candle",
+    ),
+    Axis(
+        "table",
+        "T",
+        "another table",
+        Changes.STAGE,
+        "dE*ab of the mean colour",
+        (10.0, 20.0, 35.0, 50.0, 70.0),
+        5.0,
+        "The table is painted: its mean colour as the third-person camera sees it is this far from its own, in a "
+        "random direction of CIELAB. Plain at 1 and 2, with a gradient at 3, chequered at 4, with blotches at 5.",
+        "2 is just visible; Colosseum's random colours and textures are roughly 4 and 5 (2402.08191)",
+    ),
+    Axis(
+        "distractors",
+        "O2",
+        "distractors",
+        Changes.STAGE,
+        "things",
+        (1.0, 2.0, 4.0, 6.0, 10.0),
+        0.0,
+        "So many boxes, balls and cylinders of 3 to 5 cm stand on the table, half of them red, green or blue like the "
+        "tasks' own things, at least 5 cm clear of these and of the straight way between them. They are drawn and "
+        "cannot be touched, so nothing but seeing is tested.",
+        "LIBERO-Plus adds 1 to 5 (2510.13626), RoboTwin 2.0 has 10 (2506.18088)",
+    ),
+    Axis(
+        "object-position",
+        "O1",
+        "displaced object",
+        Changes.OBJECTS,
+        "cm outside",
+        (1.0, 2.0, 4.0, 7.0, 10.0),
+        0.1,
+        "What the task is about lies this far outside the region from which resets draw its place, on a random side.",
+        "LIBERO-Plus moves by 1 to 15 (2510.13626)",
+    ),
+    Axis(
+        "robot-start",
+        "R",
+        "another start",
+        Changes.ARM,
+        "cm",
+        (3.8, 7.6, 11.0, 15.0, 18.5),
+        0.2,
+        "The tool starts this far from its own start in a random direction, 3 cm above the table at least, and turned "
+        "by 5, 10, 16, 21, 26 deg about a random axis where the arm can turn it (not in PyBullet).",
+        "what LIBERO-Plus' offsets of 0.1 to 0.5 rad make of the tool's place in robosuite (2510.13626)",
+        (5.0, 10.0, 16.0, 21.0, 26.0),
+    ),
+    Axis(
+        "dynamics",
+        "D",
+        "mass and friction",
+        Changes.BODIES,
+        "times the mass",
+        (1.25, 1.5, 2.0, 3.0, 5.0),
+        0.01,
+        "The task's things are so many times as heavy, and their friction is multiplied or divided, at random, by 1.1, "
+        "1.25, 1.5, 2, 3.",
+        "robosuite's randomisation has 10 % of friction, Colosseum more by task (2402.08191)",
+        (1.1, 1.25, 1.5, 2.0, 3.0),
     ),
     Axis(
         "noise",

@@ -9,9 +9,9 @@ import typer
 from rich.table import Table
 
 from adapters import catalog as simulators
-from adapters.adjusting import ADJUSTABLE
 from adapters.contract import AdapterError
 from orchestrator.cli.shared import BadInput, out
+from orchestrator.plan import why_unadjusted
 from suites.axes import AXES, SEVERITIES, Axis
 from suites.plugins import nearest
 from suites.vocabulary import RenderProfile, View
@@ -41,9 +41,10 @@ def show(axis: Annotated[str, typer.Argument(help="Name or code, such as noise o
     for severity in range(1, SEVERITIES + 1):
         table.add_row(str(severity), f"{found.value(severity):g}")
     out.print(table)
-    if found.changes in ADJUSTABLE:
-        able = [s.title for s in simulators.simulators().values() if str(found.changes) in s.adjusts]
-        out.print(f"supported by: {', '.join(able) or 'no simulator'}", markup=False, highlight=False)
+    shown = [s.name for s in simulators.simulators().values() if not s.internal]
+    for task in simulators.task_cards():
+        if task.partition("/")[0] in shown and (reason := why_unadjusted(found, task)):
+            out.print(f"unsupported in {task}: {reason}", markup=False, highlight=False)
     out.print(f"changes {found.changes} only; {_checked(found)}", markup=False, highlight=False)
     out.print(f"aligned with: {found.anchors}", markup=False, highlight=False)
 

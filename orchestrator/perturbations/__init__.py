@@ -6,9 +6,13 @@ from collections.abc import Mapping
 
 from adapters.contract import Simulation, UnsupportedCondition
 from orchestrator.perturbations.actions import Delayed, NoisyActions
+from orchestrator.perturbations.arm import Started
 from orchestrator.perturbations.base import Perturbed
 from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
 from orchestrator.perturbations.images import Blind, Blurred, Frozen, Noisy
+from orchestrator.perturbations.lights import Dimmed, Redirected, Tinted
+from orchestrator.perturbations.objects import Altered, Displaced
+from orchestrator.perturbations.stage import Distracted, Painted
 from orchestrator.perturbations.words import Misled, Reworded, Untold
 from suites.axes import axis_of
 from suites.vocabulary import Episode
@@ -18,6 +22,14 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "camera-distance": Farther,
     "field-of-view": Widened,
     "camera-bump": Bumped,
+    "illuminance": Dimmed,
+    "light-direction": Redirected,
+    "colour-temperature": Tinted,
+    "table": Painted,
+    "distractors": Distracted,
+    "object-position": Displaced,
+    "robot-start": Started,
+    "dynamics": Altered,
     "noise": Noisy,
     "blur": Blurred,
     "frozen-frames": Frozen,

@@ -3,11 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TypeVar
+
+import numpy as np
 
 from adapters.adjusting import Adjustable, Adjusters
-from adapters.contract import Delivered, FloatArray, Image, NotDelivered, Observation, Simulation, StepOutcome
+from adapters.contract import (
+    Delivered,
+    FloatArray,
+    Image,
+    NotDelivered,
+    Observation,
+    Simulation,
+    StepOutcome,
+    UnsupportedCondition,
+)
 from suites.axes import Axis
 from suites.vocabulary import Condition, Episode
+
+Part = TypeVar("Part")
 
 
 class Perturbed:
@@ -60,6 +74,16 @@ class Perturbed:
         """As the simulation."""
         self.simulation.close()
 
+    def offered(self, adjuster: Part | None, what: str) -> Part:
+        """An adjuster that the simulation must have.
+
+        Raises:
+            UnsupportedCondition: It has not; `what` completes "this simulation does not let".
+        """
+        if adjuster is None:
+            raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let {what}")
+        return adjuster
+
     def checked(self, value: float) -> float:
         """Refuse what is farther from the level than the axis allows.
 
@@ -71,3 +95,64 @@ class Perturbed:
                 f"{self.episode.condition}: expected {self.level:g} {self.axis.unit}, delivered {value:.2f}"
             )
         return value
+
+
+Looks = Mapping[str, tuple[Image, Image]]
+"""Camera to what it sees at the start of the clean episode and of this one."""
+
+
+class PerturbedScene(Perturbed):
+    """A scene that looks different and is the same to physics.
+
+    What the first look shows is compared with what it would show in the clean episode, which costs one more rendering.
+    Nothing is rendered for a policy that does not look.
+    """
+
+    def reset(self, seed: int, condition: Condition) -> None:
+        """Start the clean episode; a subclass then changes the scene."""
+        super().reset(seed, condition)
+        self._found: Delivered | None = None
+
+    def bare(self) -> None:
+        """Show the scene as in the clean episode."""
+        raise NotImplementedError
+
+    def dressed(self) -> None:
+        """Show the perturbed scene again."""
+        raise NotImplementedError
+
+    def measured(self, looks: Looks) -> tuple[float, dict[str, float]]:
+        """What was delivered, in the unit of the axis, and other numbers by name.
+
+        Raises:
+            NotDelivered: It is not what was asked for.
+        """
+        raise NotImplementedError
+
+    def observe(self) -> Observation:
+        """What the cameras see.
+
+        Raises:
+            NotDelivered: The first look shows something else than was asked for.
+        """
+        if self._found is not None:
+            return self.simulation.observe()
+        self.bare()
+        clean = self.simulation.observe().images
+        self.dressed()
+        seen = self.simulation.observe()
+        looks = {camera: (clean[camera], image) for camera, image in seen.images.items()}
+        if not self.changed(looks):
+            raise NotDelivered(
+                f"{self.episode.condition}: expected other images than in the clean episode, got the same"
+            )
+        self._found = Delivered(*self.measured(looks))
+        return seen
+
+    def changed(self, looks: Looks) -> float:
+        """Share of the pixels that are not as in the clean episode."""
+        return float(np.mean([(clean != seen).any(axis=2).mean() for clean, seen in looks.values()]))
+
+    def delivered(self) -> Delivered | None:
+        """What the first look showed; nothing if there was none."""
+        return self._found or Delivered(None)

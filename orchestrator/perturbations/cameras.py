@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from adapters.adjusting import Viewpoint
+from adapters.adjusting import Cameras, Viewpoint
 from adapters.contract import Delivered, FloatArray, UnsupportedCondition
 from adapters.viewpoints import angle_round, bumped, farther, orbited, seen_at_height, turn_between, widened
 from orchestrator.perturbations.base import Perturbed
@@ -31,9 +31,7 @@ class MovedCameras(Perturbed):
             UnsupportedCondition: This simulation's cameras cannot be moved, or the policy is not shown the camera.
         """
         super().reset(seed, condition)
-        cameras = self.adjusters.cameras
-        if cameras is None:
-            raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let cameras be moved")
+        cameras: Cameras = self.offered(self.adjusters.cameras, "cameras be moved")
         self.generator = generator_for(self.episode.pair_id, DRAW)
         self._found: dict[str, tuple[Viewpoint, Viewpoint]] = {}
         for camera in self.moved():

@@ -71,7 +71,10 @@ def _robustness(robustness: Robustness) -> list[str]:
     if robustness.gated:
         parts += [_says("gate"), markdown(stress.gate_table(robustness))]
     parts += ["### Delivered", escape(stress.worlds(robustness)), _says("delivered")]
-    return [*parts, markdown(stress.delivered_table(robustness))]
+    parts.append(markdown(stress.delivered_table(robustness)))
+    if robustness.unsupported:
+        parts += ["### Unsupported", markdown(stress.unsupported_table(robustness))]
+    return parts
 
 
 def _not_run(tables: Tables) -> list[str]:

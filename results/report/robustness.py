@@ -120,9 +120,9 @@ def _value(cell: DeliveredCell | None) -> str:
 def worlds(robustness: Robustness) -> str:
     """Whether perturbed episodes started from the clean world, in a sentence."""
     found = robustness.worlds
-    compared = text.counted(found.compared, "perturbed episode")
+    compared = text.counted(found.compared, "episode") + " on axes that move nothing"
     if not found.compared:
-        return "No perturbed episode has a clean one of its task and seed to be compared with."
+        return "No episode on an axis that moves nothing has a clean one of its task and seed to be compared with."
     if found.differing:
         return f"{found.differing:,} of {compared} started from another physical state than the clean episode."
     return f"All of {compared} started from the physical state of the clean episode."
@@ -143,6 +143,12 @@ def controls_table(robustness: Robustness) -> TextTable:
             cells += [rate(row.rate), points(row.drop)] if row else [NOTHING, NOTHING]
         lines.append(tuple(cells))
     return TextTable(tuple(header), tuple(lines), 2)
+
+
+def unsupported_table(robustness: Robustness) -> TextTable:
+    """Axes that tasks of the suite cannot have."""
+    lines = tuple((short_title(gap.axis), gap.task, gap.reason) for gap in robustness.unsupported)
+    return TextTable(("axis", "task", "why not"), lines, 3)
 
 
 def gate_table(robustness: Robustness) -> TextTable:

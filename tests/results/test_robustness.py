@@ -6,7 +6,7 @@ import math
 import pandas as pd
 import pytest
 
-from results.robustness import COLUMNS, build_robustness, is_perturbed
+from results.robustness import COLUMNS, Worlds, build_robustness, is_perturbed
 from suites.vocabulary import Condition
 from tests.results.synthetic import cells, document, row
 
@@ -137,6 +137,12 @@ def test_perturbed_episodes_that_start_elsewhere_than_the_clean_ones_are_counted
     assert built().worlds.compared == 2 * 2 * 3 * SEEDS
     moved = [dataclasses.replace(r, state_hash="elsewhere") if r.axis == "blur" else r for r in rows()]
     assert built(moved).worlds.differing == 2 * 2 * SEEDS
+
+
+def test_axes_that_move_something_are_not_expected_to_start_in_the_clean_world():
+    plan = cells(("expert",), TASKS, (Condition(), Condition("object-position", 2), Condition("dynamics", 2)))
+    results = [row(cell, seed, "success", state_hash=cell.condition.axis) for cell in plan for seed in range(3)]
+    assert built(results, plan).worlds == Worlds(compared=6, differing=6)
 
 
 def test_without_clean_episodes_there_is_no_curve():

@@ -17,6 +17,14 @@ def test_the_severities_are_frozen():
         "camera-distance": (1.05, 1.1, 1.25, 1.5, 2.0),
         "field-of-view": (2.0, 5.0, 10.0, 15.0, 20.0),
         "camera-bump": (0.5, 1.0, 2.5, 5.0, 10.0),
+        "illuminance": (0.5, 1.0, 1.5, 2.0, 3.0),
+        "light-direction": (15.0, 30.0, 45.0, 60.0, 80.0),
+        "colour-temperature": (5500.0, 4500.0, 3500.0, 2700.0, 2000.0),
+        "table": (10.0, 20.0, 35.0, 50.0, 70.0),
+        "distractors": (1.0, 2.0, 4.0, 6.0, 10.0),
+        "object-position": (1.0, 2.0, 4.0, 7.0, 10.0),
+        "robot-start": (3.8, 7.6, 11.0, 15.0, 18.5),
+        "dynamics": (1.25, 1.5, 2.0, 3.0, 5.0),
         "noise": (34.0, 28.0, 22.0, 18.4, 14.9),
         "blur": (0.3, 0.6, 1.0, 1.8, 2.7),
         "frozen-frames": (2.0, 5.0, 10.0, 20.0, 40.0),
@@ -30,6 +38,8 @@ def test_the_quantities_that_go_with_them_are_frozen_too():
     assert {axis.name: axis.also for axis in AXES.values() if axis.also} == {
         "camera-orbit": (1.0, 2.0, 4.0, 8.0, 15.0),
         "camera-bump": (0.5, 1.0, 2.0, 3.0, 5.0),
+        "robot-start": (5.0, 10.0, 16.0, 21.0, 26.0),
+        "dynamics": (1.1, 1.25, 1.5, 2.0, 3.0),
     }
 
 

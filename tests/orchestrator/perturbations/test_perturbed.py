@@ -6,15 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from adapters.adjusting import Adjusters
 from adapters.catalog import open_simulation
 from adapters.contract import AdapterError, ObservationSpec
-from adapters.viewpoints import looking_at, turn_between
+from adapters.viewpoints import turn_between
 from orchestrator.perturbations import images, perturbed, words
 from orchestrator.rollout import rollout
 from suites.axes import AXES, Changes
 from suites.paraphrases import OTHER_GOALS, PARAPHRASES
-from suites.vocabulary import Condition, Episode, Protocol, View
+from suites.vocabulary import Condition, View
+from tests.orchestrator.perturbations.scene import Scene, begun, episode
 from tests.orchestrator.test_rollout import Scripted
 
 IMAGE_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.IMAGES]
@@ -25,52 +25,6 @@ every_axis = pytest.mark.parametrize("axis", AXES)
 def top(axis):
     """The greatest severity."""
     return len(AXES[axis].levels)
-
-
-class Scene:
-    """The null simulator with something to see and cameras to move, remembering what it was told to do."""
-
-    def __init__(self):
-        self.inner = open_simulation("null/Reach", View())
-        self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
-        self.told, self.shown = [], 0
-        aim = np.array([0.5, 0.0, 0.0])
-        self.adjusters = Adjusters(cameras=self)
-        self.viewpoints = {
-            "third_person": looking_at(aim + 0.6, aim, 0.7),
-            "wrist": looking_at(np.array([0.05, 0.0, 0.0]), np.array([0.05, 0.0, 1.0]), 1.2, np.array([1.0, 0, 0])),
-        }
-
-    def observe(self):
-        seen = self.inner.observe()
-        self.shown += 1
-        for image in seen.images.values():
-            image[20:40, 20:60] = (200, 30, self.shown)
-        return seen
-
-    def step(self, action):
-        self.told.append(np.array(action))
-        return self.inner.step(action)
-
-    def viewpoint(self, camera):
-        return self.viewpoints[camera]
-
-    def set_viewpoint(self, camera, viewpoint):
-        self.viewpoints[camera] = viewpoint
-
-    def __getattr__(self, name):
-        return getattr(self.inner, name)
-
-
-def episode(axis="clean", severity=0, policy="p", seed=4):
-    return Episode(policy, policy, "null/Reach", seed, Protocol(40), Condition(axis, severity))
-
-
-def begun(axis, severity, **which):
-    scene = Scene()
-    simulation = perturbed(scene, episode(axis, severity, **which))
-    simulation.reset(4, Condition(axis, severity))
-    return scene, simulation
 
 
 def looks(axis, severity, count=12, **which):
@@ -98,7 +52,7 @@ def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean
     _, simulation = begun(axis, top(axis))
     clean = Scene()
     clean.reset(4, Condition())
-    assert simulation.state_hash() == clean.state_hash()
+    assert (simulation.state_hash() == clean.state_hash()) == AXES[axis].changes.starts_clean
     ours, theirs = simulation.observe(), clean.observe()
     assert (ours.instruction == theirs.instruction) == (AXES[axis].changes is not Changes.INSTRUCTION)
     assert (ours.proprioception == theirs.proprioception).all()
@@ -200,7 +154,7 @@ def test_the_instruction_is_given_in_the_words_of_its_severity_and_the_images_st
     seen = simulation.observe()
     assert seen.instruction == "reach the goal, 3"
     assert simulation.delivered().value == 3.0
-    assert (seen.images["wrist"] == scene.inner.observe().images["wrist"]).mean() > 0.9
+    assert (seen.images["wrist"] == scene.observe().images["wrist"]).mean() > 0.9
 
 
 @pytest.mark.parametrize(("control", "told"), [("blank-instruction", ""), ("wrong-goal", "leave the goal")])

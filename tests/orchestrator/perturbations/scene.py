@@ -1,0 +1,125 @@
+"""The null simulator with something to see and a world that can be adjusted, for tests in milliseconds."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from adapters.adjusting import Adjusters, Dynamics, Light, Placeable, Unreachable, unit
+from adapters.catalog import open_simulation
+from adapters.frames import hash_state
+from adapters.viewpoints import looking_at
+from orchestrator.perturbations import perturbed
+from suites.photometry import encoded, linear
+from suites.vocabulary import Condition, Episode, Protocol, View
+
+TABLE = (slice(40, 90), slice(10, 90))
+"""Where the table is in every image."""
+
+
+class Scene:
+    """Remembers what it was told to do. Every part of it is adjusted by the scene itself."""
+
+    turns = True
+    table_height = 0.0
+
+    def __init__(self):
+        self.inner = open_simulation("null/Reach", View())
+        self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
+        self.adjusters = Adjusters(*[self] * 6)
+        self.told, self.shown_looks = [], 0
+        aim = np.array([0.5, 0.0, 0.0])
+        self.viewpoints = {
+            "third_person": looking_at(aim + 0.6, aim, 0.7),
+            "wrist": looking_at(np.array([0.05, 0.0, 0.0]), np.array([0.05, 0.0, 1.0]), 1.2, np.array([1.0, 0, 0])),
+        }
+        self.now = Light(np.ones(3), unit(np.array([0.5, 0.3, 0.8])))
+        self.texture, self.props, self.factors = None, (), Dynamics()
+        self.tool = np.array([0.45, 0.0, 0.2]), np.array([1.0, 0.0, 0.0, 0.0])
+        self.things = {"cube": np.array([0.5, 0.05, 0.02]), "other": np.array([0.5, -0.04, 0.02])}
+
+    def observe(self):
+        seen = self.inner.observe()
+        self.shown_looks += 1
+        return replace(seen, images={camera: self._image(camera) for camera in seen.images})
+
+    def _image(self, camera):
+        """The viewpoint does not matter here: cameras are measured by what is read back."""
+        image = np.full((96, 96, 3), 90, np.uint8)
+        image[TABLE] = (130, 120, 110)
+        if self.texture is not None:
+            n = len(self.texture)
+            rows, columns = np.indices((50, 80))
+            image[TABLE] = encoded(0.8 * linear(self.texture[rows * n // 50, columns * n // 80]))
+        image[20:30, 20:60] = (200, 30, self.shown_looks % 40 + 40)
+        for number, prop in enumerate(self.props):
+            image[80:88, 8 * number : 8 * number + 6] = 255 * np.array(prop.colour)
+        lit = np.clip(encoded(linear(image) * self.now.gain * (0.5 + 0.5 * self.now.direction[2])), 0, 255)
+        lit[:8] = 255  # a sky that no lamp lights
+        return np.rint(lit).astype(np.uint8)
+
+    def step(self, action):
+        self.told.append(np.array(action))
+        return self.inner.step(action)
+
+    def privileged_state(self):
+        position, quaternion = self.tool
+        own = {"tcp_position": position, "tcp_quaternion": quaternion}
+        return dict(self.inner.privileged_state()) | own | {f"{n}_position": p.copy() for n, p in self.things.items()}
+
+    def state_hash(self):
+        return self.inner.state_hash() + hash_state({"tool": np.concatenate(self.tool), **self.things})
+
+    def viewpoint(self, camera):
+        return self.viewpoints[camera]
+
+    def set_viewpoint(self, camera, viewpoint):
+        self.viewpoints[camera] = viewpoint
+
+    def light(self):
+        return self.now
+
+    def set_light(self, light):
+        self.now = light
+
+    def placeable(self):
+        return {"cube": Placeable(np.array([0.4, -0.1]), np.array([0.6, 0.1]))}
+
+    def move(self, name, offset):
+        self.things[name][:2] += offset
+
+    def place_tool(self, position, quaternion):
+        if position[0] > 0.5:
+            raise Unreachable("too far")
+        self.tool = position, Rotation.from_quat(quaternion).as_quat()
+
+    def dynamics(self):
+        return self.factors
+
+    def set_dynamics(self, dynamics):
+        self.factors = dynamics
+
+    def show(self, props):
+        self.props = tuple(props)
+
+    def shown(self):
+        return [prop.position for prop in self.props]
+
+    def paint_table(self, texture):
+        self.texture = texture
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+
+def episode(axis="clean", severity=0, policy="p", seed=4):
+    """An episode of the null simulator's task."""
+    return Episode(policy, policy, "null/Reach", seed, Protocol(40), Condition(axis, severity))
+
+
+def begun(axis, severity, **which):
+    """A scene, and the episode that was begun in it."""
+    scene = Scene()
+    simulation = perturbed(scene, episode(axis, severity, **which))
+    simulation.reset(4, Condition(axis, severity))
+    return scene, simulation
