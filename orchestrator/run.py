@@ -234,6 +234,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         unsupported=plan.unsupported,
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         merging=plan.suite.merging,
+        compare=plan.suite.compare,
         gate=plan.suite.gate,
         workers=workers,
         skipped=dict(plan.unavailable),

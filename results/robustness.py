@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from results.judging import GateRow, Judged, judge
 from results.record import Status
 from results.run import PlannedCell, RunDocument, Unsupported
-from results.statistics.aggregate import Outcomes
+from results.shift import Shift, build_shift
 from results.statistics.rates import Estimate
 from results.statistics.severity import SeverityCurve, severity_curve
 from suites.axes import AXES
@@ -19,13 +20,13 @@ from suites.vocabulary import CLEAN, CONTROLS, content_hash
 if TYPE_CHECKING:
     import pandas as pd
 
+AGAIN = "again"
+"""The control that plays the clean episodes once more."""
 COLUMNS = (
     *("simulator", "task", "policy_digest", "axis", "severity", "seed", "status"),
-    *("state_hash", "delivered"),
+    *("state_hash", "actions_hash", "final_state_hash", "delivered", "inferred_task"),
 )
 """Fields of the record that are needed."""
-LEAST_SOLVED = 0.95
-"""Share of the seeds that the gate must solve at a level; below, the level says nothing about the task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,8 @@ class PolicyCurve:
     tasks: int
     seeds: int
     """Most seeds that a task has."""
+    episodes: tuple[int, ...]
+    """With a verdict that counts, at each level."""
     curve: SeverityCurve
 
 
@@ -85,17 +88,14 @@ class ControlRow:
 
 
 @dataclass(frozen=True, slots=True)
-class GateRow:
-    """What the gate let pass of one task under one condition."""
+class Repeats:
+    """Whether episodes played twice ended alike (A/A)."""
 
-    task: str
-    axis: str
-    severity: int
-    seeds: int
-    """With a verdict of the gate."""
-    passed: int
-    capped: bool
-    """Too few passed: the level says nothing about this task."""
+    simulator: str
+    episodes: int
+    """Clean episodes that were played again, by all policies."""
+    alike: int
+    """Those of them with the same actions and the same final state, to the bit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,46 +125,14 @@ class Robustness:
     worlds: Worlds
     unsupported: tuple[Unsupported, ...] = ()
     """What of the suite could not be planned."""
+    repeats: tuple[Repeats, ...] = ()
+    shift: Shift | None = None
+    """Policies against each other, if the suite asks for it."""
 
 
 def is_perturbed(document: RunDocument) -> bool:
     """Whether a run plans anything but the clean condition."""
     return any(cell.axis != CLEAN for cell in document.plan)
-
-
-Rejected = Mapping[tuple[str, str], Set[int]]
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """Rows, and what of them does not count."""
-
-    frame: pd.DataFrame
-    rejected: Rejected
-    capped: Set[tuple[str, str, int]]
-
-    def outcomes(self, cells: Sequence[PlannedCell], levels: Sequence[int]) -> list[Outcomes]:
-        """Success of each task's seeds at each level, shape (seeds, levels), tasks without any verdict left out.
-
-        Args:
-            cells: Of one policy under one axis and the clean condition.
-            levels: Severities.
-        """
-        strata = []
-        for task in dict.fromkeys(cell.task for cell in cells):
-            own = [cell for cell in cells if cell.task == task]
-            rows = _together([_verdicts(self.frame, cell) for cell in own if not self._is_capped(cell)])
-            out = set().union(*(self.rejected.get((task, axis), ()) for axis in {cell.axis for cell in own}))
-            rows = rows[~rows["seed"].isin(out)]
-            if not len(rows):
-                continue
-            won = (rows["status"] == str(Status.SUCCESS)).astype(float)
-            table = won.groupby([rows["seed"], rows["severity"]]).first().unstack()
-            strata.append(table.reindex(columns=list(levels)).to_numpy(dtype=float))
-        return strata
-
-    def _is_capped(self, cell: PlannedCell) -> bool:
-        return (cell.task, cell.axis, cell.severity) in self.capped
 
 
 def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
@@ -176,9 +144,7 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
     """
     named = dict.fromkeys(cell.axis for cell in document.plan if cell.axis != CLEAN)
     axes = tuple(name for name in named if name not in CONTROLS)
-    gated = _gated(document, frame)
-    rejected = _rejected(document, frame, gated)
-    capped = {(row.task, row.axis, row.severity) for row in gated if row.capped}
+    judged = judge(document, frame)
     policies = [policy for policy in dict.fromkeys(cell.policy for cell in document.plan) if policy != document.gate]
     places = [
         (policy, simulator, axis, planned)
@@ -187,17 +153,19 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         for planned in [[c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]]
         for simulator in _places(planned)
     ]
-    curves = [_curve(*place, _Judged(frame, rejected, capped)) for place in places]
+    curves = [_curve(*place, judged) for place in places]
     found = [curve for curve in curves if curve is not None]
     return Robustness(
         axes,
         tuple(curve for curve in found if curve.axis in axes),
-        tuple(_control(curve) for curve in found if curve.axis not in axes),
+        tuple(_control(curve) for curve in found if curve.axis not in (*axes, AGAIN)),
         document.gate,
-        tuple(row for row in gated if row.passed < row.seeds),
+        tuple(row for row in judged.gated if row.passed < row.seeds),
         _delivered(axes, frame),
         _worlds(frame),
         document.unsupported,
+        _repeats(frame),
+        build_shift(document, judged),
     )
 
 
@@ -207,55 +175,13 @@ def _places(planned: Sequence[PlannedCell]) -> tuple[str | None, ...]:
     return (None, *simulators) if len(simulators) > 1 else simulators
 
 
-def _gated(document: RunDocument, frame: pd.DataFrame) -> tuple[GateRow, ...]:
-    """What the gate solved, condition by condition; controls are not meant to be solved."""
-    rows = []
-    for cell in document.plan:
-        if cell.policy == document.gate and cell.axis not in CONTROLS:
-            won = _verdicts(frame, cell)["status"] == str(Status.SUCCESS)
-            seeds, passed = len(won), int(won.sum())
-            capped = cell.axis != CLEAN and seeds > 0 and passed < LEAST_SOLVED * seeds
-            rows.append(GateRow(cell.task, cell.axis, cell.severity, seeds, passed, capped))
-    return tuple(rows)
-
-
-def _rejected(document: RunDocument, frame: pd.DataFrame, gated: Sequence[GateRow]) -> Rejected:
-    """(task, axis) to the seeds that the gate did not solve under the clean condition or at a level that counts.
-
-    They are left out at every level and for all policies alike: else a level would be compared with the clean
-    episodes of other seeds.
-    """
-    capped = {(row.task, row.axis, row.severity) for row in gated if row.capped}
-    rejected: dict[tuple[str, str], set[int]] = {}
-    for cell in document.plan:
-        if cell.policy != document.gate or cell.axis in CONTROLS or (cell.task, cell.axis, cell.severity) in capped:
-            continue
-        rows = _verdicts(frame, cell)
-        unsolved = rows[rows["status"] != str(Status.SUCCESS)]["seed"]
-        rejected.setdefault((cell.task, cell.axis), set()).update(unsolved.tolist())
-    return rejected
-
-
-def _verdicts(frame: pd.DataFrame, cell: PlannedCell) -> pd.DataFrame:
-    """A cell's rows that are successes or failures."""
-    here = (frame["task"] == cell.task) & (frame["policy_digest"] == cell.policy_digest)
-    here &= (frame["axis"] == cell.axis) & (frame["severity"] == cell.severity)
-    return frame[here & (frame["status"] != str(Status.ERROR))]
-
-
-def _together(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    import pandas as pd
-
-    return pd.concat(frames)
-
-
 def _control(found: PolicyCurve) -> ControlRow:
     curve = found.curve
     return ControlRow(found.policy, found.simulator, found.axis, curve.rates[0], curve.rates[1], curve.drops[1])
 
 
 def _curve(
-    policy: str, simulator: str | None, axis: str, planned: Sequence[PlannedCell], judged: _Judged
+    policy: str, simulator: str | None, axis: str, planned: Sequence[PlannedCell], judged: Judged
 ) -> PolicyCurve | None:
     """None where there is no clean episode, or nothing else."""
     cells = [cell for cell in planned if simulator in (None, cell.simulator)]
@@ -265,7 +191,8 @@ def _curve(
         return None
     generator = np.random.default_rng(int(content_hash([policy, simulator, axis]), 16))
     curve = severity_curve(strata, levels, generator)
-    return PolicyCurve(policy, simulator, axis, len(strata), max(map(len, strata)), curve)
+    episodes = tuple(sum(int((outcomes[:, i] >= 0).sum()) for outcomes in strata) for i in range(len(levels)))
+    return PolicyCurve(policy, simulator, axis, len(strata), max(map(len, strata)), episodes, curve)
 
 
 def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, ...]:
@@ -282,6 +209,17 @@ def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, 
         for severity in sorted(s for a, s in cells if a == axis)
         if axis in AXES
     )
+
+
+def _repeats(frame: pd.DataFrame) -> tuple[Repeats, ...]:
+    keys = ["simulator", "task", "policy_digest", "seed"]
+    ends = ["actions_hash", "final_state_hash"]
+    played = frame[frame["status"] != str(Status.ERROR)].astype(dict.fromkeys([*keys[:3], *ends], str))
+    once, again = (played[played["axis"] == axis].set_index(keys)[ends] for axis in (CLEAN, AGAIN))
+    both = once.join(again, rsuffix="_again", how="inner")
+    alike = (both[ends].to_numpy() == both[[f"{end}_again" for end in ends]].to_numpy()).all(axis=1)
+    counts = both.assign(alike=alike).groupby("simulator")["alike"].agg(["count", "sum"])
+    return tuple(Repeats(str(name), int(count), int(same)) for name, count, same in counts.itertuples())
 
 
 def _worlds(frame: pd.DataFrame) -> Worlds:

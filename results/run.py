@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from suites.schema import MergingEntry
+from suites.schema import CompareEntry, MergingEntry
 
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
@@ -102,6 +102,8 @@ class RunDocument(_Model):
     """Policy that must solve an episode for it to count under a perturbation."""
     merging: MergingEntry | None = None
     """Which policies the report compares to say what merging and routing cost."""
+    compare: CompareEntry | None = None
+    """Which policies the report sets against which under perturbations, if not those of `merging`."""
     workers: dict[str, int] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session."""
     skipped: dict[str, str] = Field(default_factory=dict)
@@ -111,6 +113,14 @@ class RunDocument(_Model):
     rows_hash: str | None = None
     """Hash of all stored rows, timing aside."""
     provenance: Provenance = Provenance()
+
+    @property
+    def comparison(self) -> CompareEntry | None:
+        """Which policies are set against which under perturbations."""
+        if self.compare is None and self.merging is not None:
+            others = (self.merging.oracle_routed, *self.merging.routed)
+            return CompareEntry(baseline=self.merging.expert, others=others)
+        return self.compare
 
     @property
     def planned(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from suites.schema import ConditionEntry, KnownNames, MergingEntry, PolicyEntry, Seeds, Suite, check_names
+from suites.schema import CompareEntry, ConditionEntry, KnownNames, MergingEntry, PolicyEntry, Seeds, Suite, check_names
 
 MAX_BYTES = 1_000_000
 Place = tuple[str | int, ...]
@@ -191,6 +191,7 @@ def _fields(place: Place) -> list[str]:
         "conditions": ConditionEntry,
         "seeds": Seeds,
         "merging": MergingEntry,
+        "compare": CompareEntry,
     }
     model = models.get(str(place[0]), Suite) if len(place) > 1 else Suite
     return list(model.model_fields)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from suites.plugins import nearest
-from suites.schema import Seeds, Suite
+from suites.schema import CompareEntry, MergingEntry, Seeds, Suite
 
 
 class NoSuchPart(Exception):
@@ -38,18 +38,22 @@ class Part:
         count = suite.seeds.count if self.seeds is None else self.seeds
         if not 1 <= count <= suite.seeds.count:
             raise NoSuchPart(f"expected 1 to {suite.seeds.count} seeds, got {count}")
-        merging = suite.merging
-        if merging is not None and not {name for _, name in merging.places()} <= names:
-            merging = None
+        merging = suite.merging if _within(suite.merging, names) else None
+        compare = suite.compare if _within(suite.compare, names) else None
         return suite.model_copy(
             update={
                 "policies": tuple(policy for policy in suite.policies if policy.name in names),
                 "tasks": tuple(task for task in suite.tasks if task in _kept("task", self.tasks, suite.tasks)),
                 "seeds": Seeds(start=suite.seeds.start, count=count),
                 "merging": merging,
+                "compare": compare,
                 "gate": suite.gate if suite.gate in names else None,
             }
         )
+
+
+def _within(sides: MergingEntry | CompareEntry | None, names: set[str]) -> bool:
+    return sides is not None and {name for _, name in sides.places()} <= names
 
 
 def _kept(what: str, patterns: Iterable[str], names: Sequence[str]) -> set[str]:

@@ -120,6 +120,25 @@ class MergingEntry(_Model):
         return [(("merging", "expert"), self.expert), (("merging", "oracle_routed"), self.oracle_routed), *routed]
 
 
+class CompareEntry(_Model):
+    """Which of the suite's policies are set against which under perturbations."""
+
+    baseline: Name
+    others: tuple[Name, ...] = Field(min_length=1)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shorthand(cls, value: Any) -> Any:
+        if isinstance(value, dict) and isinstance(value.get("others"), str):
+            return {**value, "others": [value["others"]]}
+        return value
+
+    def places(self) -> list[tuple[tuple[str | int, ...], str]]:
+        """Every policy named, with where it stands in the file."""
+        others = [(("compare", "others", i), name) for i, name in enumerate(self.others)]
+        return [(("compare", "baseline"), self.baseline), *others]
+
+
 class Suite(_Model):
     """Tasks x policies x conditions x seeds, plus how to run and judge them."""
 
@@ -153,6 +172,9 @@ class Suite(_Model):
     """A policy that must solve an episode for it to count under a perturbation, for all policies alike: an oracle."""
     merging: MergingEntry | None = None
     """Has the report say what merging and routing cost; no part of what is evaluated."""
+    compare: CompareEntry | None = None
+    """Has the report set policies against each other under perturbations; no part of what is evaluated. By default what
+    `merging` names: the experts against the others."""
 
     def worker_count(self, simulator: str) -> int:
         """Worker processes for that simulator."""
@@ -275,18 +297,22 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
     if suite.gate is not None and suite.gate not in seen_policies:
         message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
         add((("gate",), message))
-    return problems + (_check_merging(suite.merging, seen_policies) if suite.merging else [])
+    for sides in (suite.merging, suite.compare):
+        problems += _check_sides(sides, seen_policies) if sides else []
+    return problems
 
 
-def _check_merging(merging: MergingEntry, policies: Iterable[str]) -> list[tuple[tuple[str | int, ...], str]]:
+def _check_sides(
+    sides: MergingEntry | CompareEntry, policies: Iterable[str]
+) -> list[tuple[tuple[str | int, ...], str]]:
     known = list(policies)
     problems: list[tuple[tuple[str | int, ...], str]] = []
     seen: set[str] = set()
-    for place, name in merging.places():
+    for place, name in sides.places():
         if name not in known:
-            problems.append((place, f"merging names no policy of this suite: '{name}'{nearest(name, known)}"))
+            problems.append((place, f"{place[0]} names no policy of this suite: '{name}'{nearest(name, known)}"))
         elif name in seen:
-            problems.append((place, f"merging names policy '{name}' twice; each side is another policy"))
+            problems.append((place, f"{place[0]} names policy '{name}' twice; each side is another policy"))
         seen.add(name)
     return problems
 

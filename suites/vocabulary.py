@@ -9,7 +9,7 @@ from enum import StrEnum
 from functools import cached_property
 
 CLEAN = "clean"
-CONTROLS = ("blind", "blank-instruction", "wrong-goal")
+CONTROLS = ("blind", "blank-instruction", "wrong-goal", "again")
 """Conditions of one severity in which a policy that does what it is said to do should fail."""
 CAMERAS = ("third_person", "wrist")
 SUCCESS_HOLD = 5

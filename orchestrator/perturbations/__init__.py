@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from adapters.contract import Simulation, UnsupportedCondition
 from orchestrator.perturbations.actions import Delayed, NoisyActions
 from orchestrator.perturbations.arm import Started
-from orchestrator.perturbations.base import Perturbed
+from orchestrator.perturbations.base import Perturbed, Unperturbed
 from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
 from orchestrator.perturbations.images import Blind, Blurred, Frozen, Noisy
 from orchestrator.perturbations.lights import Dimmed, Redirected, Tinted
@@ -39,6 +39,7 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "blind": Blind,
     "blank-instruction": Untold,
     "wrong-goal": Misled,
+    "again": Unperturbed,
 }
 
 

@@ -97,6 +97,14 @@ class Perturbed:
         return value
 
 
+class Unperturbed(Perturbed):
+    """The clean episode under another name."""
+
+    def delivered(self) -> Delivered | None:
+        """That nothing was changed."""
+        return Delivered(self.level)
+
+
 Looks = Mapping[str, tuple[Image, Image]]
 """Camera to what it sees at the start of the clean episode and of this one."""
 

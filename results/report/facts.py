@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
+from results.judging import LEAST_SOLVED
 from results.report import text
-from results.robustness import LEAST_SOLVED
 from results.run import RunDocument, RunStatus
 from results.tables import NotRun, Tables
 from suites.vocabulary import SUCCESS_HOLD
@@ -53,6 +53,17 @@ SENTENCES = {
     "half lost at": "Severity at which a falling fit loses half of the clean rate; > is beyond the last one played.",
     "falls": "One-sided p-value against success not falling with severity, given each seed's own successes; not "
     "adjusted for the number of axes.",
+    "findings": "Made from the tests below: falls by the trend test, adjusted over the axes of a policy (Holm, 5 %); "
+    "differences of policies where the interval for all axes together leaves out 0.",
+    "heat map": "Success with Wilson's interval, and the number of episodes that count; over several tasks and "
+    "simulators, all tasks weigh the same.",
+    "lost against": "Baseline minus policy on the same seeds, with Newcombe's paired interval; p by the exact McNemar "
+    "test, adjusted over all levels of the policy (Benjamini-Hochberg): exploratory.",
+    "lost beyond clean": "Mean loss over the severities of an axis minus the loss in the clean world: whether the "
+    "policy loses more when the world changes. Intervals by a bootstrap of seeds within tasks, each alone (95 %) and "
+    "for all axes together (Bonferroni).",
+    "gave way first": "At the first level at which success is below the clean rate beyond chance (intervals apart): "
+    "the router, if more than half of what was lost there was lost on misrouted episodes, else the policy.",
     "control": "A condition in which a policy that sees and listens should fail: what it still does there needs no "
     "eyes, no instruction, or not this one. Lost: clean rate minus rate, on the same seeds.",
     "gate": "An oracle must solve a seed under the clean condition and at every level of an axis for it to count "
@@ -65,6 +76,7 @@ SENTENCES = {
 """One explanation per term, shown where it first appears."""
 MERGING_TERMS = ("expert", "told", "routed", "loss", "pairs", "retention")
 ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "falls")
+SHIFT_TERMS = ("lost against", "lost beyond clean")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {

@@ -6,11 +6,14 @@ from results.merging import Merging
 from results.report import facts, text
 from results.report import merging as words
 from results.report import robustness as stress
+from results.report import shift as against
 from results.report.facts import SENTENCES
+from results.report.findings import findings
 from results.report.summary import ERROR_GROUPS
 from results.report.text import TextTable, escape, markdown
 from results.robustness import Robustness
 from results.run import RunDocument
+from results.shift import Shift
 from results.tables import Tables
 from results.timing import PHASES
 
@@ -60,13 +63,20 @@ def _merging(merging: Merging) -> list[str]:
 
 
 def _robustness(robustness: Robustness) -> list[str]:
-    parts = ["## Robustness", _says(*facts.ROBUSTNESS_TERMS)]
+    parts = ["## Robustness", _says("findings"), "\n".join(f"- {escape(said)}" for said in findings(robustness))]
+    parts.append(_says("heat map"))
+    for found in against.heat_maps(robustness):
+        parts += [f"### {escape(found.policy)} under all axes", markdown(against.heat_table(found))]
+    if robustness.shift is not None:
+        parts += _shift(robustness.shift)
+    parts.append(_says(*facts.ROBUSTNESS_TERMS))
     for axis in robustness.axes:
         parts.append(f"### {escape(stress.title(axis))}")
         curves = stress.of_axis(robustness, axis)
         parts.append(markdown(stress.curves_table(robustness, axis)) if curves else "No result beside a clean one.")
     if robustness.controls:
         parts += ["### Controls", _says("control"), markdown(stress.controls_table(robustness))]
+    parts += ["### Played twice", escape(against.repeats(robustness))]
     parts += ["### Gate", escape(stress.gate(robustness))]
     if robustness.gated:
         parts += [_says("gate"), markdown(stress.gate_table(robustness))]
@@ -74,6 +84,14 @@ def _robustness(robustness: Robustness) -> list[str]:
     parts.append(markdown(stress.delivered_table(robustness)))
     if robustness.unsupported:
         parts += ["### Unsupported", markdown(stress.unsupported_table(robustness))]
+    return parts
+
+
+def _shift(found: Shift) -> list[str]:
+    parts = [f"### Against {escape(found.baseline)}", _says(*facts.SHIFT_TERMS)]
+    parts += [markdown(against.interaction_table(found)), markdown(against.tax_table(found))]
+    if found.routers:
+        parts += ["### Routers under perturbation", _says("gave way first"), markdown(against.router_table(found))]
     return parts
 
 

@@ -12,6 +12,8 @@ from results.record import Status
 from results.report import facts, text
 from results.report import merging as words
 from results.report import robustness as stress
+from results.report import shift as against
+from results.report.findings import findings
 from results.report.media import Video, task_picture
 from results.report.summary import ERROR_GROUPS
 from results.robustness import Robustness
@@ -108,6 +110,9 @@ def render_page(
         words=words,
         robustness=robustness,
         stress=stress,
+        against=against,
+        findings=findings(robustness) if robustness else (),
+        shift_terms=list(facts.SHIFT_TERMS),
         robustness_terms=list(facts.ROBUSTNESS_TERMS),
         merging_terms=list(facts.MERGING_TERMS),
         router_terms=list(facts.ROUTER_TERMS),

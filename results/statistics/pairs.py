@@ -11,6 +11,7 @@ from results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confi
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,16 @@ class Pairs:
         """Raises ValueError for a negative count."""
         if min(self.both, self.first_only, self.second_only, self.neither) < 0:
             raise ValueError(f"expected counts, got {self}")
+
+    @classmethod
+    def of(cls, first: NDArray[np.floating], second: NDArray[np.floating]) -> Pairs:
+        """Count trials by two arrays of outcomes, 1 or 0, shape (trials,); those with a NaN on a side are left out."""
+        import numpy as np
+
+        judged = ~np.isnan(first) & ~np.isnan(second)
+        one, other = first[judged] == 1, second[judged] == 1
+        sides = (one & other, one & ~other, ~one & other, ~one & ~other)
+        return cls(*(int(side.sum()) for side in sides))
 
     @property
     def trials(self) -> int:

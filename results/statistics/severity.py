@@ -192,19 +192,10 @@ def _rate(strata: Sequence[Outcomes], level: int, means: NDArray[np.float64], co
 
 
 def _drop(strata: Sequence[Outcomes], level: int, confidence: float) -> Estimate:
-    found = paired_difference(pooled(_pairs(outcomes[:, 0], outcomes[:, level]) for outcomes in strata), confidence)
+    found = paired_difference(pooled(Pairs.of(outcomes[:, 0], outcomes[:, level]) for outcomes in strata), confidence)
     if found is None:
         return Estimate(math.nan, None)
     return found if level else Estimate(0.0, None)
-
-
-def _pairs(first: NDArray[np.floating], second: NDArray[np.floating]) -> Pairs:
-    """Of trials with a verdict on both sides."""
-    both = ~np.isnan(first) & ~np.isnan(second)
-    one, other = first[both] == 1, second[both] == 1
-    return Pairs(
-        int((one & other).sum()), int((one & ~other).sum()), int((~one & other).sum()), int((~one & ~other).sum())
-    )
 
 
 def _estimate(value: float, drawn: NDArray[np.float64], confidence: float) -> Estimate:

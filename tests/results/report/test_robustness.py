@@ -37,7 +37,9 @@ def test_the_delivered_table_sets_simulators_side_by_side():
 
 def test_the_sentence_about_worlds_is_never_stronger_than_what_was_compared():
     assert words.worlds(built()).startswith("All of 240 episodes on axes that move nothing started from")
-    assert words.worlds(built([r for r in rows() if r.axis != "clean"])).startswith("No perturbed episode has a clean")
+    assert words.worlds(built([r for r in rows() if r.axis != "clean"])).startswith(
+        "No episode on an axis that moves nothing has"
+    )
 
 
 @pytest.fixture(scope="module")
