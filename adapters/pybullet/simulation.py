@@ -23,13 +23,12 @@ import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Adjusters
+from adapters.adjusting import ADJUSTABLE, Adjusters
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
@@ -44,11 +43,21 @@ from adapters.contract import (
     UnsupportedCondition,
 )
 from adapters.frames import axis_angle, hash_state
+from adapters.pybullet.arm import PyBulletArm
+from adapters.pybullet.bodies import PyBulletBodies
 from adapters.pybullet.cameras import PyBulletCameras
+from adapters.pybullet.frame import BASE_IN_WORLD, tool_pose
+from adapters.pybullet.lights import Lamps, PyBulletLights
+from adapters.pybullet.objects import PyBulletObjects
+from adapters.pybullet.stage import PyBulletStage
 from suites.vocabulary import Condition, RenderProfile, View
 
 TASKS = {
-    "PandaReach-v3": TaskCard("reach the red ball with the closed gripper", horizon=20),
+    "PandaReach-v3": TaskCard(
+        "reach the red ball with the closed gripper",
+        horizon=20,
+        fixed={"bodies": "the arm can move nothing in it"},
+    ),
     "PandaPush-v3": TaskCard("push the green cube onto the red goal", horizon=100),
     "PandaPickAndPlace-v3": TaskCard("pick up the green cube and carry it to the red goal", horizon=60),
 }
@@ -62,24 +71,9 @@ WIDTH_PER_COMMAND = 0.2
 """What panda-gym makes of a full gripper command: change of the distance between the fingers (m)."""
 MAX_WIDTH = 0.08
 """Distance between the fingers when open (m)."""
-BASE_IN_WORLD = np.array([-0.6, 0.0, 0.0])
-"""The robot's base stands here, not turned (m)."""
 GOAL_COLOUR = (0.9, 0.1, 0.1, 1.0)
 OUT_OF_REACH = (0.0, 0.0, 5.0)
 FINGERS = (9, 10)
-
-
-@dataclass(frozen=True)
-class Light:
-    """TinyRenderer's one light; the defaults are PyBullet's own."""
-
-    direction: tuple[float, float, float] = (-50.0, 30.0, 100.0)
-    """From the scene to the light."""
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    distance: float = 2.0
-    ambient: float = 0.6
-    diffuse: float = 0.35
-    specular: float = 0.05
 
 
 class PyBulletSimulation:
@@ -91,9 +85,17 @@ class PyBulletSimulation:
         self._robot, self._task, self._sim = env.robot, env.task, env.sim
         self._client = env.sim.physics_client
         self._bodies: Mapping[str, int] = env.sim._bodies_idx
-        self._light = Light()
-        self._cameras = PyBulletCameras()
-        self.adjusters = Adjusters(cameras=self._cameras)
+        self._cameras, self._lights = PyBulletCameras(), PyBulletLights()
+        self._dynamics = PyBulletBodies(self._client, self._bodies["object"]) if "object" in self._bodies else None
+        self._stage = PyBulletStage(self._client, self._bodies["table"])
+        self.adjusters = Adjusters(
+            cameras=self._cameras,
+            lights=self._lights,
+            objects=PyBulletObjects(env),
+            arm=PyBulletArm(env, self._hold),
+            bodies=self._dynamics,
+            stage=self._stage,
+        )
         self._target = np.zeros(3)
         rotations = ("rx", "ry", "rz")
         self.action_spec = ActionSpec(
@@ -115,10 +117,22 @@ class PyBulletSimulation:
         """
         if condition != Condition():
             raise UnsupportedCondition(f"pybullet cannot bring about {condition}; it offers clean")
-        self._cameras.undo()
+        self._undo()
         self._forget_contacts()
         self._env.reset(seed=seed)
-        self._target, _ = self._tool_pose()
+        self._hold(tool_pose(self._env)[0])
+
+    def _undo(self) -> None:
+        """Take back what was adjusted, except for poses, which every reset sets."""
+        self._cameras.undo()
+        self._lights.undo()
+        self._stage.undo()
+        if self._dynamics is not None:
+            self._dynamics.undo()
+
+    def _hold(self, position: FloatArray) -> None:
+        """Make the controller stay at a position (3,) of the tool."""
+        self._target = position
 
     def _forget_contacts(self) -> None:
         """Empty the contact caches, which outlive a teleport and warm-start the solver with the last episode's forces.
@@ -133,7 +147,7 @@ class PyBulletSimulation:
 
     def observe(self) -> Observation:
         """Render the cameras of the view and read the arm."""
-        position, quaternion = self._tool_pose()
+        position, quaternion = tool_pose(self._env)
         return Observation(
             images={name: self._render(name, self._view.image_size) for name in self._view.cameras},
             proprioception=np.concatenate([position, axis_angle(quaternion), self._finger_positions()]),
@@ -143,7 +157,7 @@ class PyBulletSimulation:
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (7,) for one control step. The reward is panda-gym's sparse one: 0 at the goal, else -1."""
         action = np.clip(action, self._low, self._high)
-        position, _ = self._tool_pose()
+        position, _ = tool_pose(self._env)
         lead = np.clip(self._target + action[:3] - position, -MAX_LEAD, MAX_LEAD)
         self._target = position + lead
         command = lead / MAX_LEAD
@@ -160,7 +174,7 @@ class PyBulletSimulation:
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Tool, fingers, `goal_position` and, except in Reach, `cube_position` and `cube_quaternion`; base frame."""
-        position, quaternion = self._tool_pose()
+        position, quaternion = tool_pose(self._env)
         state = {
             "tcp_position": position,
             "tcp_quaternion": quaternion,
@@ -198,11 +212,6 @@ class PyBulletSimulation:
         """Disconnect from the physics server. Safe to call twice."""
         self._env.close()
 
-    def _tool_pose(self) -> tuple[FloatArray, FloatArray]:
-        """Position (m, base frame) and quaternion xyzw of the point between the fingertips."""
-        link = self._client.getLinkState(self._bodies["panda"], self._robot.ee_link)
-        return np.array(link[0]) - BASE_IN_WORLD, np.array(link[1])
-
     def _finger_positions(self) -> FloatArray:
         return np.array([joint[0] for joint in self._client.getJointStates(self._bodies["panda"], FINGERS)])
 
@@ -210,29 +219,38 @@ class PyBulletSimulation:
         """An upright RGB image (size, size, 3) of the world as it is now."""
         camera, origin, rotation = self._cameras.camera(name), np.zeros(3), Rotation.identity()
         if name == "wrist":
-            position, quaternion = self._tool_pose()
+            position, quaternion = tool_pose(self._env)
             origin, rotation = position, Rotation.from_quat(quaternion)
-        client, light = self._client, self._light
+        # Images with one light each give their channels; PyBullet's own light gives all.
+        image = np.empty((size, size, 3), dtype=np.uint8)
+        view = self._client.computeViewMatrix(
+            cameraEyePosition=rotation.apply(camera.eye) + origin + BASE_IN_WORLD,
+            cameraTargetPosition=rotation.apply(camera.target) + origin + BASE_IN_WORLD,
+            cameraUpVector=rotation.apply(camera.up),
+        )
+        for channels, lamps in self._lights.lamps:
+            image[..., channels] = self._draw(view, camera.fovy, size, lamps)[..., channels]
+        return image
+
+    def _draw(self, view: Any, fovy: float, size: int, lamps: Lamps) -> Image:
+        """What TinyRenderer sees, (size, size, 4), from a view matrix, with a field of view (degrees) and a light."""
+        client = self._client
         # All arguments of the light every time: PyBullet keeps the last value of one that is left out.
         _, _, pixels, _, _ = client.getCameraImage(
             width=size,
             height=size,
-            viewMatrix=client.computeViewMatrix(
-                cameraEyePosition=rotation.apply(camera.eye) + origin + BASE_IN_WORLD,
-                cameraTargetPosition=rotation.apply(camera.target) + origin + BASE_IN_WORLD,
-                cameraUpVector=rotation.apply(camera.up),
-            ),
-            projectionMatrix=client.computeProjectionMatrixFOV(fov=camera.fovy, aspect=1.0, nearVal=0.01, farVal=10.0),
-            lightDirection=light.direction,
-            lightColor=light.colour,
-            lightDistance=light.distance,
+            viewMatrix=view,
+            projectionMatrix=client.computeProjectionMatrixFOV(fov=fovy, aspect=1.0, nearVal=0.01, farVal=10.0),
+            lightDirection=lamps.direction,
+            lightColor=lamps.colour,
+            lightDistance=lamps.distance,
             shadow=self._view.render_profile is RenderProfile.STANDARD,
-            lightAmbientCoeff=light.ambient,
-            lightDiffuseCoeff=light.diffuse,
-            lightSpecularCoeff=light.specular,
+            lightAmbientCoeff=lamps.ambient,
+            lightDiffuseCoeff=lamps.diffuse,
+            lightSpecularCoeff=lamps.specular,
             renderer=client.ER_TINY_RENDERER,
         )
-        return np.ascontiguousarray(np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)[..., :3])
+        return np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)
 
 
 def open(task: str, view: View) -> PyBulletSimulation:
@@ -274,5 +292,5 @@ SIMULATOR = Simulator(
     modules=MODULES,
     distributions=("pybullet", "panda-gym", "gymnasium"),
     open=open,
-    adjusts=frozenset({"cameras"}),
+    adjusts=ADJUSTABLE,
 )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from adapters.adjusting import Dynamics, Form, Light, Prop, Unreachable, unit
 from adapters.contract import ACTION_NAMES
 from adapters.pybullet import simulation as adapter
 from suites.vocabulary import Condition, RenderProfile, View
@@ -25,9 +26,10 @@ def opened():
         simulation.close()
 
 
-def press(simulation, seed, *, steps=40):
+def press(simulation, seed, *, steps=40, adjust=lambda simulation: None):
     """Random actions drawn towards the cube, so that there are contacts to remember."""
     simulation.reset(seed, CLEAN)
+    adjust(simulation)
     generator = np.random.default_rng(seed)
     for _ in range(steps):
         state = simulation.privileged_state()
@@ -45,6 +47,77 @@ def test_contacts_of_earlier_episodes_leave_no_trace_in_the_last_bit(opened, tas
         press(simulation, seed + 50, steps=13)
         assert np.array_equal(press(simulation, seed), expected[seed])
     assert np.array_equal(press(opened(task), 3), expected[3])
+
+
+def dress(simulation):
+    """Another light, props at the tool and a painted table."""
+    stage, height = simulation.adjusters.stage, 0.3
+    simulation.adjusters.lights.set_light(Light(np.array([0.5, 0.2, 1.0]), unit(np.array([0.3, 0.3, 1.0]))))
+    stage.show([Prop(form, np.array([0.64, 0.0, height / 2]), height, 0.3, (0.9, 0.7, 0.1)) for form in Form])
+    stage.paint_table(np.arange(192, dtype=np.uint8).reshape(8, 8, 3))
+    simulation.observe()
+
+
+def fail_to_place(simulation):
+    tool = simulation.privileged_state()["tcp_quaternion"]
+    for position in ([2.0, 0.0, 0.5], [0.6, 0.0, -0.1]):
+        with pytest.raises(Unreachable):
+            simulation.adjusters.arm.place_tool(np.array(position), tool)
+
+
+def place(simulation):
+    state = simulation.privileged_state()
+    simulation.adjusters.arm.place_tool(state["tcp_position"] + [0.03, 0.05, 0.03], state["tcp_quaternion"])
+
+
+def move(simulation):
+    for name in simulation.adjusters.objects.placeable():
+        simulation.adjusters.objects.move(name, np.array([0.03, -0.02]))
+
+
+def weigh_down(simulation):
+    simulation.adjusters.bodies.set_dynamics(Dynamics(mass=3.0, friction=0.4))
+
+
+@pytest.mark.parametrize("adjust", [dress, fail_to_place])
+def test_what_is_only_drawn_or_refused_does_not_change_physics_in_the_last_bit(opened, adjust):
+    simulation = opened(PICK)
+    assert np.array_equal(press(simulation, 1, adjust=adjust), press(simulation, 1))
+
+
+@pytest.mark.parametrize("adjust", [dress, place, move, weigh_down])
+def test_what_was_adjusted_leaves_no_trace_in_the_last_bit(opened, adjust):
+    simulation = opened(PUSH)
+    expected = press(simulation, 2)
+    adjusted = press(simulation, 3, adjust=adjust)
+    assert np.array_equal(press(simulation, 2), expected)
+    assert np.array_equal(press(simulation, 3, adjust=adjust), adjusted)
+    assert np.array_equal(press(opened(PUSH), 3, adjust=adjust), adjusted)
+
+
+def test_moving_the_cube_leaves_the_goal_where_it_is(opened):
+    simulation = opened(PUSH)
+    simulation.reset(0, CLEAN)
+    before = simulation.privileged_state()
+    simulation.adjusters.objects.move("cube", np.array([0.03, -0.02]))
+    assert np.array_equal(simulation.privileged_state()["goal_position"], before["goal_position"])
+
+
+def test_a_turned_tool_is_refused(opened):
+    simulation = opened(REACH)
+    simulation.reset(0, CLEAN)
+    with pytest.raises(Unreachable, match="cannot turn"):
+        simulation.adjusters.arm.place_tool(simulation.privileged_state()["tcp_position"], np.array([0, 1, 0, 0]))
+
+
+def test_the_first_row_of_a_texture_is_at_the_left_of_the_robot(opened):
+    simulation = opened(REACH)
+    simulation.reset(0, CLEAN)
+    texture = np.zeros((2, 2, 3), dtype=np.uint8)
+    texture[0, 1] = 255
+    simulation.adjusters.stage.paint_table(texture)
+    bright = np.argwhere(simulation.picture()[128:].min(axis=2) > 200)
+    assert bright[:, 1].mean() > 128
 
 
 def test_looking_does_not_change_what_follows(opened):
