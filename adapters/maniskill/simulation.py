@@ -40,7 +40,13 @@ from adapters.contract import (
     UnsupportedCondition,
 )
 from adapters.frames import axis_angle, hash_state, wxyz_to_xyzw
+from adapters.maniskill.arm import ManiSkillArm
+from adapters.maniskill.bodies import ManiSkillBodies
 from adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from adapters.maniskill.lights import ManiSkillLights
+from adapters.maniskill.objects import ManiSkillObjects
+from adapters.maniskill.physics import renew_physics
+from adapters.maniskill.stage import ManiSkillStage
 from suites.vocabulary import CLEAN, Condition, View
 
 ROBOT = "panda_wristcam"
@@ -66,13 +72,15 @@ class _Layout:
     """Our name to ManiSkill's."""
     look_at: tuple[float, float, float]
     """World frame (m): the origin lies on the table, 0.615 m in front of the robot's base."""
+    spread: tuple[float, float]
+    """Resets put each object's centre within this of the world's origin, along x and y (m)."""
     goal: str | None = None
 
 
 LAYOUTS = {
-    "PushCube-v1": _Layout({"cube": "cube"}, look_at=(0.08, 0.0, 0.05), goal="goal_region"),
-    "PullCube-v1": _Layout({"cube": "cube"}, look_at=(-0.08, 0.0, 0.05), goal="goal_region"),
-    "StackCube-v1": _Layout({"red_cube": "cubeA", "green_cube": "cubeB"}, look_at=(0.0, 0.0, 0.05)),
+    "PushCube-v1": _Layout({"cube": "cube"}, look_at=(0.08, 0.0, 0.05), spread=(0.1, 0.1), goal="goal_region"),
+    "PullCube-v1": _Layout({"cube": "cube"}, look_at=(-0.08, 0.0, 0.05), spread=(0.1, 0.1), goal="goal_region"),
+    "StackCube-v1": _Layout({"red_cube": "cubeA", "green_cube": "cubeB"}, look_at=(0.0, 0.0, 0.05), spread=(0.2, 0.3)),
 }
 
 
@@ -98,15 +106,22 @@ class ManiSkillSimulation:
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._base_from_world = self._robot.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
-        self._cameras = ManiSkillCameras(env, self._base_from_world)
-        self.adjusters = Adjusters(cameras=self._cameras)
+        cameras = ManiSkillCameras(env, self._base_from_world)
+        lights = ManiSkillLights(env, self._base_from_world)
+        objects = ManiSkillObjects(self._objects, layout.spread, self._base_from_world)
+        arm = ManiSkillArm(env, self._base_from_world)
+        bodies = ManiSkillBodies(self._objects.values())
+        stage = ManiSkillStage(env, self._base_from_world)
+        self.adjusters = Adjusters(cameras, lights, objects, arm, bodies, stage)
+        self._parts: tuple[Any, ...] = (cameras, lights, objects, arm, bodies, stage)
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the episode of `seed`; only the clean condition is supported."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"maniskill cannot bring about {condition}: it knows clean only")
-        self._cameras.undo()
-        _renew_physics(self._env)
+        for part in self._parts:
+            part.undo()
+        renew_physics(self._env)
         self._env.reset(seed=seed)
 
     def observe(self) -> Observation:
@@ -167,6 +182,7 @@ class ManiSkillSimulation:
             self._env.close()
         self._env = self._robot = self._tcp = self._goal = None
         self._objects = {}
+        self.adjusters, self._parts = Adjusters(), ()
 
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
         """A SAPIEN pose in the world as position (3,) and quaternion xyzw (4,) in the base frame."""
@@ -243,24 +259,6 @@ def _keep_renderer(device: str) -> Any:
     return sapien.render.RenderSystem(sapien.Device(device))
 
 
-def _renew_physics(env: Any) -> None:
-    """Move everything into a new PhysX scene, which has no contacts, warm starts or pair orders to remember."""
-    import sapien
-
-    old = env.scene.sub_scenes[0]
-    env._set_scene_config()
-    physics = sapien.physx.PhysxCpuSystem()
-    physics.timestep = env.scene.px.timestep
-    new = sapien.Scene([physics, old.render_system])
-    entities = list(old.entities)
-    # All out before the first goes in: an articulation's links cannot be in two scenes.
-    for entity in entities:
-        old.remove_entity(entity)
-    for entity in entities:
-        new.add_entity(entity)
-    env.scene.sub_scenes[0], env.scene.px = new, physics
-
-
 def _command(action: FloatArray, gain: float) -> Any:
     """Our action (7,) as ManiSkill's normalised one, a tensor (1, 7)."""
     import torch
@@ -318,6 +316,6 @@ SIMULATOR = Simulator(
     modules=("mani_skill", "sapien", "torch"),
     distributions=("mani-skill", "sapien", "torch"),
     open=open_task,
-    adjusts=frozenset({"cameras"}),
+    adjusts=frozenset({"cameras", "lights", "objects", "arm", "bodies", "stage"}),
     environment={"LP_NUM_THREADS": "1"},
 )
