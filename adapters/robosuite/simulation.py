@@ -41,7 +41,13 @@ from adapters.contract import (
     UnsupportedCondition,
 )
 from adapters.frames import axis_angle, hash_state, relative_pose
+from adapters.robosuite.arm import RobosuiteArm
+from adapters.robosuite.bodies import RobosuiteBodies
 from adapters.robosuite.cameras import CAMERA_NAMES, RobosuiteCameras
+from adapters.robosuite.frame import BaseFrame
+from adapters.robosuite.lights import RobosuiteLights
+from adapters.robosuite.objects import RobosuiteObjects
+from adapters.robosuite.stage import RobosuiteStage
 from suites.vocabulary import CLEAN, Condition, RenderProfile, View
 
 CONTROL_HZ = 20.0
@@ -63,15 +69,18 @@ class Parts:
     sites: Mapping[str, str] = field(default_factory=dict)
     angles: Mapping[str, str] = field(default_factory=dict)
     """Hinge joints."""
+    placed: tuple[str, ...] = ()
+    """Those of the bodies that resets place, the one that the task is about first."""
 
 
 PARTS = {
-    "Lift": Parts(bodies={"cube": "cube_main"}),
-    "Stack": Parts(bodies={"cubeA": "cubeA_main", "cubeB": "cubeB_main"}),
+    "Lift": Parts(bodies={"cube": "cube_main"}, placed=("cube",)),
+    "Stack": Parts(bodies={"cubeA": "cubeA_main", "cubeB": "cubeB_main"}, placed=("cubeA", "cubeB")),
     "Door": Parts(
         bodies={"door": "Door_door", "latch": "Door_latch"},
         sites={"handle": "Door_handle"},
         angles={"hinge_angle": "Door_hinge", "latch_angle": "Door_latch_joint"},
+        placed=("door",),
     ),
 }
 
@@ -122,8 +131,22 @@ class RobosuiteSimulation:
         self._option = self._mujoco.MjvOption()
         self._option.geomgroup[0] = 0  # Collision shapes.
         self._renderers: dict[int, Any] = {}
+        world, frame = (self._model, self._data), BaseFrame(self._base)
+        things = {name: self._parts.bodies[name] for name in self._parts.placed}
         self._cameras = RobosuiteCameras(self._model, self._base)
-        self.adjusters = Adjusters(cameras=self._cameras)
+        self._lights = RobosuiteLights(self._model, frame)
+        self._objects = RobosuiteObjects(world, things, self._env.placement_initializer, frame, self._settle)
+        self._arm = RobosuiteArm(self._mujoco, world, robot, frame, self._settle)
+        self._bodies = RobosuiteBodies(self._model, things.values(), self._settle)
+        self._stage = RobosuiteStage(self._mujoco, world, frame, self._renderers)
+        self.adjusters = Adjusters(
+            cameras=self._cameras,
+            lights=self._lights,
+            objects=self._objects,
+            arm=self._arm,
+            bodies=self._bodies,
+            stage=self._stage,
+        )
         self._closed = False
         self._env.step(np.zeros(self._env.action_dim))
         self.reset(BUILD_SEED, Condition())
@@ -137,16 +160,14 @@ class RobosuiteSimulation:
         """Start the episode of `seed`, from which the objects' placement and the arm's joint noise are drawn."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"robosuite cannot bring about {condition}: this adapter knows clean only")
-        self._cameras.undo()
+        for adjuster in (self._cameras, self._lights, self._objects, self._arm, self._bodies, self._stage):
+            adjuster.undo()
         generator = np.random.default_rng(seed)
         self._env.rng = generator
         for sampler in samplers(self._env.placement_initializer):
             sampler.rng = generator
         self._env.reset()
-        # On its way, reset solves the contacts of the last episode's door or of the objects' default poses, and the
-        # solver starts from its last solution.
-        self._data.qacc_warmstart[:] = 0.0
-        self._mujoco.mj_forward(self._model, self._data)
+        self._settle()
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step (25 physics steps). Never renders."""
@@ -228,7 +249,17 @@ class RobosuiteSimulation:
         self._refresh()
         renderer = self._renderer(size)
         renderer.update_scene(self._data, camera, self._option)
-        return renderer.render()
+        self._stage.draw(renderer.scene)
+        return self._lights.develop(renderer.render())
+
+    def _settle(self) -> None:
+        """Bring contacts and forces up to date for a world that was just put together.
+
+        On its way, reset solves the contacts of the last episode's door or of the objects' default poses, and the
+        solver starts from its last solution.
+        """
+        self._data.qacc_warmstart[:] = 0.0
+        self._mujoco.mj_forward(self._model, self._data)
 
     def _refresh(self) -> None:
         """Bring poses up to date: a physics step ends with new joint positions, and the poses of the ones before."""
@@ -307,6 +338,6 @@ SIMULATOR = Simulator(
     modules=("robosuite", "mujoco"),
     distributions=("robosuite", "mujoco", "numba"),
     open=open_simulation,
-    adjusts=frozenset({"cameras"}),
+    adjusts=frozenset({"cameras", "lights", "objects", "arm", "bodies", "stage"}),
     environment={"MUJOCO_GL": "egl"},
 )

@@ -1,11 +1,14 @@
 """What only robosuite's adapter promises. What every simulator promises is in the conformance tests."""
 
+import copy
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
+from adapters.adjusting import Dynamics, Form, Light, Prop, unit
 from adapters.contract import FloatArray, SimulatorUnavailable
+from adapters.robosuite.lights import development
 from adapters.robosuite.simulation import SIMULATOR, RobosuiteSimulation, import_simulator
 from suites.vocabulary import Condition, RenderProfile, View
 
@@ -59,6 +62,61 @@ def test_poses_are_those_of_the_current_joint_positions(door: RobosuiteSimulatio
 def test_the_placement_uses_one_generator_for_objects_and_arm(door: RobosuiteSimulation) -> None:
     door.reset(5, CLEAN)
     assert door._env.placement_initializer.rng is door._env.rng
+
+
+def adjust_everything(simulation: RobosuiteSimulation) -> None:
+    adjusters, before = simulation.adjusters, simulation.privileged_state()
+    adjusters.lights.set_light(Light(np.full(3, 0.5), unit(np.array([0.8, -0.5, 0.4]))))
+    adjusters.arm.place_tool(before["tcp_position"] + [0.0, 0.05, 0.03], before["tcp_quaternion"])
+    adjusters.objects.move(next(iter(adjusters.objects.placeable())), np.array([0.02, -0.02]))
+    adjusters.bodies.set_dynamics(Dynamics(mass=2.0, friction=3.0))
+    adjusters.stage.show([Prop(Form.BOX, np.array([0.5, 0.0, 0.0]), 0.05, 0.3, (1.0, 0.0, 0.0))])
+    adjusters.stage.paint_table(np.zeros((8, 8, 3), np.uint8))
+
+
+def test_what_was_adjusted_leaves_nothing_in_solver_and_controllers(door: RobosuiteSimulation) -> None:
+    played = []
+    for adjusted in (False, True):
+        if adjusted:
+            door.reset(1, CLEAN)
+            adjust_everything(door)
+            for _ in range(5):
+                door.step(np.full(7, 0.05))
+            door.observe()
+        door.reset(1, CLEAN)
+        for _ in range(10):
+            door.step(np.full(7, 0.05))
+        played.append(exact_state(door))
+    assert np.array_equal(*played)
+
+
+def test_masses_that_are_set_are_those_of_a_model_built_with_them(door: RobosuiteSimulation) -> None:
+    door.reset(1, CLEAN)
+    door.adjusters.bodies.set_dynamics(Dynamics(mass=2.0))
+    built = copy.copy(door._model)
+    door._mujoco.mj_setConst(built, door._mujoco.MjData(built))
+    for name in ("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"):
+        own = getattr(door._model, name)
+        np.testing.assert_allclose(own[1:], getattr(built, name)[1:], rtol=1e-6, atol=1e-12, err_msg=name)
+
+
+def test_half_the_light_is_half_of_what_is_drawn_once_decoded() -> None:
+    encoded = np.stack([np.arange(256), development(np.full(3, 0.5))[:, 0]]) / 255
+    own, dimmed = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(dimmed, own / 2, atol=0.003)
+
+
+def test_the_first_row_of_the_table_s_texture_is_the_farthest_from_the_robot(door: RobosuiteSimulation) -> None:
+    door.reset(1, CLEAN)
+    drawn = []
+    for darker in (slice(0, 4), slice(4, 8)):
+        texture = np.full((8, 8, 3), 255, np.uint8)
+        texture[darker] = 0
+        door.adjusters.stage.paint_table(texture)
+        drawn.append(door.picture().astype(int).mean(axis=2))
+    rows, _ = np.nonzero(drawn[0] < drawn[1] - 50)
+    others, _ = np.nonzero(drawn[0] > drawn[1] + 50)
+    assert rows.mean() > others.mean() + 20  # The camera looks at the robot from beyond the table.
 
 
 def test_fast_draws_neither_shadows_nor_multisampling() -> None:
