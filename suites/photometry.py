@@ -27,7 +27,7 @@ COOLEST, WARMEST = 25_000.0, 1_700.0
 BISECTIONS = 40
 
 
-def linear(image: Image | Floats) -> Floats:
+def linear(image: NDArray[np.integer] | Floats) -> Floats:
     """Linear light, 0 to 1, of sRGB values from 0 to 255."""
     from colour.models import eotf_sRGB
 
@@ -39,6 +39,20 @@ def encoded(light: Floats) -> Floats:
     from colour.models import eotf_inverse_sRGB
 
     return np.asarray(255 * eotf_inverse_sRGB(np.asarray(light, dtype=np.float64)), dtype=np.float64)
+
+
+def pixel_factor(gain: Floats, usual: float) -> Floats:
+    """Factor (3,) of the pixel values that scales the linear light of a pixel of usual value by a gain (3,).
+
+    For renderers that know factors only: what they write is a lamp's strength, or a power of it, times the surface's.
+    Their powers and sRGB part in the dark, so the factor is exact where most pixels are, and near elsewhere.
+    """
+    return encoded(linear(np.array(usual)) * gain) / usual
+
+
+def gain_of(factor: Floats, usual: float) -> Floats:
+    """The gain that a factor of the pixel values amounts to: undoes `pixel_factor`."""
+    return linear(usual * np.asarray(factor)) / linear(np.array(usual))
 
 
 def channel_gains(pairs: Iterable[tuple[Image, Image]]) -> tuple[Floats, float]:

@@ -10,8 +10,12 @@ from scipy.spatial.transform import Rotation
 from adapters.adjusting import Light, unit
 from adapters.contract import FloatArray
 from adapters.frames import wxyz_to_xyzw
-from adapters.maniskill.colour import gain_of, lamp_factor
+from suites.photometry import gain_of, pixel_factor
 
+USUAL = 153.0
+"""A pixel of the usual brightness of these scenes."""
+POWER = 2.2
+"""A pixel is SAPIEN's light to the power of one over this."""
 SHINES = np.array([1.0, 0.0, 0.0])
 """Where SAPIEN's directional lamps shine, in their own frame."""
 
@@ -43,14 +47,14 @@ class ManiSkillLights:
         lamp = self._key_lamp
         shines = Rotation.from_quat(wxyz_to_xyzw(lamp.pose.q)).apply(SHINES)
         factor = np.asarray(lamp.color, np.float64) / self._own[self._key][0]
-        return Light(gain_of(factor), unit(-self._base_from_world.apply(shines)))
+        return Light(gain_of(factor ** (1 / POWER), USUAL), unit(-self._base_from_world.apply(shines)))
 
     def set_light(self, light: Light) -> None:
         """Give the scene another light, until the next reset."""
         import sapien
 
         self._changed = True
-        self._shine(lamp_factor(light.gain))
+        self._shine(pixel_factor(light.gain, USUAL) ** POWER)
         shines = -self._base_from_world.inv().apply(unit(light.direction))
         lamp = self._key_lamp
         lamp.pose = sapien.Pose(lamp.pose.p, sapien.math.shortest_rotation(SHINES, shines))

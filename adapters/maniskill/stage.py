@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from adapters.adjusting import Form, Prop
 from adapters.contract import FloatArray, Image
-from adapters.maniskill.colour import decoded
+from suites.photometry import linear
 
 TABLE = "table-workspace"
 ABOVE = 5e-4
@@ -87,7 +87,7 @@ def _shape(prop: Prop) -> Any:
     import sapien
 
     half = prop.size / 2
-    material = _matt([*decoded(np.array(prop.colour)), 1.0])
+    material = _matt([*linear(255 * np.array(prop.colour)), 1.0])
     if prop.form is Form.BOX:
         return sapien.render.RenderShapeBox([half] * 3, material)
     if prop.form is Form.SPHERE:

@@ -1,8 +1,8 @@
 """The light of the PyBullet adapter: TinyRenderer's one lamp and its ambient light, which every image is given anew.
 
-TinyRenderer writes lamp times albedo straight into the pixel, which is sRGB, so what is to change linear light by a
-gain scales the lamps by its root. The ambient light has no colour of its own: a coloured light is drawn once for each
-channel. What is not drawn upon, the white background, is lit by nothing.
+TinyRenderer writes lamp times albedo straight into the pixel, which is sRGB, so lamps are scaled as pixels are to be.
+The ambient light has no colour of its own: a coloured light is drawn once for each channel. What is not drawn upon, the
+white background, is lit by nothing.
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from adapters.adjusting import Light, unit
-
-GAMMA = 2.2
-"""Linear light is a pixel to this power, nearly."""
+from suites.photometry import gain_of, pixel_factor
 
 
 @dataclass(frozen=True)
@@ -32,6 +30,8 @@ class Lamps:
 
 
 OWN = Lamps()
+USUAL = 225.0
+"""A pixel of the usual brightness of these scenes, whose table is nearly white."""
 ALL_CHANNELS = slice(0, 3)
 
 
@@ -51,20 +51,19 @@ class PyBulletLights:
         """The light that images are drawn with."""
         gain = np.empty(3)
         for channels, lamps in self.lamps:
-            gain[channels] = (lamps.ambient / OWN.ambient) ** GAMMA
+            gain[channels] = gain_of(np.array(lamps.ambient / OWN.ambient), USUAL)
         return Light(gain, unit(np.array(self.lamps[0][1].direction)))
 
     def set_light(self, light: Light) -> None:
         """Draw with another light, until the next reset."""
-        red, green, blue = (_dimmed(light, gain) for gain in light.gain)
+        red, green, blue = (_dimmed(light, factor) for factor in pixel_factor(light.gain, USUAL).tolist())
         if red == green == blue:
             self.lamps = [(ALL_CHANNELS, red)]
         else:
             self.lamps = [(slice(i, i + 1), lamps) for i, lamps in enumerate((red, green, blue))]
 
 
-def _dimmed(light: Light, gain: float) -> Lamps:
-    factor = float(gain) ** (1.0 / GAMMA)
+def _dimmed(light: Light, factor: float) -> Lamps:
     x, y, z = light.direction.tolist()
     return replace(
         OWN,

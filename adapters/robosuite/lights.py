@@ -15,6 +15,7 @@ import numpy as np
 from adapters.adjusting import Light, unit
 from adapters.contract import FloatArray, Image
 from adapters.robosuite.frame import BaseFrame
+from suites.photometry import encoded, linear
 
 KEY = 0
 """The one lamp of robosuite's tables. The headlight, which follows the camera, has no direction of its own."""
@@ -53,7 +54,5 @@ class RobosuiteLights:
 
 def development(gain: FloatArray) -> Image:
     """What becomes of each sRGB value in each channel, (256, 3), when its linear light is scaled by `gain`, (3,)."""
-    encoded = np.arange(256)[:, None] / 255.0
-    linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4) * gain
-    scaled = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.clip(np.round(scaled * 255.0), 0, 255).astype(np.uint8)
+    scaled = encoded(linear(np.arange(256)[:, None]) * gain)
+    return np.clip(np.round(scaled), 0, 255).astype(np.uint8)

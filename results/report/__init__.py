@@ -1,4 +1,4 @@
-"""The report of a run: `report.html`, `report.md`, `summary.json` and `episodes.parquet`."""
+"""The report of a run: `report.html`, `report.md`, `summary.json`, `cells.csv` and `episodes.parquet`."""
 
 from results.report.summary import Summary
 from results.report.text import TextTable, summary_table

@@ -1,4 +1,4 @@
-"""Writes the four files of a report."""
+"""Writes the files of a report."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from results.report.markdown import render_markdown
 from results.report.media import choose_videos
 from results.report.page import render_page
 from results.report.parquet import read_frame, write_parquet
+from results.report.spreadsheet import render_csv
 from results.report.summary import build_summary
 from results.robustness import Robustness
 from results.run import RunDocument, RunError, read_run
@@ -35,17 +36,20 @@ class ReportPaths:
     """The same numbers for programs, see `Summary`."""
     episodes: Path
     """Every row, Parquet."""
+    cells: Path
+    """A line per policy, task and condition, CSV."""
 
     @classmethod
     def of(cls, folder: Path) -> ReportPaths:
         """Where the report of a run folder is, or will be."""
-        return cls(folder / "report.html", folder / "report.md", folder / "summary.json", folder / "episodes.parquet")
+        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv")
+        return cls(*(folder / name for name in names))
 
 
 def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     """Write the report of a run, complete or not, into its folder.
 
-    Rows are read from the store once, into `episodes.parquet`; everything else is made from that file, so that the four
+    Rows are read from the store once, into `episodes.parquet`; everything else is made from that file, so that the
     files of a report agree even while the run goes on. Each is replaced as a whole or left as it was.
 
     Args:
@@ -67,6 +71,7 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     del frame
     compared, robustness = _compare(document, paths.episodes), _stress(document, paths.episodes)
     _write_text(paths.summary, build_summary(document, tables, compared, robustness).model_dump_json(indent=1) + "\n")
+    _write_text(paths.cells, render_csv(tables))
     _write_text(paths.markdown, render_markdown(document, tables, compared, robustness))
     _write_text(paths.html, render_page(folder, document, tables, videos, compared, robustness))
     return paths

@@ -63,8 +63,14 @@ def test_what_changes_anything_but_words_changes_what_becomes_of_an_untrained_po
         if row is None:
             continue
         # Three looks may all be fresh, and this policy neither reads nor touches anything.
-        if name != "frozen-frames" and axis.changes not in (Changes.INSTRUCTION, Changes.BODIES):
+        if name != "frozen-frames" and axis.changes not in (Changes.INSTRUCTION, Changes.BODIES, Changes.NOTHING):
             assert row.final_state_hash != clean.final_state_hash
         found = set(json.loads(row.delivered_statistics or "{}"))
         wanted = {Changes.IMAGES: {"psnr_third_person", "psnr_wrist"}, Changes.CAMERAS: {"turned_third_person"}}
         assert wanted.get(axis.changes, set()) <= found
+
+
+def test_the_same_again_ends_alike_to_the_bit(played):
+    for policy in ("untrained", "oracle"):
+        once, again = played[policy, Condition()], played[policy, Condition("again", 1)]
+        assert (once.actions_hash, once.final_state_hash) == (again.actions_hash, again.final_state_hash)

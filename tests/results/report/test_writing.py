@@ -82,11 +82,12 @@ def picture(folder, task, content=None):
         path.write_bytes(content)
 
 
-def test_a_report_is_four_files_and_nothing_is_printed(tmp_path, capsys):
+def test_a_report_is_five_files_and_nothing_is_printed(tmp_path, capsys):
     paths = report(tmp_path)
     assert paths == ReportPaths.of(tmp_path / "run")
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names == {"report.html", "report.md", "summary.json", "episodes.parquet", "run.json", "episodes.sqlite"}
+    written = {"report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv"}
+    assert names == written | {"run.json", "episodes.sqlite"}
     assert capsys.readouterr() == ("", "")
 
 
