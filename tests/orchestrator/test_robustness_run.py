@@ -35,7 +35,7 @@ def rows(played):
 
 def test_no_episode_is_an_error(rows):
     assert {row.error for row in rows if row.status == Status.ERROR} == set()
-    assert len(rows) == 96
+    assert len(rows) == 156
 
 
 def test_every_level_is_delivered_where_a_policy_looks_and_where_actions_are_perturbed(rows):
@@ -47,7 +47,14 @@ def test_every_level_is_delivered_where_a_policy_looks_and_where_actions_are_per
 
 def test_all_start_from_the_clean_world_and_the_report_says_so(played):
     found = json.loads(ReportPaths.of(played.folder).summary.read_text())["robustness"]
-    assert found["worlds"] == {"compared": 84, "differing": 0}
+    assert found["worlds"] == {"compared": 120, "differing": 0}
     assert found["gate"] == "oracle"
     assert {row["control"] for row in found["controls"]} == {"blind", "wrong-goal"}
-    assert {row["axis"] for row in found["gated"]} <= {"action-delay"}
+    assert {row["axis"] for row in found["gated"]} <= {"action-delay", "object-position", "robot-start"}
+
+
+def test_clean_episodes_played_twice_end_alike_to_the_bit_in_each_simulator(played):
+    found = json.loads(ReportPaths.of(played.folder).summary.read_text())["robustness"]["repeats"]
+    assert [(row["simulator"], row["episodes"], row["alike"]) for row in found] == [
+        (simulator, 4, 4) for simulator in ("maniskill", "pybullet", "robosuite")
+    ]

@@ -1,0 +1,57 @@
+"""Records what the `replay` policy plays: the actions of each oracle on one training seed, without noise.
+
+Usage: python scripts/replays.py [FILE]   (default policies/zoo/replays.json)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from adapters import catalog
+from adapters.contract import FloatArray, Simulation
+from orchestrator.demonstrate import DEFAULT_VIEW, FIRST_SEED
+from orchestrator.recording import RecordedSimulation
+from orchestrator.runner import EpisodeRunner, PolicySource
+from policies.replay import FILE
+from suites.vocabulary import Episode, Protocol
+
+ROUNDED = 5
+"""Decimals that are kept: a hundredth of a millimetre."""
+
+
+def demonstration(runner: EpisodeRunner, task: str, horizon: int) -> tuple[str, FloatArray]:
+    """How the oracle's episode ended, and its actions (steps, 7)."""
+    episode = Episode("oracle", "oracle", task, FIRST_SEED, Protocol(horizon, 1, DEFAULT_VIEW))
+    records: list[RecordedSimulation] = []
+
+    def record(simulation: Simulation) -> Simulation:
+        records.append(RecordedSimulation(simulation, episode, 0.0))
+        return records[-1]
+
+    result = runner.play_one(episode, wrap=record)
+    return result.status, records[-1].recording().actions
+
+
+def main() -> None:
+    """Play every task of the real simulators once."""
+    shown = [simulator for simulator in catalog.simulators().values() if not simulator.internal]
+    for simulator in shown:  # set before any is imported: they import each other's renderers
+        for name, value in simulator.environment.items():
+            os.environ.setdefault(name, value)
+    runner = EpisodeRunner({"oracle": PolicySource("oracle")})
+    document = {}
+    for simulator in shown:
+        for name, card in simulator.tasks.items():
+            status, actions = demonstration(runner, f"{simulator.name}/{name}", card.horizon)
+            document[f"{simulator.name}/{name}"] = {"seed": FIRST_SEED, "actions": actions.round(ROUNDED).tolist()}
+            print(f"{simulator.name}/{name}: {status}, {len(actions)} steps")
+    runner.close()
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
+    file.write_text(json.dumps(document) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Open-loop replay: a recorded demonstration, whatever is there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from adapters.catalog import task_cards
+from orchestrator.runner import EpisodeRunner, PolicySource
+from policies import replay
+from policies.contract import PolicyError, Query
+from suites.vocabulary import Episode, Protocol, RenderProfile, View
+
+
+def episode(task, seed=0, horizon=100):
+    view = View(image_size=96, render_profile=RenderProfile.FAST)
+    return Episode("replay", "digest", task, seed, Protocol(horizon, 8, view))
+
+
+def test_every_task_of_a_real_simulator_has_a_demonstration_within_its_horizon():
+    real = {task: card for task, card in task_cards().items() if not task.startswith("null/")}
+    assert set(replay.replays()) == set(real)
+    assert all(0 < len(actions) <= real[task].horizon for task, actions in replay.replays().items())
+
+
+def test_the_demonstration_is_played_from_the_first_step_and_then_held():
+    task = "robosuite/Lift"
+    actions = replay.replays()[task]
+    played = [
+        replay.ReplayPolicy().act([Query(episode(task), step)])[0].actions for step in range(0, len(actions) + 9, 8)
+    ]
+    found = np.concatenate(played)
+    np.testing.assert_array_equal(found[: len(actions)], actions)
+    assert not found[len(actions) :, :6].any()
+    assert (found[len(actions) :, 6] == actions[-1, 6]).all()
+
+
+def test_a_task_without_a_demonstration_is_refused():
+    with pytest.raises(PolicyError, match="expected a task with a recorded demonstration, got 'null/Reach'"):
+        replay.ReplayPolicy().reset([episode("null/Reach")])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"a": {}}', '{"a": {"actions": [[1, 2]]}}', json.dumps({"a": {"actions": [[None] * 7]}})]
+)
+def test_a_broken_file_is_refused_in_one_line(tmp_path, monkeypatch, text):
+    file = tmp_path / "replays.json"
+    file.write_text(text)
+    monkeypatch.setattr(replay, "FILE", file)
+    replay.replays.cache_clear()
+    with pytest.raises(PolicyError, match=r"^replays.json: expected [^\n]*$"):
+        replay.replays()
+    replay.replays.cache_clear()
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift"])
+def test_on_the_seed_that_it_was_recorded_on_it_succeeds(task):
+    runner = EpisodeRunner({"replay": PolicySource("replay")})
+    result = runner.play_one(episode(task, seed=1_000_000, horizon=task_cards()[task].horizon))
+    runner.close()
+    assert result.status == "success", result.error
