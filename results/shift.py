@@ -134,7 +134,9 @@ def _adjusted(rows: Sequence[TaxRow]) -> list[TaxRow]:
     return [replace(row, adjusted=value) for row, value in zip(rows, values, strict=True)]
 
 
-def interaction(policy: str, axis: str, levels: int, strata: Sequence[NDArray[np.floating]], axes: int) -> Interaction:
+def interaction(
+    policy: str, axis: str, levels: int, strata: Sequence[NDArray[np.floating]], axes: int, draws: int = DRAWS
+) -> Interaction:
     """What a policy loses against the baseline under an axis beyond what it loses clean.
 
     Args:
@@ -143,10 +145,11 @@ def interaction(policy: str, axis: str, levels: int, strata: Sequence[NDArray[np
         levels: Of each side, the clean one first.
         strata: Of each task, shape (seeds, 2 x levels), the baseline's first; see `Judged.paired`.
         axes: That are to hold together.
+        draws: Data sets drawn.
     """
     generator = np.random.default_rng(int(content_hash(["interaction", policy, axis]), 16))
     value = float(_extra(mean_outcomes(strata)[None], levels)[0])
-    drawn = _extra(resampled_means(strata, generator, DRAWS), levels)
+    drawn = _extra(resampled_means(strata, generator, draws), levels)
     own, corrected = (_ends(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
     return Interaction(policy, axis, len(strata), Estimate(value, own), corrected)
 

@@ -1,0 +1,185 @@
+"""How often intervals contain the truth and tests reject a true null hypothesis, by simulation.
+
+10,000 experiments each. Not a matter of speed: what is measured here is whether the numbers of a report can be trusted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from results.shift import interaction
+from results.statistics.pairs import Pairs, mcnemar, paired_difference
+from results.statistics.rates import Interval, clopper_pearson_interval, wilson_interval
+from results.statistics.sequential import anytime_mean, log_evidence
+from results.statistics.severity import falling_trend, severity_curve
+from tests.benchmarks.shared import table
+
+EXPERIMENTS = 10_000
+SIZES = (25, 100, 400)
+RATES = tuple(round(0.05 * step, 2) for step in range(1, 20))
+DRAWS = 400
+"""Of a bootstrap here; reports draw 2,000."""
+SEED = 20261121
+ALPHA = 0.05
+
+
+def measure() -> list[dict[str, object]]:
+    """Mean coverage over all cells of each interval and size, with the worst cell; error rates of each test."""
+    rows: list[dict[str, object]] = []
+    for name, simulate in (
+        ("Wilson", lambda n: _of_counts(n, wilson_interval)),
+        ("Clopper-Pearson", lambda n: _of_counts(n, clopper_pearson_interval)),
+        ("Newcombe, paired", _newcombe),
+        ("area kept, bootstrap", _area),
+        ("lost beyond clean, bootstrap", _interaction),
+        ("anytime mean, at every moment", _anytime),
+    ):
+        for n in SIZES:
+            cells = simulate(n)
+            worst = min(cells, key=lambda cell: cells[cell])
+            mean = float(np.mean(list(cells.values())))
+            rows.append(
+                {"interval": name, "n": n, "cells": len(cells), "mean": mean, "worst": cells[worst], "at": worst}
+            )
+    lines = [
+        (r["interval"], r["n"], r["cells"], f"{100 * r['mean']:.2f} %", f"{100 * r['worst']:.2f} %", r["at"])  # type: ignore[operator]
+        for r in rows
+    ]
+    table(("interval (95 %)", "n", "cells", "mean coverage", "worst cell", "at"), lines)
+    print()
+    errors = [
+        {"test": name, "n": n, "rejects": test(n)}
+        for name, test in (
+            ("McNemar, exact", _mcnemar),
+            ("falling trend", _trend),
+            ("e-process, looked at after every pair", _evidence),
+        )
+        for n in SIZES
+    ]
+    table(
+        ("test of a true null (5 %)", "n", "rejected"),
+        [(e["test"], e["n"], f"{100 * e['rejects']:.2f} %") for e in errors],  # type: ignore[operator]
+    )
+    return rows + errors
+
+
+def _of_counts(n: int, interval: Callable[[int, int], Interval | None]) -> dict[str, float]:
+    found = [interval(count, n) for count in range(n + 1)]
+    low, high = (np.array([getattr(ends, side) for ends in found if ends]) for side in ("low", "high"))
+    generator = np.random.default_rng([SEED, n])
+    cells = {}
+    for rate in RATES:
+        drawn = generator.binomial(n, rate, EXPERIMENTS)
+        cells[f"p {rate}"] = float(((low[drawn] <= rate) & (rate <= high[drawn])).mean())
+    return cells
+
+
+def _joint(first: float, second: float, phi: float) -> NDArray[np.float64] | None:
+    """Chances of both, first only, second only, neither; None where no such correlation exists."""
+    both = first * second + phi * math.sqrt(first * (1 - first) * second * (1 - second))
+    cells = np.array([both, first - both, second - both, 1 - first - second + both])
+    return cells if (cells >= -1e-12).all() else None
+
+
+def _newcombe(n: int) -> dict[str, float]:
+    generator = np.random.default_rng([SEED, n, 1])
+    cells = {}
+
+    @cache
+    def ends(counts: tuple[int, ...]) -> Interval:
+        found = paired_difference(Pairs(*counts))
+        assert found is not None
+        assert found.interval is not None
+        return found.interval
+
+    for first in RATES[1::3]:
+        for loss in (0.0, 0.1):
+            for phi in (0.0, 0.4):
+                chances = _joint(first, first - loss, phi) if first > loss else None
+                if chances is None:
+                    continue
+                drawn = generator.multinomial(n, chances.clip(0), EXPERIMENTS)
+                found = [ends(tuple(counts)) for counts in drawn.tolist()]
+                inside = [interval.low <= loss <= interval.high for interval in found]
+                cells[f"p {first}, {round(first - loss, 2)}, phi {phi}"] = float(np.mean(inside))
+    return cells
+
+
+def _outcomes(generator: np.random.Generator, n: int, rates: list[float]) -> list[NDArray[np.float64]]:
+    """Two tasks with half of the seeds each. A seed's luck is the same at all levels for one seed in two."""
+    found = []
+    for size in (n - n // 2, n // 2):
+        luck = np.where(
+            generator.random((size, 1)) < 0.5, generator.random((size, 1)), generator.random((size, len(rates)))
+        )
+        found.append((luck < rates).astype(float))
+    return found
+
+
+def _area(n: int) -> dict[str, float]:
+    generator = np.random.default_rng([SEED, n, 2])
+    levels = [0.0, 2.0, 4.0]
+    cells = {}
+    for rates in ([0.9, 0.7, 0.4], [0.6, 0.6, 0.6], [0.8, 0.4, 0.1]):
+        truth = (rates[0] + 2 * rates[1] + rates[2]) / (4 * rates[0])
+        inside = []
+        for _ in range(EXPERIMENTS):
+            area = severity_curve(_outcomes(generator, n, rates), levels, generator, draws=DRAWS).area
+            if area is not None and area.interval is not None:
+                inside.append(area.interval.low <= truth <= area.interval.high)
+        cells[f"p {rates}"] = float(np.mean(inside))
+    return cells
+
+
+def _interaction(n: int) -> dict[str, float]:
+    generator = np.random.default_rng([SEED, n, 3])
+    cells = {}
+    for rates in ([0.9, 0.6, 0.8, 0.2], [0.9, 0.5, 0.9, 0.5], [0.6, 0.3, 0.5, 0.2]):
+        truth = rates[1] - rates[3] - rates[0] + rates[2]
+        inside = []
+        for _ in range(EXPERIMENTS):
+            ends = interaction("", "", 2, _outcomes(generator, n, rates), 1, draws=DRAWS).extra.interval
+            if ends is not None:
+                inside.append(ends.low <= truth <= ends.high)
+        cells[f"p {rates}"] = float(np.mean(inside))
+    return cells
+
+
+def _anytime(n: int) -> dict[str, float]:
+    """The running intersection contains the mean at the end only if it did at every moment before."""
+    generator = np.random.default_rng([SEED, n, 4])
+    cells = {}
+    for rate in (0.05, 0.5, 0.9):
+        inside = []
+        for _ in range(EXPERIMENTS // 10):
+            ends = anytime_mean((generator.random(n) < rate).astype(float).tolist())
+            inside.append(ends.low <= rate <= ends.high)
+        cells[f"p {rate}"] = float(np.mean(inside))
+    return cells
+
+
+def _mcnemar(n: int) -> float:
+    chances = _joint(0.7, 0.7, 0.3)
+    drawn = np.random.default_rng([SEED, n, 5]).multinomial(n, chances, EXPERIMENTS)
+    p = cache(lambda one, other: mcnemar(Pairs(0, one, other, 0)))
+    return float(np.mean([p(one, other) <= ALPHA for _, one, other, _ in drawn.tolist()]))
+
+
+def _trend(n: int) -> float:
+    generator = np.random.default_rng([SEED, n, 6])
+    levels = np.array([0.0, 2.0, 4.0])
+    found = [falling_trend(_outcomes(generator, n, [0.7] * 3), levels) for _ in range(EXPERIMENTS)]
+    return float(np.mean([p is not None and p <= ALPHA for p in found]))
+
+
+def _evidence(n: int) -> float:
+    generator = np.random.default_rng([SEED, n, 7])
+    sides = generator.random((EXPERIMENTS, n)) < 0.5
+    disagree = generator.random((EXPERIMENTS, n)) < 0.25
+    first, second = np.cumsum(sides & disagree, axis=1), np.cumsum(~sides & disagree, axis=1)
+    return float((log_evidence(first, second).max(axis=1) >= -math.log(ALPHA)).mean())
