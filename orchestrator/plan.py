@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,7 +25,8 @@ from suites.vocabulary import Cell
 
 SHIPPED = Path(__file__).parent.parent / "suites"
 WHOLE = Part()
-Done = Mapping[tuple[str, str, str, int], set[int]]
+Done = Mapping[tuple[str, str, str, int], Collection[int]]
+"""Seeds that have a row, by policy digest, task, axis and severity."""
 
 
 class PlanError(Exception):
@@ -60,8 +61,12 @@ class Plan:
         """Episodes planned."""
         return len(self.cells) * self.suite.seeds.count
 
-    def planned_cells(self) -> tuple[PlannedCell, ...]:
-        """The plan as the run document holds it."""
+    def planned_cells(self, seeds: Mapping[Cell, int] | None = None) -> tuple[PlannedCell, ...]:
+        """The plan as the run document holds it.
+
+        Args:
+            seeds: How many are planned of each cell, if not those of the suite.
+        """
         return tuple(
             PlannedCell(
                 simulator=cell.simulator,
@@ -70,7 +75,7 @@ class Plan:
                 policy_digest=cell.policy_digest,
                 axis=cell.condition.axis,
                 severity=cell.condition.severity,
-                planned=self.suite.seeds.count,
+                planned=self.suite.seeds.count if seeds is None else seeds.get(cell, 0),
             )
             for cell in self.cells
         )
@@ -81,7 +86,7 @@ class Plan:
         for cell in self.cells:
             if cell.simulator in self.unavailable:
                 continue
-            there = done.get((cell.policy_digest, cell.task, cell.condition.axis, cell.condition.severity), set())
+            there = done.get((cell.policy_digest, cell.task, cell.condition.axis, cell.condition.severity), ())
             seeds = array("q", (seed for seed in self.suite.seeds if seed not in there))
             if seeds:
                 work.append((cell, seeds))

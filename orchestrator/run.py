@@ -16,6 +16,7 @@ from filelock import FileLock, Timeout
 
 from adapters import catalog as simulators
 from orchestrator import provenance
+from orchestrator.adaptive import progression
 from orchestrator.cluster import ray_session
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
@@ -23,6 +24,7 @@ from orchestrator.runner import Readiness
 from results.record import EpisodeResult, outcome_row, rows_hash
 from results.run import RUN_FILE, RunDocument, RunStatus, read_run, store_url, write_run
 from results.store import Store, StoreError
+from suites.vocabulary import Cell
 
 
 class FolderError(Exception):
@@ -99,28 +101,26 @@ class _Session:
         from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
 
         suite = self._plan.suite
-        work = self._plan.missing(self._store.done_seeds())
+        work = self._work()
         workers = {name: suite.worker_count(name) for name in self._plan.simulators}
         running = {cell.simulator for cell, _ in work}
         self._progress.begin(self._plan, self._store.status_counts())
         if not work:
             return
-        scheduler = Scheduler(
-            work,
-            self._plan.sources,
-            SchedulerOptions(
-                workers=workers,
-                episode_time_limit_s=suite.episode_time_limit_s,
-                max_attempts=suite.max_attempts,
-                allowed_errors=int(suite.error_tolerance * self._plan.episodes),
-            ),
-            sink=self._store.add,
-            observer=self,
+        scheduling = SchedulerOptions(
+            workers=workers,
+            episode_time_limit_s=suite.episode_time_limit_s,
+            max_attempts=suite.max_attempts,
+            allowed_errors=int(suite.error_tolerance * self._plan.episodes),
         )
         try:
             with ray_session(address=self._options.address, workers=sum(workers[name] for name in running)):
                 with self._progress:
-                    scheduler.run()
+                    while work:
+                        Scheduler(work, self._plan.sources, scheduling, sink=self._store.add, observer=self).run()
+                        before, work = work, self._work() if suite.adaptive else []
+                        if work == before:  # what is missing cannot be played here
+                            break
                 if self._options.media:
                     self._film()
         except KeyboardInterrupt:
@@ -129,6 +129,19 @@ class _Session:
             self._status, self._reason = RunStatus.STOPPED, str(error)
         except (StoreError, OSError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
+
+    def _work(self) -> list[tuple[Cell, Sequence[int]]]:
+        """What is still to be played; with an adaptive suite, of the round that is under way."""
+        suite, sides = self._plan.suite, self._plan.suite.comparison
+        outcomes = self._store.outcomes()
+        if suite.adaptive is None or sides is None:
+            return self._plan.missing(outcomes)
+        cells = [cell for cell in self._plan.cells if cell.simulator not in self._skipped]
+        found = progression(cells, suite.seeds, suite.adaptive, sides, outcomes)
+        self._document = self._document.model_copy(
+            update={"plan": self._plan.planned_cells(found.planned), "decided": tuple(found.decided)}
+        )
+        return found.work
 
     def finish(self) -> RunOutcome:
         """Write the document and the report."""
@@ -140,8 +153,9 @@ class _Session:
             done = sum(self._store.status_counts().values())
             digest = rows_hash(self._outcome_rows())
             rows = done
-        if self._status is RunStatus.COMPLETE and rows < self._plan.episodes and not self._skipped:
-            self._status, self._reason = RunStatus.STOPPED, f"{self._plan.episodes - rows} episodes are missing"
+        planned = self._document.planned
+        if self._status is RunStatus.COMPLETE and rows < planned and not self._skipped:
+            self._status, self._reason = RunStatus.STOPPED, f"{planned - rows} episodes are missing"
         now = time.time()
         self._document = self._document.model_copy(
             update={
@@ -234,7 +248,8 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         unsupported=plan.unsupported,
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         merging=plan.suite.merging,
-        compare=plan.suite.compare,
+        compare=plan.suite.comparison,
+        adaptive=plan.suite.adaptive,
         gate=plan.suite.gate,
         workers=workers,
         skipped=dict(plan.unavailable),

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from suites.schema import CompareEntry, MergingEntry
+from suites.schema import AdaptiveEntry, CompareEntry, MergingEntry
 
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
@@ -58,6 +58,20 @@ class Unsupported(_Model):
     reason: str
 
 
+class Decided(_Model):
+    """A comparison under one condition that was decided before its episodes were used up."""
+
+    policy: str
+    """The other; the baseline is that of the comparison."""
+    axis: str
+    severity: int
+    pairs: int
+    seeds: int
+    """Per task, when it was decided."""
+    evidence: float
+    """E-value."""
+
+
 class Provenance(_Model):
     """With what the run was made."""
 
@@ -103,7 +117,10 @@ class RunDocument(_Model):
     merging: MergingEntry | None = None
     """Which policies the report compares to say what merging and routing cost."""
     compare: CompareEntry | None = None
-    """Which policies the report sets against which under perturbations, if not those of `merging`."""
+    """Which policies the report sets against which under perturbations."""
+    adaptive: AdaptiveEntry | None = None
+    """By which rule conditions stopped early, if by any."""
+    decided: tuple[Decided, ...] = ()
     workers: dict[str, int] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session."""
     skipped: dict[str, str] = Field(default_factory=dict)
@@ -113,14 +130,6 @@ class RunDocument(_Model):
     rows_hash: str | None = None
     """Hash of all stored rows, timing aside."""
     provenance: Provenance = Provenance()
-
-    @property
-    def comparison(self) -> CompareEntry | None:
-        """Which policies are set against which under perturbations."""
-        if self.compare is None and self.merging is not None:
-            others = (self.merging.oracle_routed, *self.merging.routed)
-            return CompareEntry(baseline=self.merging.expert, others=others)
-        return self.compare
 
     @property
     def planned(self) -> int:

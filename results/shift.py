@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from results.judging import Judged
 from results.routing import Rate
-from results.run import PlannedCell, RunDocument
+from results.run import Decided, PlannedCell, RunDocument
 from results.statistics.aggregate import DRAWS, mean_outcomes, resampled_means
 from results.statistics.multiplicity import ALPHA, benjamini_hochberg
 from results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
 from results.statistics.rates import CONFIDENCE, Estimate, Interval
+from results.statistics.sequential import paired_evidence
+from suites.schema import AdaptiveEntry
 from suites.vocabulary import CLEAN, CONTROLS, content_hash
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ class TaxRow:
     loss: Estimate | None
     p: float
     """Exact McNemar, two-sided."""
+    evidence: float
+    """E-value, which may be looked at as often as one likes; 20 decides at 5 %."""
     adjusted: float
     """Benjamini-Hochberg over all levels and axes of this policy."""
 
@@ -85,6 +89,9 @@ class Shift:
     taxes: tuple[TaxRow, ...]
     interactions: tuple[Interaction, ...]
     routers: tuple[RouterRow, ...]
+    rule: AdaptiveEntry | None = None
+    """By which conditions stopped early, if by any."""
+    decided: tuple[Decided, ...] = ()
 
 
 def build_shift(document: RunDocument, judged: Judged) -> Shift | None:
@@ -94,7 +101,7 @@ def build_shift(document: RunDocument, judged: Judged) -> Shift | None:
         document: The run.
         judged: What counts of its rows, `inferred_task` among their columns.
     """
-    sides = document.comparison
+    sides = document.compare
     if sides is None:
         return None
     axes = tuple(dict.fromkeys(c.axis for c in document.plan if c.axis not in (CLEAN, *CONTROLS)))
@@ -111,7 +118,15 @@ def build_shift(document: RunDocument, judged: Judged) -> Shift | None:
             interactions.append(interaction(policy, axis, len(levels), strata, len(axes)))
         taxes += _adjusted(rows)
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, judged, policy, axis)]
-    return Shift(sides.baseline, sides.others, tuple(taxes), tuple(interactions), tuple(routers))
+    return Shift(
+        sides.baseline,
+        sides.others,
+        tuple(taxes),
+        tuple(interactions),
+        tuple(routers),
+        document.adaptive,
+        document.decided,
+    )
 
 
 def _cells(document: RunDocument, policy: str, axis: str) -> list[PlannedCell]:
@@ -125,7 +140,20 @@ def _taxes(policy: str, axis: str, levels: Sequence[int], strata: Sequence[NDArr
         if pairs.trials:
             one, other = pairs.first / pairs.trials, pairs.second / pairs.trials
             p = mcnemar(pairs)
-            rows.append(TaxRow(policy, axis, severity, pairs.trials, one, other, paired_difference(pairs), p, p))
+            rows.append(
+                TaxRow(
+                    policy,
+                    axis,
+                    severity,
+                    pairs.trials,
+                    one,
+                    other,
+                    paired_difference(pairs),
+                    p,
+                    paired_evidence(pairs),
+                    p,
+                )
+            )
     return rows
 
 

@@ -127,15 +127,16 @@ class Store:
             statement = self._insert(_episodes).returning(_episodes.c.episode_id)
             return len(connection.execute(statement, rows).all())
 
-    def done_seeds(self) -> dict[tuple[str, str, str, int], set[int]]:
-        """Stored seeds by (policy digest, task, axis, severity)."""
+    def outcomes(self) -> dict[tuple[str, str, str, int], dict[int, str]]:
+        """Status of each stored seed by (policy digest, task, axis, severity)."""
         e = _episodes.c
-        query = sa.select(e.policy_digest, e.task, e.axis, e.severity, e.seed).where(e.run_id == self._run_id)
-        done: dict[tuple[str, str, str, int], set[int]] = {}
+        columns = (e.policy_digest, e.task, e.axis, e.severity, e.seed, e.status)
+        query = sa.select(*columns).where(e.run_id == self._run_id)
+        found: dict[tuple[str, str, str, int], dict[int, str]] = {}
         with self._explained(), self._engine.connect() as connection:
-            for digest, task, axis, severity, seed in connection.execution_options(yield_per=10_000).execute(query):
-                done.setdefault((digest, task, axis, severity), set()).add(seed)
-        return done
+            for row in connection.execution_options(yield_per=10_000).execute(query):
+                found.setdefault((row[0], row[1], row[2], row[3]), {})[row[4]] = row[5]
+        return found
 
     def status_counts(self) -> dict[tuple[str, str], int]:
         """Stored rows by (simulator, status)."""

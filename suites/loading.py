@@ -10,7 +10,17 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from suites.schema import CompareEntry, ConditionEntry, KnownNames, MergingEntry, PolicyEntry, Seeds, Suite, check_names
+from suites.schema import (
+    AdaptiveEntry,
+    CompareEntry,
+    ConditionEntry,
+    KnownNames,
+    MergingEntry,
+    PolicyEntry,
+    Seeds,
+    Suite,
+    check_names,
+)
 
 MAX_BYTES = 1_000_000
 Place = tuple[str | int, ...]
@@ -192,6 +202,7 @@ def _fields(place: Place) -> list[str]:
         "seeds": Seeds,
         "merging": MergingEntry,
         "compare": CompareEntry,
+        "adaptive": AdaptiveEntry,
     }
     model = models.get(str(place[0]), Suite) if len(place) > 1 else Suite
     return list(model.model_fields)

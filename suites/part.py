@@ -47,6 +47,7 @@ class Part:
                 "seeds": Seeds(start=suite.seeds.start, count=count),
                 "merging": merging,
                 "compare": compare,
+                "adaptive": suite.adaptive if merging or compare else None,
                 "gate": suite.gate if suite.gate in names else None,
             }
         )

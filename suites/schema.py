@@ -139,6 +139,17 @@ class CompareEntry(_Model):
         return [(("compare", "baseline"), self.baseline), *others]
 
 
+class AdaptiveEntry(_Model):
+    """When the comparison under a condition counts as decided, so that its episodes can be spent on the others."""
+
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """Chance at most that a comparison without a difference is decided."""
+    round: Count = 10
+    """Seeds after which the evidence is looked at."""
+    most: Count
+    """Seeds of a condition at most; those of `seeds` are what each would have without stopping."""
+
+
 class Suite(_Model):
     """Tasks x policies x conditions x seeds, plus how to run and judge them."""
 
@@ -176,6 +187,17 @@ class Suite(_Model):
     """Has the report set policies against each other under perturbations; no part of what is evaluated. By default what
     `merging` names: the experts against the others."""
 
+    adaptive: AdaptiveEntry | None = None
+    """Has conditions stop when `compare` is decided there."""
+
+    @property
+    def comparison(self) -> CompareEntry | None:
+        """Which policies are set against which under perturbations: `compare`, or what `merging` names."""
+        if self.compare is None and self.merging is not None:
+            others = (self.merging.oracle_routed, *self.merging.routed)
+            return CompareEntry(baseline=self.merging.expert, others=others)
+        return self.compare
+
     def worker_count(self, simulator: str) -> int:
         """Worker processes for that simulator."""
         return self.workers if isinstance(self.workers, int) else self.workers.get(simulator, 1)
@@ -212,7 +234,11 @@ class Suite(_Model):
     def content_hash(self, digests: Mapping[str, str], names: KnownNames) -> str:
         """Hash of what is evaluated: the same for suites that plan the same episodes, however they are run."""
         cells = sorted(cell.episode(0).id for cell in self.cells(names, digests))
-        return content_hash({"cells": cells, "seeds": [self.seeds.start, self.seeds.count]})
+        evaluated: dict[str, Any] = {"cells": cells, "seeds": [self.seeds.start, self.seeds.count]}
+        if self.adaptive is not None:
+            sides = self.comparison
+            evaluated["adaptive"] = [self.adaptive.model_dump(), sides.model_dump() if sides else None]
+        return content_hash(evaluated)
 
 
 def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
@@ -297,6 +323,11 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
     if suite.gate is not None and suite.gate not in seen_policies:
         message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
         add((("gate",), message))
+    if suite.adaptive is not None:
+        if suite.comparison is None:
+            add((("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"))
+        if suite.adaptive.most < suite.seeds.count:
+            add((("adaptive", "most"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.most}"))
     for sides in (suite.merging, suite.compare):
         problems += _check_sides(sides, seen_policies) if sides else []
     return problems

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from orchestrator.cli.shared import BadInput, Policies, SeedCount, Tasks, fail, out, plan_of
-from orchestrator.plan import PlanError, check_same
+from orchestrator.plan import Done, PlanError, check_same
 from results.run import RUN_FILE, RunError, read_run, store_url
 from results.store import Store, StoreError
 from suites.part import Part
@@ -27,13 +27,13 @@ def plan(
 ) -> None:
     """Show the episodes that a suite or a part of it plans, without starting anything."""
     planned = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds))
-    done: dict[tuple[str, str, str, int], set[int]] = {}
+    done: Done = {}
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         try:
             document = read_run(out_folder)
             check_same(planned, document, out_folder)
             rows = Store.open(store_url(out_folder, document, store), document.run_id)
-            done = rows.done_seeds()
+            done = rows.outcomes()
             rows.close()
         except (RunError, PlanError, StoreError) as error:
             raise BadInput(str(error)) from None

@@ -89,6 +89,7 @@ def _robustness(robustness: Robustness) -> list[str]:
 
 def _shift(found: Shift) -> list[str]:
     parts = [f"### Against {escape(found.baseline)}", _says(*facts.SHIFT_TERMS)]
+    parts += [escape(rule)] if (rule := against.stopping(found)) else []
     parts += [markdown(against.interaction_table(found)), markdown(against.tax_table(found))]
     if found.routers:
         parts += ["### Routers under perturbation", _says("gave way first"), markdown(against.router_table(found))]

@@ -91,15 +91,39 @@ def heat_table(found: HeatMap) -> TextTable:
 
 def tax_table(shift: Shift) -> TextTable:
     """What each other policy loses against the baseline at every level."""
-    header = ("policy", "condition", shift.baseline, "policy's", "lost", "p", "p, adjusted", "pairs")
+    header = ("policy", "condition", shift.baseline, "policy's", "lost", "p", "p, adjusted", "e-value", "pairs")
     return TextTable(header, tuple(_tax_line(row) for row in shift.taxes), 2)
 
 
 def _tax_line(row: TaxRow) -> tuple[str, ...]:
     return (
         *(row.policy, level(row.axis, row.severity), text.percent(row.baseline), text.percent(row.rate)),
-        *(points(row.loss), p_value(row.p), p_value(row.adjusted), text.count(row.pairs)),
+        *(points(row.loss), p_value(row.p), p_value(row.adjusted), e_value(row.evidence), text.count(row.pairs)),
     )
+
+
+def e_value(value: float) -> str:
+    """`0.3`, `24`, or `>1,000,000`."""
+    return ">1,000,000" if value > 1e6 else (f"{value:,.0f}" if value >= 10 else f"{value:.2g}")
+
+
+def stopping(shift: Shift) -> str | None:
+    """The rule by which conditions stopped, and what it did, in sentences; None if there was none."""
+    rule = shift.rule
+    if rule is None:
+        return None
+    said = (
+        f"A condition stops when the e-value of {shift.baseline} against every other policy, over all tasks, reaches "
+        f"{1 / rule.alpha:g}, looked at after every {text.counted(rule.round, 'seed')}; a comparison without a "
+        f"difference is decided with a chance of {text.percent(rule.alpha)} at most. What that saves goes to the "
+        f"undecided ones, up to {text.counted(rule.most, 'seed')} each, in an order drawn for each round. "
+    )
+    parts = [
+        f"{level(row.axis, row.severity).partition(':')[0]} after {text.counted(row.seeds, 'seed')} per task "
+        f"({row.policy}, e-value {e_value(row.evidence)})"
+        for row in shift.decided
+    ]
+    return said + (f"Decided: {'; '.join(parts)}." if parts else "None was decided.")
 
 
 def p_value(value: float) -> str:

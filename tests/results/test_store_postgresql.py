@@ -62,7 +62,7 @@ def test_rows_are_stored_once_and_come_back_as_they_were(server):
     assert store.add(results) == len(results)
     assert store.add(results) == 0
     assert sorted(store.results(), key=lambda r: r.episode_id) == sorted(results, key=lambda r: r.episode_id)
-    assert sum(map(len, store.done_seeds().values())) == len(results)
+    assert sum(map(len, store.outcomes().values())) == len(results)
     assert store.find(results[0].episode_id) == results[0]
     store.close()
 
