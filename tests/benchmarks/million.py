@@ -1,0 +1,71 @@
+"""A report over 1,000,000 stored episodes: seconds and memory from the store to the written files."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.benchmarks.shared import table
+
+EPISODES = 1_000_000
+CODE = """
+import resource, sys, time
+from pathlib import Path
+from results.report import write_report
+start = time.perf_counter()
+write_report(Path(sys.argv[1]))
+print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+"""Seconds and MiB, of a process of its own."""
+
+
+def measure() -> list[dict[str, object]]:
+    """Fill a store, then write its report as `gauntlet report` does."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        start = time.perf_counter()
+        episodes = _fill(run)
+        filled = time.perf_counter() - start
+        done = subprocess.run([sys.executable, "-c", CODE, str(run)], check=True, capture_output=True, text=True)
+        seconds, memory = map(float, done.stdout.split())
+    table(
+        ("episodes", "to store", "to report", "memory"),
+        [(f"{episodes:,}", f"{filled:.0f} s", f"{seconds:.1f} s", f"{memory:,.0f} MiB")],
+    )
+    return [{"episodes": episodes, "store_s": filled, "report_s": seconds, "memory_mib": memory}]
+
+
+def _fill(folder: Path) -> int:
+    """A run of four policies, nine tasks, and eighteen axes at two severities, with a gate, a comparison and routing."""
+    import numpy as np
+
+    from results.run import store_url, write_run
+    from results.store import Store
+    from suites.axes import AXES
+    from suites.schema import CompareEntry
+    from suites.vocabulary import Condition
+    from tests.results.synthetic import cells, document, row
+
+    simulators = ("maniskill", "pybullet", "robosuite")
+    tasks = tuple(f"{name}/Task{number}" for name in simulators for number in range(3))
+    axes = [name for name, axis in AXES.items() if not axis.is_control]
+    conditions = (Condition(), Condition("blind", 1), Condition("again", 1))
+    conditions += tuple(Condition(name, severity) for name in axes for severity in (2, 4))
+    plan = cells(("oracle", "experts", "merged-told", "merged"), tasks, conditions)
+    seeds = -(-EPISODES // len(plan))
+    run = document(
+        seeds, of=plan, gate="oracle", compare=CompareEntry(baseline="experts", others=("merged-told", "merged"))
+    )
+    folder.mkdir()
+    write_run(folder, run)
+    store, generator = Store.open(store_url(folder, run), run.run_id), np.random.default_rng(0)
+    for cell in plan:
+        rate = 1.0 if cell.policy == "oracle" else 0.9 - 0.1 * cell.condition.severity
+        won = generator.random(seeds) < rate
+        routed = {"inferred_task": cell.task} if cell.policy == "merged" else {}
+        store.add([row(cell, n, "success" if won[n] else "failure", delivered=1.0, **routed) for n in range(seeds)])
+    store.close()
+    return seeds * len(plan)
