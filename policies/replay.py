@@ -80,10 +80,18 @@ def _digest(options: Mapping[str, Any]) -> str:
     return content_hash({"policy": "replay", "source": source_digest(sys.modules[__name__]), "actions": actions})
 
 
+def _tasks() -> frozenset[str]:
+    """None if the file is broken: whoever then asks for this policy is told so, and nobody else."""
+    try:
+        return frozenset(replays())
+    except PolicyError:
+        return frozenset()
+
+
 REPLAY = PolicyKind(
     name="replay",
     summary="one demonstration's actions, open loop",
     load=_load,
     digest=_digest,
-    tasks=lambda: frozenset(replays()),
+    tasks=_tasks,
 )

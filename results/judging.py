@@ -12,7 +12,9 @@ from results.statistics.aggregate import Outcomes
 from suites.vocabulary import CLEAN, CONTROLS
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
+    from numpy.typing import NDArray
 
 LEAST_SOLVED = 0.95
 """Share of the seeds that the gate must solve at a level; below, the level says nothing about the task."""
@@ -32,6 +34,30 @@ class GateRow:
     """Too few passed: the level says nothing about this task."""
 
 
+CELL = ["task", "policy_digest", "axis", "severity"]
+"""What makes a cell of the plan, among the columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows that are successes or failures, found by cell: a million of them are searched once."""
+
+    frame: pd.DataFrame
+    places: Mapping[tuple[str, str, str, int], NDArray[np.intp]]
+
+    @classmethod
+    def of_frame(cls, frame: pd.DataFrame) -> Rows:
+        """Index the rows of a run."""
+        verdicts = frame[frame["status"] != str(Status.ERROR)]
+        groups = verdicts.groupby(CELL, observed=True, sort=False).indices if len(verdicts) else {}
+        return cls(verdicts, {(str(t), str(p), str(a), int(s)): rows for (t, p, a, s), rows in groups.items()})
+
+    def of(self, cell: PlannedCell) -> pd.DataFrame:
+        """A cell's."""
+        found = self.places.get((cell.task, cell.policy_digest, cell.axis, cell.severity))
+        return self.frame[:0] if found is None else self.frame.iloc[found]
+
+
 Rejected = Mapping[tuple[str, str], Set[int]]
 
 
@@ -39,7 +65,7 @@ Rejected = Mapping[tuple[str, str], Set[int]]
 class Judged:
     """Rows, and what of them does not count."""
 
-    frame: pd.DataFrame
+    rows: Rows
     gated: tuple[GateRow, ...]
     """What the gate solved, condition by condition."""
     rejected: Rejected
@@ -80,14 +106,14 @@ class Judged:
         parts = []
         for cell in cells:
             if not self._is_capped(cell):
-                rows = _verdicts(self.frame, cell)
+                rows = self.rows.of(cell)
                 parts.append(rows[~rows["seed"].isin(self.rejected.get((cell.task, cell.axis), ()))])
-        return _together(parts) if parts else self.frame[:0]
+        return _together(parts) if parts else self.rows.frame[:0]
 
     def _table(self, cells: Sequence[PlannedCell], task: str) -> pd.DataFrame | None:
         """Success, seeds x severities, of one task's cells; None without a verdict."""
         own = [cell for cell in cells if cell.task == task]
-        verdicts = [_verdicts(self.frame, cell) for cell in own if not self._is_capped(cell)]
+        verdicts = [self.rows.of(cell) for cell in own if not self._is_capped(cell)]
         if not verdicts:
             return None
         rows = _together(verdicts)
@@ -109,24 +135,25 @@ def judge(document: RunDocument, frame: pd.DataFrame) -> Judged:
         document: The run.
         frame: Its rows, with task, policy_digest, axis, severity, seed and status.
     """
-    gated = _gated(document, frame)
+    rows = Rows.of_frame(frame)
+    gated = _gated(document, rows)
     capped = {(row.task, row.axis, row.severity) for row in gated if row.capped}
-    return Judged(frame, gated, _rejected(document, frame, capped), capped)
+    return Judged(rows, gated, _rejected(document, rows, capped), capped)
 
 
-def _gated(document: RunDocument, frame: pd.DataFrame) -> tuple[GateRow, ...]:
+def _gated(document: RunDocument, rows: Rows) -> tuple[GateRow, ...]:
     """What the gate solved, condition by condition; controls are not meant to be solved."""
-    rows = []
+    found = []
     for cell in document.plan:
         if cell.policy == document.gate and cell.axis not in CONTROLS:
-            won = _verdicts(frame, cell)["status"] == str(Status.SUCCESS)
+            won = rows.of(cell)["status"] == str(Status.SUCCESS)
             seeds, passed = len(won), int(won.sum())
             capped = cell.axis != CLEAN and seeds > 0 and passed < LEAST_SOLVED * seeds
-            rows.append(GateRow(cell.task, cell.axis, cell.severity, seeds, passed, capped))
-    return tuple(rows)
+            found.append(GateRow(cell.task, cell.axis, cell.severity, seeds, passed, capped))
+    return tuple(found)
 
 
-def _rejected(document: RunDocument, frame: pd.DataFrame, capped: Set[tuple[str, str, int]]) -> Rejected:
+def _rejected(document: RunDocument, rows: Rows, capped: Set[tuple[str, str, int]]) -> Rejected:
     """(task, axis) to the seeds that the gate did not solve under the clean condition or at a level that counts.
 
     They are left out at every level and for all policies alike: else a level would be compared with the clean
@@ -136,17 +163,10 @@ def _rejected(document: RunDocument, frame: pd.DataFrame, capped: Set[tuple[str,
     for cell in document.plan:
         if cell.policy != document.gate or cell.axis in CONTROLS or (cell.task, cell.axis, cell.severity) in capped:
             continue
-        rows = _verdicts(frame, cell)
-        unsolved = rows[rows["status"] != str(Status.SUCCESS)]["seed"]
+        verdicts = rows.of(cell)
+        unsolved = verdicts[verdicts["status"] != str(Status.SUCCESS)]["seed"]
         rejected.setdefault((cell.task, cell.axis), set()).update(unsolved.tolist())
     return rejected
-
-
-def _verdicts(frame: pd.DataFrame, cell: PlannedCell) -> pd.DataFrame:
-    """A cell's rows that are successes or failures."""
-    here = (frame["task"] == cell.task) & (frame["policy_digest"] == cell.policy_digest)
-    here &= (frame["axis"] == cell.axis) & (frame["severity"] == cell.severity)
-    return frame[here & (frame["status"] != str(Status.ERROR))]
 
 
 def _together(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:

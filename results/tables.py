@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +137,7 @@ class ErrorGroup:
     """Ids of some of the episodes."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Tables:
     """Everything that a report says in numbers."""
 
@@ -157,18 +158,18 @@ class Tables:
     errors: tuple[ErrorGroup, ...]
     """Most frequent message first."""
 
-    @property
+    @cached_property
     def conditions(self) -> tuple[Condition, ...]:
         """Conditions that occur, clean first, then in the order of the plan."""
         found = dict.fromkeys(cell.condition for cell in self.cells)
         return tuple(sorted(found, key=lambda condition: condition != Condition()))
 
-    @property
+    @cached_property
     def policies(self) -> tuple[str, ...]:
         """Policies that occur, in the order of the plan."""
         return tuple(dict.fromkeys(cell.policy for cell in self.cells))
 
-    @property
+    @cached_property
     def simulators(self) -> tuple[str, ...]:
         """Simulators that occur, in the order of the plan."""
         return tuple(dict.fromkeys(cell.simulator for cell in self.cells))

@@ -14,6 +14,9 @@ DRAWS = 2000
 WORST_SHARE = 0.2
 """Share of the cells that `tail_mean` looks at, unless another is asked for."""
 
+MISSING = -1e300
+"""Stands for an outcome without a verdict while trials are counted."""
+
 Outcomes = NDArray[np.floating]
 """Shape (trials, arms): the outcome of each arm on the same trial, NaN where it has no verdict."""
 Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -66,10 +69,12 @@ def resampled_means(
     """
     found = np.empty((draws, len(strata), strata[0].shape[1] if strata else 0))
     for number, outcomes in enumerate(strata):
-        present = ~np.isnan(outcomes)
-        values = np.where(present, outcomes, 0.0)
-        # How often each trial is drawn, instead of the trials themselves: one matrix product per stratum.
-        times = generator.multinomial(len(outcomes), np.full(len(outcomes), 1 / max(len(outcomes), 1)), size=draws)
+        # How often each kind of trial is drawn, not the trials themselves: one matrix product per stratum, and of
+        # outcomes that are 0, 1 or missing there are few kinds.
+        kinds, counts = np.unique(np.nan_to_num(outcomes, nan=MISSING), axis=0, return_counts=True)
+        present = kinds != MISSING
+        values = np.where(present, kinds, 0.0)
+        times = generator.multinomial(len(outcomes), counts / max(len(outcomes), 1), size=draws)
         with np.errstate(invalid="ignore"):
             found[:, number] = (times @ values) / (times @ present)
     return found

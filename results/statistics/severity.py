@@ -136,7 +136,8 @@ def half_lost(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> float:
 
     if np.isnan(kept).any():
         return math.nan
-    fit = isotonic_regression(kept, increasing=False).x
+    falls = (np.diff(kept) <= 0).all()  # as most do: then it is its own fit
+    fit = kept if falls else isotonic_regression(kept, increasing=False).x
     if fit[-1] > HALF:
         return math.inf
     after = int(np.argmax(fit <= HALF))

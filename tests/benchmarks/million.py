@@ -39,7 +39,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def _fill(folder: Path) -> int:
-    """A run of four policies, nine tasks, and eighteen axes at two severities, with a gate, a comparison and routing."""
+    """A run of four policies, nine tasks and all axes at two severities, with a gate, a comparison and routing."""
     import numpy as np
 
     from results.run import store_url, write_run

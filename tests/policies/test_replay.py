@@ -50,6 +50,7 @@ def test_a_broken_file_is_refused_in_one_line(tmp_path, monkeypatch, text):
     replay.replays.cache_clear()
     with pytest.raises(PolicyError, match=r"^replays.json: expected [^\n]*$"):
         replay.replays()
+    assert replay.REPLAY.tasks() == frozenset()
     replay.replays.cache_clear()
 
 
