@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
-# Installs what only the tests need: a PostgreSQL server, which a test starts and stops by itself.
-# Where it cannot be installed, the tests that need it are skipped with that reason.
+# Installs what only the tests need: a PostgreSQL server, which a test starts and stops by itself, and a browser that
+# lays out reports without a screen. Where they cannot be installed, the tests that need them are skipped with that reason.
 set -euo pipefail
 
-if compgen -G '/usr/lib/postgresql/*/bin/pg_ctl' >/dev/null || command -v pg_ctl >/dev/null 2>&1; then
+missing=()
+compgen -G '/usr/lib/postgresql/*/bin/pg_ctl' >/dev/null || command -v pg_ctl >/dev/null 2>&1 || missing+=(postgresql)
+command -v chromium >/dev/null 2>&1 || missing+=(chromium)
+if [ ${#missing[@]} = 0 ]; then
     exit 0
 fi
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
@@ -11,8 +14,8 @@ if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
     # No cluster is made and no service is started: only the programs are wanted.
     mkdir -p /etc/postgresql-common
     [ -e /etc/postgresql-common/createcluster.conf ] || echo 'create_main_cluster = false' > /etc/postgresql-common/createcluster.conf
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends postgresql >/dev/null
-    echo "test tools: PostgreSQL installed"
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+    echo "test tools: ${missing[*]} installed"
 else
-    echo "test tools: no PostgreSQL server, its tests are skipped; to run them: sudo apt-get install postgresql"
+    echo "test tools: no ${missing[*]}, their tests are skipped; to run them: sudo apt-get install ${missing[*]}"
 fi

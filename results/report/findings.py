@@ -13,6 +13,8 @@ from results.shift import Shift, broke_first
 from results.statistics.multiplicity import ALPHA, holm
 from suites.axes import AXES
 
+MOST_NAMED = 3
+"""Axes that are named with their figures in one sentence."""
 SEES_NOTHING, TOLD_OTHERWISE = "blind", "wrong-goal"
 
 
@@ -43,8 +45,9 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
     said = []
     if fallen:
         worst = sorted(fallen, key=lambda curve: curve.curve.rates[-1].value)
-        parts = [_fall(curve) for curve in worst]
-        said.append(f"{policy}: success falls with severity along {_listed(parts)}.")
+        along = _listed([_fall(curve) for curve in worst[:MOST_NAMED]])
+        where = along if len(worst) <= MOST_NAMED else f"{len(worst)} of {len(curves)} axes, lowest along {along}"
+        said.append(f"{policy}: success falls with severity along {where}.")
     rest = [curve for curve in curves if curve not in fallen]
     if rest:
         names = _listed([short_title(curve.axis) for curve in rest])
@@ -95,7 +98,8 @@ def _routers(shift: Shift) -> list[str]:
         for what in ("router", "policy"):
             names = [short_title(axis) for axis, gave_way in first.items() if gave_way == what]
             if names:
-                said.append(f"{policy}: the {what} gave way first under {_listed(names)}.")
+                under = _listed(names) if len(names) <= 2 * MOST_NAMED else f"{len(names)} of {len(first)} axes"
+                said.append(f"{policy}: the {what} gave way first under {under}.")
     return said
 
 

@@ -139,6 +139,25 @@ def test_findings_say_what_was_shown_and_no_more():
     assert any(s == "merged: the policy gave way first under sensor noise (N1)." for s in found)
 
 
+def test_findings_name_the_three_lowest_of_many_axes():
+    axes = ("noise", "blur", "camera-orbit", "illuminance", "table")
+    conditions = (Condition(), *(Condition(axis, 4) for axis in axes))
+    plan = cells(("expert",), TASKS, conditions)
+    left = dict(zip(axes, (30, 5, 25, 10, 15), strict=True))
+    results = [
+        row(cell, seed, "success" if seed < left.get(cell.condition.axis, SEEDS) else "failure")
+        for cell in plan
+        for seed in range(SEEDS)
+    ]
+    (fall,) = [s for s in said.findings(built(results, plan, compare=None)) if "falls" in s]
+    assert fall.startswith(
+        "expert: success falls with severity along 5 of 5 axes, lowest along blur (N2) (100 % to 10 %"
+    )
+    assert "dimmed light (L1)" in fall
+    assert "another table (T)" in fall
+    assert "sensor noise" not in fall
+
+
 def test_findings_do_not_claim_a_difference_that_chance_explains():
     plan = cells(("expert", "merged"), TASKS, CONDITIONS)
     same = [row(cell, seed, "success" if seed % 2 else "failure") for cell in plan for seed in range(SEEDS)]

@@ -1,0 +1,72 @@
+"""The report as a browser lays it out, at the width of a desk and of a phone."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from results.report import write_report
+from tests.results.synthetic import document, run_folder
+from tests.results.test_shift import COMPARE, PLAN, SEEDS, rows
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: sudo apt-get install chromium"),
+]
+MEASURE = """
+<!doctype html><body><iframe id="page" width="{width}" height="900" srcdoc="{page}"></iframe><pre id="found"></pre>
+<script>
+onload = () => {{
+  const page = document.getElementById("page").contentDocument;
+  const box = (e) => e.getBoundingClientRect();
+  const drawn = (selector) => [...page.querySelectorAll(selector)].map(box).filter((b) => b.width > 40 && b.height > 9);
+  const cell = page.querySelector(".maps td.right");
+  document.getElementById("found").textContent = JSON.stringify({{
+    width: page.documentElement.clientWidth,
+    scroll: page.documentElement.scrollWidth,
+    curves: drawn("svg.severity").length,
+    forests: drawn("svg.tax").length,
+    maps: drawn(".maps table").length,
+    cells: page.querySelectorAll(".maps td.right").length,
+    findings: page.querySelectorAll(".findings li").length,
+    colour: page.defaultView.getComputedStyle(cell).backgroundColor,
+    broken: [...page.links].filter((a) => a.hash && !page.getElementById(a.hash.slice(1))).map((a) => a.hash),
+    unnamed: [...page.querySelectorAll("svg[role=img]")].filter((s) => !s.getAttribute("aria-label")).length,
+  }});
+}};
+</script></body>
+"""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run") / "run"
+    return write_report(run_folder(folder, document(SEEDS, of=PLAN, compare=COMPARE), rows())).html.read_text()
+
+
+def measured(page, width, folder):
+    """What the browser says about the page in a frame of that width (px)."""
+    file = folder / "measure.html"
+    file.write_text(MEASURE.format(width=width, page=html.escape(page, quote=True)))
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
+    command += ["--virtual-time-budget=5000", "--dump-dom", file.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    return json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', done.stdout, re.DOTALL)[1]))
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_robustness_section_is_drawn_and_fits_the_page(page, width, tmp_path):
+    found = measured(page, width, tmp_path)
+    assert found["scroll"] <= found["width"] <= width
+    assert found["curves"] == 2  # one per axis
+    assert found["forests"] == 1  # one per policy beside the baseline
+    assert found["maps"] == 2  # one per policy
+    assert found["cells"] == 2 * 5 * 3  # policies, conditions, simulators and all
+    assert found["findings"] >= 4
+    assert found["colour"] != "rgba(0, 0, 0, 0)"
+    assert found["broken"] == []
+    assert found["unnamed"] == 0
