@@ -1,8 +1,10 @@
 """Records one episode of an oracle: noise in the executed action, the clean action in the record.
 
-A learner may act first, as it will when it is judged; the oracle says at every step what it would do instead, takes
-over at a step drawn for the episode and finishes it. So the record holds what to do where the learner's own mistakes
-lead (DAgger: Ross et al., 2011, arXiv 1011.0686; one change of hands per episode: AggreVaTe, 2014, arXiv 1406.5979).
+A learner may act first, as it will when it is judged; the oracle takes over at a step drawn for the episode, finishes
+it, and only that is recorded. So the record holds what to do where the learner's own mistakes lead (DAgger: Ross et
+al., 2011, arXiv 1011.0686; one change of hands per episode: AggreVaTe, 2014, arXiv 1406.5979). What the oracle would
+have done while the learner acted is left out: a chunk of such answers repeats the same correction for as long as nobody
+makes it, and a policy that executes chunks would make it several times over.
 """
 
 from __future__ import annotations
@@ -74,7 +76,7 @@ class RecordedSimulation:
             simulation: Plays.
             episode: Keys the noise.
             noise: Deviation of the executed motion per axis, as a share of the largest motion in one step.
-            learner: Acts first, without noise; what is told is recorded all the same.
+            learner: Acts first, without noise; what is told meanwhile is neither executed nor recorded.
         """
         self._simulation, self._episode, self._noise, self._learner = simulation, episode, noise, learner
         self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
@@ -107,17 +109,23 @@ class RecordedSimulation:
         disturbed[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
         return np.clip(disturbed, spec.low, spec.high)
 
+    @property
+    def recorded_steps(self) -> int:
+        """Steps of the record; none if the learner needed no help."""
+        return max(0, len(self._actions) - (self._learner.hands_over if self._learner is not None else 0))
+
     def recording(self) -> Recording:
-        """What has been recorded since the last reset."""
-        first = self._observations[0]
+        """What has been recorded since the last reset; with a learner, since the oracle took over."""
+        begin = self._learner.hands_over if self._learner is not None else 0
+        seen = self._observations[begin:]
         return Recording(
             self._episode.seed,
-            first.instruction,
+            seen[0].instruction,
             self.action_spec.control_hz,
-            np.stack([observation.proprioception for observation in self._observations]),
-            np.stack(self._actions),
-            np.array(self._success),
-            {camera: [seen.images[camera] for seen in self._observations] for camera in first.images},
+            np.stack([observation.proprioception for observation in seen]),
+            np.stack(self._actions[begin:]),
+            np.array(self._success[begin:]),
+            {camera: [observation.images[camera] for observation in seen] for camera in seen[0].images},
         )
 
     def observe(self) -> Observation:
@@ -157,7 +165,8 @@ def demonstrate(
         learner: Acts during a part of the first half of the horizon.
 
     Returns:
-        How it went, and the record if it succeeded. Nothing is raised for what a simulator does.
+        How it went, and the record if it succeeded; where the learner needed no help there is none, and the episode
+        counts as a failure to demonstrate. Nothing is raised for what a simulator does.
     """
     records: list[RecordedSimulation] = []
 
@@ -167,8 +176,10 @@ def demonstrate(
         return records[-1]
 
     result = runner.play_one(episode, wrap=record)
-    attempt = Attempt(episode.seed, result.status, result.steps, result.error)
-    return attempt, encode_episode(records[-1].recording()) if result.status == Status.SUCCESS else None
+    steps = records[-1].recorded_steps if records else 0
+    status = Status.FAILURE if result.status == Status.SUCCESS and not steps else result.status
+    attempt = Attempt(episode.seed, status, result.steps, result.error)
+    return attempt, encode_episode(records[-1].recording()) if status == Status.SUCCESS else None
 
 
 def _generator(episode: Episode, key: int) -> np.random.Generator:

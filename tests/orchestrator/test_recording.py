@@ -79,7 +79,7 @@ class Sideways(StatelessPolicy):
         return [Decision(np.tile([0.0, 0.01, 0, 0, 0, 0, 0], (8, 1))) for _ in queries]
 
 
-def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_says_is_recorded():
+def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_does_then_is_recorded():
     simulation = catalog.open_simulation("null/Reach", VIEW)
     executed = []
     step = simulation.step
@@ -94,7 +94,10 @@ def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_says_is_recorded
     assert 0 < learner.hands_over < 40
     assert own[: learner.hands_over].all()
     assert not own[learner.hands_over :].any()
-    assert np.all(recorded.recording().actions == clean)
+    assert recorded.recorded_steps == 50 - learner.hands_over
+    found = recorded.recording()
+    assert np.all(found.actions == clean)
+    assert len(found.actions) == len(found.states) == len(found.images["wrist"]) == recorded.recorded_steps
     assert learner.policy.asked == list(range(0, learner.hands_over, LEARNER_REPLANS_EVERY))
 
 
@@ -114,6 +117,28 @@ def test_an_episode_with_a_learner_repeats_and_differs_from_one_without(runner):
     with_learner, again = (demonstrate(runner, episode(3), 0.1, Sideways())[1] for _ in range(2))
     without = demonstrate(runner, episode(3), 0.1)[1]
     assert with_learner.content_hash == again.content_hash != without.content_hash
+
+
+class Reaching(Sideways):
+    """Goes straight to a goal that only a test can tell it."""
+
+    def __init__(self, goal):
+        super().__init__()
+        self.goal = goal
+
+    def act(self, queries):
+        steps = [np.clip(self.goal - query.observation.proprioception[:3], -0.05, 0.05) for query in queries]
+        return [Decision(np.array([[*step, 0.0, 0.0, 0.0, 0.0]])) for step in steps]
+
+
+def test_an_episode_in_which_the_learner_needs_no_help_leaves_no_record(runner, monkeypatch):
+    simulation = catalog.open_simulation("null/Reach", VIEW)
+    simulation.reset(3, Condition())
+    learner = Reaching(simulation.privileged_state()["goal_position"])
+    monkeypatch.setattr(Learner, "__post_init__", lambda self: setattr(self, "hands_over", 10_000))
+    attempt, record = demonstrate(runner, episode(3), 0.0, learner)
+    assert attempt.steps < 60
+    assert (attempt.status, record) == ("failure", None)
 
 
 def test_a_failed_episode_leaves_no_record(runner):
