@@ -1,6 +1,7 @@
 """How often intervals contain the truth and tests reject a true null hypothesis, by simulation.
 
-10,000 experiments each, 2,000 for intervals by a bootstrap. Not a matter of speed: what is measured here is whether the numbers of a report can be trusted.
+10,000 experiments each, 2,000 for intervals by a bootstrap. Not a matter of speed: what is measured here is whether the
+numbers of a report can be trusted.
 """
 
 from __future__ import annotations
