@@ -78,6 +78,8 @@ def rollout(
         simulation.reset(episode.seed, episode.condition)
     with phases.timed("inference"):
         policy.reset([episode])
+    if isinstance(simulation, Perturbed):
+        simulation.check_start()
     state_hash = simulation.state_hash()
     spec, protocol = simulation.action_spec, episode.protocol
     low, high = spec.low, spec.high
@@ -92,6 +94,8 @@ def rollout(
         watcher(simulation, steps)
     while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
         query = _look(simulation, policy, episode, steps, phases)
+        if isinstance(simulation, Perturbed) and query.observation is not None:
+            simulation.check_words(query.observation.instruction)
         with phases.timed("inference"):
             decision = _ask(policy, query)
             chunk = check_chunk(decision.actions)

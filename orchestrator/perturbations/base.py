@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from adapters.adjusting import Adjustable, Adjusters
+from adapters.catalog import task_cards
 from adapters.contract import (
     Delivered,
     FloatArray,
@@ -18,7 +19,7 @@ from adapters.contract import (
     StepOutcome,
     UnsupportedCondition,
 )
-from suites.axes import Axis
+from suites.axes import Axis, Changes
 from suites.vocabulary import Condition, Episode
 
 Part = TypeVar("Part")
@@ -34,8 +35,30 @@ class Perturbed:
         self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
 
     def reset(self, seed: int, condition: Condition) -> None:
-        """Start the clean episode of the seed: no such axis touches the world itself."""
+        """Start the clean episode of the seed; a subclass then changes what it changes."""
         self.simulation.reset(seed, Condition())
+        self._clean_start = self.simulation.state_hash()
+
+    def check_start(self) -> None:
+        """Refuse a start that differs from the clean episode's in more than the axis changes, or not at all.
+
+        Raises:
+            NotDelivered: It does.
+        """
+        same = self.simulation.state_hash() == self._clean_start
+        if same and not self.axis.changes.starts_clean:
+            raise NotDelivered(f"{self.episode.condition}: expected another physical state than the clean one, got it")
+        if not same and self.axis.changes.starts_clean:
+            raise NotDelivered(f"{self.episode.condition}: expected the clean episode's physical state, got another")
+
+    def check_words(self, told: str) -> None:
+        """Refuse other words than the task's own on axes that change something else.
+
+        Raises:
+            NotDelivered: They are others.
+        """
+        if self.axis.changes is not Changes.INSTRUCTION and told != task_cards()[self.episode.task].instruction:
+            raise NotDelivered(f"{self.episode.condition}: expected the task's own instruction, got '{told}'")
 
     @property
     def adjusters(self) -> Adjusters:

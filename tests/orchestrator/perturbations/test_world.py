@@ -1,6 +1,7 @@
 """Perturbed worlds: light, table, distractors, things, arm; in a scene of the null simulator."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -197,3 +198,27 @@ def test_a_mass_that_stays_is_an_error(monkeypatch):
     _, simulation = begun("dynamics", 4)
     with pytest.raises(AdapterError, match=r"dynamics@4: expected 3 times the mass, delivered 1.00"):
         simulation.delivered()
+
+
+@pytest.mark.parametrize("axis", ["illuminance", "noise", "dynamics"])
+def test_an_axis_that_moves_nothing_and_starts_elsewhere_is_an_error(axis, monkeypatch):
+    hashes = iter("abcdefgh")
+    monkeypatch.setattr(Scene, "state_hash", lambda self: next(hashes))
+    with pytest.raises(AdapterError, match=rf"{axis}@3: expected the clean episode's physical state, got another"):
+        rollout(Scene(), Scripted(), episode(axis, 3))
+
+
+@pytest.mark.parametrize("axis", ["object-position", "robot-start"])
+def test_an_axis_that_moves_something_and_starts_as_the_clean_episode_is_an_error(axis, monkeypatch):
+    monkeypatch.setattr(Scene, "state_hash", lambda self: "same")
+    with pytest.raises(AdapterError, match=rf"{axis}@3: expected another physical state than the clean one, got it"):
+        rollout(Scene(), Scripted(), episode(axis, 3))
+
+
+def test_other_words_on_an_axis_that_changes_none_are_an_error(monkeypatch):
+    seen = Scene.observe
+    monkeypatch.setattr(Scene, "observe", lambda self: replace(seen(self), instruction="reach the goal view 341"))
+    with pytest.raises(
+        AdapterError, match=r"noise@3: expected the task's own instruction, got 'reach the goal view 341'"
+    ):
+        rollout(Scene(), Scripted(), episode("noise", 3))
