@@ -62,6 +62,14 @@ def test_an_expert_can_be_trained_from_the_command_line(data, base, tmp_path):
     assert read_card(tmp_path / "expert").tasks == ("null/Reach",)
 
 
+def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, tmp_path):
+    other = dataset(tmp_path, "Reach", range(20, 24))
+    arguments = ["finetune", str(data), str(other), "--base", str(base), "--out", str(tmp_path / "expert")]
+    done = CliRunner().invoke(app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2"])
+    assert done.exit_code == 0, done.exception
+    assert read_card(tmp_path / "expert").metrics["frames"] == Pool.open([data, other]).frames
+
+
 def test_the_first_interrupt_asks_and_the_second_interrupts():
     with stoppable() as stop:
         assert not stop()

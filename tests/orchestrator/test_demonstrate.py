@@ -149,6 +149,19 @@ class TestWithRay:
         assert collected.troubles[0].startswith("the disk is full")
 
     @pytest.mark.simulator
+    def test_an_expert_acts_first_and_what_the_oracle_does_then_is_recorded(self, tmp_path):
+        task, view = "pybullet/PandaPush-v3", View(image_size=96, render_profile=RenderProfile.FAST)
+        alone = collect(Order((task,), 3, view), tmp_path / "alone", Quiet())
+        helped = collect(Order((task,), 3, view, learner="zoo:experts"), tmp_path / "helped", Quiet())
+        assert alone.status is helped.status is RunStatus.COMPLETE
+        assert "learner" in journal(tmp_path / "helped", task)["source"]
+        assert "learner" not in journal(tmp_path / "alone", task)["source"]
+        shown = opened(tmp_path / "helped", task)
+        steps = [a["steps"] for a in journal(tmp_path / "helped", task)["attempts"] if a["status"] == "success"]
+        assert (shown.ends - shown.starts < steps).any()
+        assert shown.success[shown.ends - 1].all()
+
+    @pytest.mark.simulator
     def test_pybullet_is_demonstrated(self, tmp_path):
         task = "pybullet/PandaReach-v3"
         collected = collect(order(task), tmp_path, Quiet())
