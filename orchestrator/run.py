@@ -231,6 +231,8 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
                 "workers": workers,
                 "merging": plan.suite.merging,
                 "gate": plan.suite.gate,
+                "floors": plan.suite.floors,
+                "compare": plan.suite.comparison,
             }
         )
     cards = simulators.task_cards()
@@ -251,6 +253,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         compare=plan.suite.comparison,
         adaptive=plan.suite.adaptive,
         gate=plan.suite.gate,
+        floors=plan.suite.floors,
         workers=workers,
         skipped=dict(plan.unavailable),
         provenance=provenance.collect(distributions),

@@ -12,6 +12,7 @@ from results.judging import GateRow, Judged, judge
 from results.record import Status
 from results.run import PlannedCell, RunDocument, Unsupported
 from results.shift import Shift, build_shift
+from results.statistics.aggregate import mean_outcomes
 from results.statistics.rates import Estimate
 from results.statistics.severity import SeverityCurve, severity_curve
 from suites.axes import AXES
@@ -128,6 +129,8 @@ class Robustness:
     repeats: tuple[Repeats, ...] = ()
     shift: Shift | None = None
     """Policies against each other, if the suite asks for it."""
+    floors: tuple[str, ...] = ()
+    """Policies whose success is taken off, at every level, from those that what is kept is a share of."""
 
 
 def is_perturbed(document: RunDocument) -> bool:
@@ -153,7 +156,8 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         for planned in [[c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]]
         for simulator in _places(planned)
     ]
-    curves = [_curve(*place, judged) for place in places]
+    floors = {name: [c for c in document.plan if c.policy == name] for name in document.floors}
+    curves = [_curve(*place, judged, [] if place[0] in floors else list(floors.values())) for place in places]
     found = [curve for curve in curves if curve is not None]
     return Robustness(
         axes,
@@ -166,6 +170,7 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         document.unsupported,
         _repeats(frame),
         build_shift(document, judged),
+        document.floors,
     )
 
 
@@ -181,7 +186,12 @@ def _control(found: PolicyCurve) -> ControlRow:
 
 
 def _curve(
-    policy: str, simulator: str | None, axis: str, planned: Sequence[PlannedCell], judged: Judged
+    policy: str,
+    simulator: str | None,
+    axis: str,
+    planned: Sequence[PlannedCell],
+    judged: Judged,
+    floors: Sequence[Sequence[PlannedCell]],
 ) -> PolicyCurve | None:
     """None where there is no clean episode, or nothing else."""
     cells = [cell for cell in planned if simulator in (None, cell.simulator)]
@@ -190,9 +200,19 @@ def _curve(
     if len(levels) < 2 or levels[0] != 0 or not strata:
         return None
     generator = np.random.default_rng(int(content_hash([policy, simulator, axis]), 16))
-    curve = severity_curve(strata, levels, generator)
+    curve = severity_curve(strata, levels, generator, floors=_floor(cells, levels, judged, floors))
     episodes = tuple(sum(int((outcomes[:, i] >= 0).sum()) for outcomes in strata) for i in range(len(levels)))
     return PolicyCurve(policy, simulator, axis, len(strata), max(map(len, strata)), episodes, curve)
+
+
+def _floor(
+    cells: Sequence[PlannedCell], levels: Sequence[int], judged: Judged, floors: Sequence[Sequence[PlannedCell]]
+) -> list[float] | None:
+    """At each level the success of the best of the policies without skill, in the same tasks."""
+    here = {(cell.task, cell.axis) for cell in cells}
+    strata = [judged.outcomes([c for c in cells if (c.task, c.axis) in here], levels) for cells in floors]
+    means = [np.nanmean(mean_outcomes(found), axis=0) for found in strata if found]
+    return np.nan_to_num(np.max(means, axis=0)).tolist() if means else None
 
 
 def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, ...]:

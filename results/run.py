@@ -112,6 +112,8 @@ class RunDocument(_Model):
     unsupported: tuple[Unsupported, ...] = ()
     instructions: dict[str, str] = Field(default_factory=dict)
     """Task to its goal in words."""
+    floors: tuple[str, ...] = ()
+    """Policies without skill, whose success is taken off before anything is divided."""
     gate: str | None = None
     """Policy that must solve an episode for it to count under a perturbation."""
     merging: MergingEntry | None = None

@@ -49,6 +49,7 @@ class Part:
                 "compare": compare,
                 "adaptive": suite.adaptive if merging or compare else None,
                 "gate": suite.gate if suite.gate in names else None,
+                "floors": tuple(name for name in suite.floors if name in names),
             }
         )
 

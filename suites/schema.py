@@ -181,6 +181,8 @@ class Suite(_Model):
     """Share of errors among the planned episodes at which the run ends early."""
     gate: Name | None = None
     """A policy that must solve an episode for it to count under a perturbation, for all policies alike: an oracle."""
+    floors: tuple[Name, ...] = ()
+    """Policies without skill: what the best of them achieves is taken off before the report says what share is kept."""
     merging: MergingEntry | None = None
     """Has the report say what merging and routing cost; no part of what is evaluated."""
     compare: CompareEntry | None = None
@@ -323,6 +325,9 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
     if suite.gate is not None and suite.gate not in seen_policies:
         message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
         add((("gate",), message))
+    for i, name in enumerate(suite.floors):
+        if name not in seen_policies:
+            add((("floors", i), f"floors names no policy of this suite: '{name}'{nearest(name, seen_policies)}"))
     if suite.adaptive is not None:
         if suite.comparison is None:
             add((("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"))

@@ -70,6 +70,7 @@ def _robustness(robustness: Robustness) -> list[str]:
     if robustness.shift is not None:
         parts += _shift(robustness.shift)
     parts.append(_says(*facts.ROBUSTNESS_TERMS))
+    parts += [escape(taken_off)] if (taken_off := against.floors(robustness)) else []
     for axis in robustness.axes:
         parts.append(f"### {escape(stress.title(axis))}")
         curves = stress.of_axis(robustness, axis)

@@ -185,6 +185,14 @@ def repeats(robustness: Robustness) -> str:
     return f"Clean episodes played twice with the same actions and the same end, to the bit: {', '.join(parts)}."
 
 
+def floors(robustness: Robustness) -> str | None:
+    """What is taken off before shares are said, in a sentence; None if nothing is."""
+    if not robustness.floors:
+        return None
+    names = " or ".join(robustness.floors)
+    return f"Before area kept and half lost are found, what {names} achieves at the same level is taken off."
+
+
 def worst_level(robustness: Robustness, policy: str) -> tuple[PolicyCurve, int] | None:
     """The curve and level at which a policy's success over all simulators is least."""
     found = [

@@ -158,6 +158,7 @@ def test_an_adaptive_run_stops_when_decided_says_so_and_has_nothing_left_to_do(t
         (SUITE.replace("round: 5", "alpha: 1.5"), "alpha"),
         (SUITE.replace("others: [random]", "others: [radnom]"), "compare names no policy of this suite: 'radnom'; did"),
         (SUITE.replace("others: [random]", "others: [oracle]"), "compare names policy 'oracle' twice"),
+        (SUITE + "floors: [zeroo]\n", "floors names no policy of this suite: 'zeroo'; did you mean 'zero'"),
     ],
 )
 def test_a_rule_that_cannot_work_is_refused_with_its_line(written, text, message):

@@ -186,3 +186,23 @@ def test_the_heat_map_has_the_clean_condition_once_and_a_column_per_simulator():
     assert table.rows[0][0] == "clean"
     assert table.rows[2][0] == "noise@4: 18.4 dB PSNR"
     assert table.rows[2][1].endswith("], 50")
+
+
+def test_what_needs_no_skill_is_taken_off_before_shares_are_said():
+    """Rates .9, .5 with a floor of .1: (.5 - .1) / (.9 - .1) is kept at level 4, not .5 / .9."""
+    plan = cells(("expert", "replay"), TASKS, (Condition(), Condition("noise", 4)))
+    left = {("expert", 0): 45, ("expert", 4): 25, ("replay", 0): 5, ("replay", 4): 5}
+    results = [
+        row(cell, seed, "success" if seed < left[cell.policy, cell.condition.severity] else "failure")
+        for cell in plan
+        for seed in range(SEEDS)
+    ]
+    kept = {
+        floors: {c.policy: c.curve for c in built(results, plan, compare=None, floors=floors).curves if not c.simulator}
+        for floors in ((), ("replay",))
+    }
+    assert kept[()]["expert"].retention[1].value == pytest.approx(25 / 45)
+    assert kept["replay",]["expert"].retention[1].value == pytest.approx((0.5 - 0.1) / (0.9 - 0.1))
+    assert kept["replay",]["replay"] == kept[()]["replay"]
+    assert words.floors(built(results, plan, compare=None)) is None
+    assert "what replay achieves" in words.floors(built(results, plan, compare=None, floors=("replay",)))
