@@ -13,11 +13,12 @@ order in which episodes came back, and a run that was stopped goes on with the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from orchestrator.plan import Plan
 from results.record import Status
 from results.run import Decided
 from results.statistics.pairs import Pairs
@@ -46,6 +47,21 @@ class Progression:
 def key_of(cell: Cell) -> Key:
     """Under which a cell's outcomes are stored."""
     return cell.policy_digest, cell.task, cell.condition.axis, cell.condition.severity
+
+
+def missing(plan: Plan, outcomes: Outcomes, skipped: Collection[str] = ()) -> Progression:
+    """What a plan still lacks: of an adaptive suite in the round under way, else of everything.
+
+    Args:
+        plan: The suite, resolved.
+        outcomes: Of what has been played.
+        skipped: Simulators that cannot run here, beside those that are not installed.
+    """
+    suite, sides = plan.suite, plan.suite.comparison
+    if suite.adaptive is None or sides is None:
+        return Progression(plan.missing(outcomes), dict.fromkeys(plan.cells, suite.seeds.count))
+    cells = [cell for cell in plan.cells if cell.simulator not in {*plan.unavailable, *skipped}]
+    return progression(cells, suite.seeds, suite.adaptive, sides, outcomes)
 
 
 def progression(

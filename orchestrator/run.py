@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 
 from adapters import catalog as simulators
 from orchestrator import provenance
-from orchestrator.adaptive import progression
+from orchestrator.adaptive import missing
 from orchestrator.cluster import ray_session
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
@@ -132,12 +132,7 @@ class _Session:
 
     def _work(self) -> list[tuple[Cell, Sequence[int]]]:
         """What is still to be played; with an adaptive suite, of the round that is under way."""
-        suite, sides = self._plan.suite, self._plan.suite.comparison
-        outcomes = self._store.outcomes()
-        if suite.adaptive is None or sides is None:
-            return self._plan.missing(outcomes)
-        cells = [cell for cell in self._plan.cells if cell.simulator not in self._skipped]
-        found = progression(cells, suite.seeds, suite.adaptive, sides, outcomes)
+        found = missing(self._plan, self._store.outcomes(), self._skipped)
         self._document = self._document.model_copy(
             update={"plan": self._plan.planned_cells(found.planned), "decided": tuple(found.decided)}
         )

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from orchestrator.adaptive import Outcomes, missing
 from orchestrator.cli.shared import BadInput, Policies, SeedCount, Tasks, fail, out, plan_of
-from orchestrator.plan import Done, PlanError, check_same
+from orchestrator.plan import PlanError, check_same
 from results.run import RUN_FILE, RunError, read_run, store_url
 from results.store import Store, StoreError
 from suites.part import Part
@@ -27,7 +28,7 @@ def plan(
 ) -> None:
     """Show the episodes that a suite or a part of it plans, without starting anything."""
     planned = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds))
-    done: Done = {}
+    done: Outcomes = {}
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         try:
             document = read_run(out_folder)
@@ -37,7 +38,7 @@ def plan(
             rows.close()
         except (RunError, PlanError, StoreError) as error:
             raise BadInput(str(error)) from None
-    missing = {cell: len(seeds) for cell, seeds in planned.missing(done)}
+    lacking = {cell: len(seeds) for cell, seeds in missing(planned, done).work}
     table = Table("task", "policy", "condition", "horizon", "episodes", "missing", box=None, pad_edge=False)
     for cell in planned.cells:
         table.add_row(
@@ -46,10 +47,11 @@ def plan(
             str(cell.condition),
             str(cell.protocol.horizon),
             str(planned.suite.seeds.count),
-            "skipped" if cell.simulator in planned.unavailable else str(missing.get(cell, 0)),
+            "skipped" if cell.simulator in planned.unavailable else str(lacking.get(cell, 0)),
         )
     out.print(table)
-    total = sum(missing.values())
-    out.print(f"{planned.suite.name}: {planned.episodes} episodes, {total} to play, hash {planned.suite_hash}")
+    total = sum(lacking.values())
+    play = "to play" if planned.suite.adaptive is None else "to play in the round under way"
+    out.print(f"{planned.suite.name}: {planned.episodes} episodes, {total} {play}, hash {planned.suite_hash}")
     for name, reason in planned.unavailable.items():
         fail(f"{name} is skipped: {reason}")

@@ -5,8 +5,10 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 from orchestrator.adaptive import key_of, progression
+from orchestrator.cli import app
 from orchestrator.plan import make_plan
 from orchestrator.progress import Progress
 from orchestrator.run import RunOptions, run_plan
@@ -147,6 +149,8 @@ def test_an_adaptive_run_stops_when_decided_says_so_and_has_nothing_left_to_do(t
     assert "A condition stops when the e-value of oracle" in ReportPaths.of(folder).markdown.read_text()
     assert run().document.rows_hash == outcome.document.rows_hash
     assert read_run(folder).decided == outcome.document.decided
+    planned = CliRunner().invoke(app, ["plan", str(tmp_path / "suite.yaml"), "--out", str(folder)])
+    assert "180 episodes, 0 to play in the round under way" in planned.output
 
 
 @pytest.mark.parametrize(
