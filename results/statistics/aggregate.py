@@ -57,7 +57,8 @@ def resampled_means(
     """Mean outcomes of each arm in each stratum, in data sets drawn anew: whole trials, within each stratum.
 
     Arms of one trial stay together, so that comparisons of arms keep their pairing; strata are fixed, as tasks and
-    simulators are.
+    simulators are. Of n trials n - 1 are drawn: as many as n would make the intervals of small strata too narrow, by a
+    factor of sqrt((n - 1) / n) (P. J. McCarthy and C. B. Snowden, "The bootstrap and finite population sampling" 1985).
 
     Args:
         strata: Each of shape (trials, arms), the same number of arms in all.
@@ -74,7 +75,8 @@ def resampled_means(
         kinds, counts = np.unique(np.nan_to_num(outcomes, nan=MISSING), axis=0, return_counts=True)
         present = kinds != MISSING
         values = np.where(present, kinds, 0.0)
-        times = generator.multinomial(len(outcomes), counts / max(len(outcomes), 1), size=draws)
+        drawn = max(len(outcomes) - 1, 1)
+        times = generator.multinomial(drawn, counts / max(len(outcomes), 1), size=draws)
         with np.errstate(invalid="ignore"):
             found[:, number] = (times @ values) / (times @ present)
     return found

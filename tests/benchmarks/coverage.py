@@ -46,6 +46,8 @@ def measure() -> list[dict[str, object]]:
             cells = simulate(n)
             worst = min(cells, key=lambda cell: cells[cell])
             mean = float(np.mean(list(cells.values())))
+            covered = f"mean {100 * mean:.2f} %, worst {100 * cells[worst]:.2f} % at {worst}"
+            print(f"{name}, n = {n}: {covered} ({len(cells)} cells)", flush=True)
             rows.append(
                 {"interval": name, "n": n, "cells": len(cells), "mean": mean, "worst": cells[worst], "at": worst}
             )
