@@ -11,8 +11,8 @@ from suites.axes import AXES
 from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
 from tests.benchmarks.shared import TASKS, open_task, table
 
-SEEDS = 5
-STEPS, REPLAN = 80, 4
+SEEDS = 3
+STEPS, REPLAN = 40, 4
 """An episode of the length and with the looks of a learned policy's."""
 SEVERITY = 4
 VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
