@@ -12,6 +12,8 @@ from suites.vocabulary import Condition
 
 CLEAR = 0.06
 """How far a displaced thing must be from the others (m, centre to centre)."""
+FROM_GOAL = 0.15
+"""How far it must be from the goal, unless it is nearer in the clean episode (m): PushCube's target is 0.1 m wide."""
 POSITION = "_position"
 
 
@@ -34,6 +36,8 @@ class Displaced(Perturbed):
         ]
         generator = generator_for(self.episode.pair_id, 0)
         for place in generator.permutation(beside(self._box, own, self.level / 100)):
+            if self._name != "goal" and _is_nearer(place, own, state.get("goal_position")):
+                continue
             if all(np.linalg.norm(place - other) >= CLEAR for other in others):
                 objects.move(self._name, place - own)
                 self._position = self.simulation.privileged_state()[self._name + POSITION][:2]
@@ -75,6 +79,14 @@ class Altered(Perturbed):
     def delivered(self) -> Delivered | None:
         """The factors, as the simulator reads them back."""
         return Delivered(self.checked(self._found.mass), {"friction": self._found.friction})
+
+
+def _is_nearer(place: FloatArray, own: FloatArray, goal: FloatArray | None) -> bool:
+    """Whether a place is so near the goal that the task is all but done, and nearer than in the clean episode."""
+    if goal is None:
+        return False
+    distance, clean = (float(np.linalg.norm(point - goal[:2])) for point in (place, own))
+    return distance < min(clean, FROM_GOAL)
 
 
 def beside(box: Placeable, point: FloatArray, distance: float) -> FloatArray:

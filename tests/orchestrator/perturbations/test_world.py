@@ -145,6 +145,15 @@ def test_the_object_lies_outside_its_region_on_any_side(severity):
     assert sides == {(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)}
 
 
+def test_an_object_is_not_put_onto_the_goal(monkeypatch):
+    told = Scene.privileged_state
+    goal = np.array([0.63, 0.05, 0.0])  # just beyond one side of the region
+    monkeypatch.setattr(Scene, "privileged_state", lambda self: told(self) | {"goal_position": goal})
+    for seed in range(12):
+        scene, _ = begun("object-position", 3, seed=seed)
+        assert np.linalg.norm(scene.things["cube"][:2] - goal[:2]) >= 0.13  # as near as in the clean episode
+
+
 def test_an_object_is_not_put_onto_another():
     for seed in range(12):
         scene = Scene()
