@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from adapters import catalog as simulators
-from adapters.contract import AdapterError
+from adapters.contract import AdapterError, Simulator
 from orchestrator.cli.shared import BadInput, out
 from orchestrator.plan import why_unadjusted
 from suites.axes import AXES, SEVERITIES, Axis
@@ -54,7 +54,8 @@ def sheet(
     axis: Annotated[str, typer.Argument(help="Name or code, such as noise or N1.")],
     out_file: Annotated[Path, typer.Option("--out", help="PNG file to write.")],
     task: Annotated[
-        list[str] | None, typer.Option(help="simulator/task. Repeatable; by default the first of each simulator.")
+        list[str] | None,
+        typer.Option(help="simulator/task. Repeatable; by default each simulator's first that can have the axis."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the episode whose first images are shown.")] = 0,
     image_size: Annotated[int, typer.Option(help="Height and width of each image (px).")] = 128,
@@ -66,9 +67,14 @@ def sheet(
     if out_file.suffix.lower() != ".png":
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
     usable = [s for s in simulators.simulators().values() if not s.internal and not simulators.missing_reason(s)]
-    tasks = task or [f"{simulator.name}/{next(iter(simulator.tasks))}" for simulator in usable]
+    tasks = task or [name for simulator in usable for name in _able(simulator, found)[:1]]
     if not tasks:
-        raise BadInput("expected a simulator, none is installed")
+        raise BadInput(
+            "expected a simulator, none is installed" if not usable else f"no simulator can have {found.name}"
+        )
+    for name in tasks:
+        if name in simulators.task_cards() and (reason := why_unadjusted(found, name)):
+            raise BadInput(f"axis '{found.name}' is unsupported in {name}: {reason}")
     view = View(image_size=image_size, render_profile=RenderProfile.FAST)
     rows = []
     for name in tasks:
@@ -82,6 +88,12 @@ def sheet(
     except OSError as error:
         raise BadInput(f"{out_file}: {error.strerror or error}") from None
     out.print(str(out_file), markup=False, highlight=False, soft_wrap=True)
+
+
+def _able(simulator: Simulator, axis: Axis) -> list[str]:
+    """Its tasks that can have an axis."""
+    names = (f"{simulator.name}/{task}" for task in simulator.tasks)
+    return [name for name in names if not why_unadjusted(axis, name)]
 
 
 def _find(name: str) -> Axis:

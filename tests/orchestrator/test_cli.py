@@ -10,7 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from adapters import catalog
+from orchestrator.cli.axes import _able
 from orchestrator.cli.shared import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from suites.axes import AXES
 
 ROOT = Path(__file__).parents[2]
 GAUNTLET = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
@@ -94,6 +97,23 @@ def test_axes_are_listed_and_shown_by_name_or_code():
         EXIT_BAD_INPUT,
         "gauntlet: unknown axis 'nois'; did you mean 'noise'?",
     )
+
+
+def test_a_sheet_of_an_axis_that_a_task_cannot_have_is_refused_with_the_tasks_reason(tmp_path):
+    done = gauntlet("axes", "sheet", "dynamics", "--out", str(tmp_path / "x.png"), "--task", "pybullet/PandaReach-v3")
+    assert done.returncode == EXIT_BAD_INPUT
+    assert done.stderr.strip() == (
+        "gauntlet: axis 'dynamics' is unsupported in pybullet/PandaReach-v3: the arm can move nothing in it"
+    )
+
+
+def test_by_default_a_sheet_shows_each_simulators_first_task_that_can_have_the_axis():
+    assert _able(catalog.find("pybullet"), AXES["dynamics"]) == [
+        "pybullet/PandaPush-v3",
+        "pybullet/PandaPickAndPlace-v3",
+    ]
+    assert _able(catalog.find("pybullet"), AXES["noise"])[0] == "pybullet/PandaReach-v3"
+    assert _able(catalog.find("null"), AXES["table"]) == []
 
 
 def test_a_part_of_a_suite_is_planned_and_run(tmp_path, suite):
