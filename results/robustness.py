@@ -211,8 +211,8 @@ def _floor(
     """At each level the success of the best of the policies without skill, in the same tasks."""
     here = {(cell.task, cell.axis) for cell in cells}
     strata = [judged.outcomes([c for c in cells if (c.task, c.axis) in here], levels) for cells in floors]
-    means = [np.nanmean(mean_outcomes(found), axis=0) for found in strata if found]
-    return np.nan_to_num(np.max(means, axis=0)).tolist() if means else None
+    means = [np.ma.masked_invalid(mean_outcomes(found)).mean(axis=0).filled(0.0) for found in strata if found]
+    return np.max(means, axis=0).tolist() if means else None
 
 
 def _delivered(axes: Sequence[str], frame: pd.DataFrame) -> tuple[DeliveredRow, ...]:

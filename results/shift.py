@@ -111,7 +111,7 @@ def build_shift(document: RunDocument, judged: Judged) -> Shift | None:
         for axis in axes:
             cells = [_cells(document, name, axis) for name in (sides.baseline, policy)]
             levels = sorted({cell.severity for cell in cells[0]} & {cell.severity for cell in cells[1]})
-            strata = judged.paired(cells, levels)
+            levels, strata = _judged_levels(levels, judged.paired(cells, levels))
             if len(levels) < 2 or levels[0] != 0 or not strata:
                 continue
             rows += [row for row in _taxes(policy, axis, levels, strata) if row.severity or not rows]
@@ -127,6 +127,15 @@ def build_shift(document: RunDocument, judged: Judged) -> Shift | None:
         document.adaptive,
         document.decided,
     )
+
+
+def _judged_levels(
+    levels: Sequence[int], strata: Sequence[NDArray[np.floating]]
+) -> tuple[list[int], list[NDArray[np.floating]]]:
+    """Without levels at which no pair has a verdict on both sides, as where a gate left them out in every task."""
+    count = len(levels)
+    kept = [i for i in range(count) if any((~np.isnan(s[:, i]) & ~np.isnan(s[:, count + i])).any() for s in strata)]
+    return [levels[i] for i in kept], [s[:, [*kept, *(count + i for i in kept)]] for s in strata]
 
 
 def _cells(document: RunDocument, policy: str, axis: str) -> list[PlannedCell]:

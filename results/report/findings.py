@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from results.report import text
 from results.report.merging import points
-from results.report.robustness import over_all, rate, short_title
+from results.report.robustness import judged, over_all, rate, short_title
 from results.report.shift import level, worst_level
 from results.robustness import PolicyCurve, Robustness
 from results.shift import Shift, broke_first
@@ -44,7 +44,7 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
     fallen = [curve for (curve, _), p in zip(tested, adjusted, strict=True) if p <= ALPHA]
     said = []
     if fallen:
-        worst = sorted(fallen, key=lambda curve: curve.curve.rates[-1].value)
+        worst = sorted(fallen, key=lambda curve: judged(curve.curve)[-1][1].value)
         along = _listed([_fall(curve) for curve in worst[:MOST_NAMED]])
         where = along if len(worst) <= MOST_NAMED else f"{len(worst)} of {len(curves)} axes, lowest along {along}"
         said.append(f"{policy}: success falls with severity along {where}.")
@@ -61,10 +61,10 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
 
 
 def _fall(found: PolicyCurve) -> str:
-    curve = found.curve
-    clean, last = curve.rates[0].value, curve.rates[-1].value
-    value = f"{AXES[found.axis].value(int(curve.levels[-1])):g} {AXES[found.axis].unit}"
-    return f"{short_title(found.axis)} ({text.percent(clean)} to {text.percent(last)} at {value})"
+    shown = judged(found.curve)
+    (_, clean), (severity, last) = shown[0], shown[-1]
+    value = f"{AXES[found.axis].value(int(severity)):g} {AXES[found.axis].unit}"
+    return f"{short_title(found.axis)} ({text.percent(clean.value)} to {text.percent(last.value)} at {value})"
 
 
 def _merging(shift: Shift) -> list[str]:

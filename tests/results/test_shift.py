@@ -206,3 +206,35 @@ def test_what_needs_no_skill_is_taken_off_before_shares_are_said():
     assert kept["replay",]["replay"] == kept[()]["replay"]
     assert words.floors(built(results, plan, compare=None)) is None
     assert "what replay achieves" in words.floors(built(results, plan, compare=None, floors=("replay",)))
+
+
+def capped_everywhere():
+    """The oracle fails at noise@4 in every task, so that level says nothing; noise@2 does."""
+    plan = cells(("oracle", "expert", "merged"), TASKS, CONDITIONS)
+    left = {
+        ("expert", "clean", 0): 48,
+        ("expert", "noise", 2): 45,
+        ("merged", "clean", 0): 40,
+        ("merged", "noise", 2): 10,
+    }
+    results = []
+    for cell in plan:
+        place = (cell.policy, cell.condition.axis, cell.condition.severity)
+        wins = SEEDS if cell.policy == "oracle" else left.get(place, 40)
+        wins = 0 if place == ("oracle", "noise", 4) else wins
+        results += [row(cell, seed, "success" if seed < wins else "failure") for seed in range(SEEDS)]
+    return built(results, plan, gate="oracle")
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_level_that_is_left_out_in_every_task_is_in_no_loss_and_in_no_finding():
+    found = capped_everywhere()
+    noise = {row.axis: row for row in found.shift.interactions}["noise"]
+    assert noise.extra.value == pytest.approx((45 - 10 - (48 - 40)) / SEEDS)
+    assert noise.extra.interval is not None
+    assert ("noise", 4) not in {(t.axis, t.severity) for t in found.shift.taxes}
+    sentences = said.findings(found)
+    assert not any("nan" in sentence for sentence in sentences)
+    assert any("sensor noise (N1) (80 % to 20 % at 28 dB PSNR)" in s for s in sentences if s.startswith("merged"))
+    merged = next(m for m in words.heat_maps(found) if m.policy == "merged")
+    assert next(r for r in merged.rows if (r.axis, r.severity) == ("noise", 4)).cells == (None, None, None)
