@@ -27,9 +27,6 @@ class ManiSkillArm:
         """Args: env: ManiSkill's environment; base_from_world: SAPIEN pose."""
         self._env, self._base_from_world = env, base_from_world
 
-    def undo(self) -> None:
-        """Nothing: the task's own reset brings the arm to its place."""
-
     def place_tool(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Bring the arm, at rest, to where its tool centre point is at a pose, until the next reset.
 

@@ -30,9 +30,6 @@ class ManiSkillObjects:
         corners = (self._turn.apply(corners) + base_from_world.p)[:, :2]
         self._box = Placeable(corners.min(axis=0), corners.max(axis=0))
 
-    def undo(self) -> None:
-        """Nothing: the task's own reset puts everything in its place."""
-
     def placeable(self) -> Mapping[str, Placeable]:
         """What can be moved, and where resets put it."""
         return dict.fromkeys(self._things, self._box)

@@ -113,14 +113,14 @@ class ManiSkillSimulation:
         bodies = ManiSkillBodies(self._objects.values())
         stage = ManiSkillStage(env, self._base_from_world)
         self.adjusters = Adjusters(cameras, lights, objects, arm, bodies, stage)
-        self._parts: tuple[Any, ...] = (cameras, lights, objects, arm, bodies, stage)
+        self._to_undo: tuple[Any, ...] = (cameras, lights, bodies, stage)
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the episode of `seed`; only the clean condition is supported."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"maniskill cannot bring about {condition}: it knows clean only")
-        for part in self._parts:
-            part.undo()
+        for adjuster in self._to_undo:
+            adjuster.undo()
         renew_physics(self._env)
         self._env.reset(seed=seed)
 
@@ -182,7 +182,7 @@ class ManiSkillSimulation:
             self._env.close()
         self._env = self._robot = self._tcp = self._goal = None
         self._objects = {}
-        self.adjusters, self._parts = Adjusters(), ()
+        self.adjusters, self._to_undo = Adjusters(), ()
 
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
         """A SAPIEN pose in the world as position (3,) and quaternion xyzw (4,) in the base frame."""

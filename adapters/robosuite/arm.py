@@ -44,9 +44,6 @@ class RobosuiteArm:
         self._scratch: Any = None
         """Data to try joint positions on, made on first use."""
 
-    def undo(self) -> None:
-        """Do nothing: see the class."""
-
     def place_tool(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Bring the arm, at rest, to a pose of the tool, until the next reset.
 

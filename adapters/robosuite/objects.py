@@ -38,9 +38,6 @@ class RobosuiteObjects:
         self._sampler, self._frame, self._settle = sampler, frame, settle
         self._bodies = {name: self._model.body(body).id for name, body in things.items()}
 
-    def undo(self) -> None:
-        """Do nothing: see the class."""
-
     def placeable(self) -> Mapping[str, Placeable]:
         """What can be moved, within what robosuite's sampler fills."""
         return {name: self._box(body) for name, body in self._bodies.items()}

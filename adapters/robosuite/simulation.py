@@ -135,15 +135,15 @@ class RobosuiteSimulation:
         things = {name: self._parts.bodies[name] for name in self._parts.placed}
         self._cameras = RobosuiteCameras(self._model, self._base)
         self._lights = RobosuiteLights(self._model, frame)
-        self._objects = RobosuiteObjects(world, things, self._env.placement_initializer, frame, self._settle)
-        self._arm = RobosuiteArm(self._mujoco, world, robot, frame, self._settle)
+        objects = RobosuiteObjects(world, things, self._env.placement_initializer, frame, self._settle)
+        arm = RobosuiteArm(self._mujoco, world, robot, frame, self._settle)
         self._bodies = RobosuiteBodies(self._model, things.values(), self._settle)
         self._stage = RobosuiteStage(self._mujoco, world, frame, self._renderers)
         self.adjusters = Adjusters(
             cameras=self._cameras,
             lights=self._lights,
-            objects=self._objects,
-            arm=self._arm,
+            objects=objects,
+            arm=arm,
             bodies=self._bodies,
             stage=self._stage,
         )
@@ -160,7 +160,7 @@ class RobosuiteSimulation:
         """Start the episode of `seed`, from which the objects' placement and the arm's joint noise are drawn."""
         if condition.axis != CLEAN:
             raise UnsupportedCondition(f"robosuite cannot bring about {condition}: this adapter knows clean only")
-        for adjuster in (self._cameras, self._lights, self._objects, self._arm, self._bodies, self._stage):
+        for adjuster in (self._cameras, self._lights, self._bodies, self._stage):
             adjuster.undo()
         generator = np.random.default_rng(seed)
         self._env.rng = generator
