@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from orchestrator.runner import EpisodeRunner, PolicySource
-from orchestrator.video import PICTURES_FOLDER, VIDEOS_FOLDER, Recorder, picture_name, save_png
+from orchestrator.video import Recorder, save_png
 from policies import catalog as policies
+from results.media import picture_path, video_path
 from results.record import OUTCOME, EpisodeResult, Status
-from results.run import MEDIA_FOLDER, RunDocument
+from results.run import RunDocument
 from suites.loading import SuiteError
 from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
 
@@ -106,26 +107,16 @@ def _earlier(one: EpisodeResult, other: EpisodeResult) -> bool:
     return (one.severity, one.axis, one.seed) < (other.severity, other.axis, other.seed)
 
 
-def video_path(folder: Path, row: EpisodeResult) -> Path:
-    """Where a run keeps the video of an episode."""
-    return folder / MEDIA_FOLDER / VIDEOS_FOLDER / f"{row.episode_id}.mp4"
-
-
-def picture_path(folder: Path, task: str) -> Path:
-    """Where a run keeps the picture of a task."""
-    return folder / MEDIA_FOLDER / PICTURES_FOLDER / picture_name(task)
-
-
 def film(rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:
     """Film those of the rows that have no video yet; return a line for each that came out differently."""
     runner = EpisodeRunner(sources, "camera")
     troubles: list[str] = []
     try:
         for row in rows:
-            if video_path(folder, row).exists():
+            video, picture = video_path(folder, row.episode_id), picture_path(folder, row.task)
+            if video.exists():
                 continue
-            picture = picture_path(folder, row.task)
-            done = replay(row, runner, video_path(folder, row), picture=None if picture.exists() else picture)
+            done = replay(row, runner, video, picture=None if picture.exists() else picture)
             if done.differences:
                 done.video.unlink(missing_ok=True)
                 troubles.append(f"{row.episode_id} ({row.task}, {row.policy}): {done.differences[0]}")

@@ -8,8 +8,6 @@ from typing import Any
 from adapters.contract import PICTURE_SIZE, Image, Simulation
 
 MAX_FRAMES = 60
-PICTURES_FOLDER = "pictures"
-VIDEOS_FOLDER = "videos"
 
 
 class Recorder:
@@ -64,8 +62,3 @@ def save_png(path: Path, image: Image) -> None:
 
     path.parent.mkdir(parents=True, exist_ok=True)
     Pillow.fromarray(image).save(path, optimize=True)
-
-
-def picture_name(task: str) -> str:
-    """File name of a task's picture."""
-    return f"{task.replace('/', '__')}.png"

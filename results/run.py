@@ -13,7 +13,6 @@ from suites.schema import AdaptiveEntry, CompareEntry, MergingEntry
 
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
-MEDIA_FOLDER = "media"
 FORMAT = 1
 
 

@@ -10,9 +10,10 @@ import typer
 
 from adapters import catalog
 from orchestrator.cli.shared import BadInput, fail, newest_run, out
-from orchestrator.replay import ReplayError, policy_sources, replay, video_path
+from orchestrator.replay import ReplayError, policy_sources, replay
 from orchestrator.runner import EpisodeRunner
 from orchestrator.worker_environment import worker_environment
+from results.media import video_path
 from results.record import Status
 from results.run import RunError, read_run, store_url
 from results.store import Store, StoreError
@@ -38,7 +39,7 @@ def replay_episode(
         raise BadInput(str(error)) from None
     os.environ.update(worker_environment(catalog.find(row.simulator)))
     runner = EpisodeRunner(sources)
-    done = replay(row, runner, video or video_path(folder, row))
+    done = replay(row, runner, video or video_path(folder, row.episode_id))
     runner.close()
     if done.result.status == Status.ERROR:
         out.print(f"{row.task}, {row.policy}, seed {row.seed}: {done.result.error}", markup=False, soft_wrap=True)

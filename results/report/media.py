@@ -9,15 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from results.media import picture_path, videos_folder
 from results.record import Status
-from results.run import MEDIA_FOLDER
 from suites.vocabulary import CLEAN, Condition
 
 if TYPE_CHECKING:
     import pandas as pd
 
-PICTURES = Path(MEDIA_FOLDER) / "pictures"
-VIDEOS = Path(MEDIA_FOLDER) / "videos"
 VIDEO_BUDGET = 15_000_000
 """Bytes of video in one report."""
 POSTER_SIZE = 256
@@ -46,7 +44,7 @@ class Video:
 def task_picture(folder: Path, task: str) -> str | None:
     """Data URI of a task's picture, or None if there is none that can be read."""
     try:
-        return _still((folder / PICTURES / f"{task.replace('/', '__')}.png").read_bytes())
+        return _still(picture_path(folder, task).read_bytes())
     except OSError:
         return None
 
@@ -62,7 +60,7 @@ def choose_videos(folder: Path, frame: pd.DataFrame, budget: int = VIDEO_BUDGET)
     Returns:
         The chosen videos, embedded or (`source` is None) left out.
     """
-    files = {path.stem: path for path in sorted((folder / VIDEOS).glob("*.mp4")) if path.is_file()}
+    files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if path.is_file()}
     filmed = frame.loc[frame["episode_id"].isin(list(files))]
     filmed = filmed.loc[filmed["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
     filmed = filmed.assign(perturbed=filmed["axis"].astype(str) != CLEAN)
