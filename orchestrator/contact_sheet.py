@@ -9,11 +9,12 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from adapters import catalog
+from adapters.contract import AdapterError
 from adapters.contract import Image as Pixels
-from orchestrator.perturbations import perturbed
-from orchestrator.perturbations.base import Perturbed
+from orchestrator.choosing import Look
+from orchestrator.looking import see
 from suites.axes import SEVERITIES, Axis
-from suites.vocabulary import Condition, Episode, Protocol, View
+from suites.vocabulary import Condition, View
 
 LABEL_HEIGHT, LABEL_WIDTH, GAP = 16, 150, 4
 PAPER, INK = (255, 255, 255), (30, 30, 30)
@@ -28,18 +29,12 @@ def looks(task: str, axis: Axis, view: View, seed: int) -> list[list[Pixels]]:
     for simulator in catalog.simulators().values():  # set before any is imported: they import each other's renderers
         for name, value in simulator.environment.items():
             os.environ.setdefault(name, value)
-    simulation = catalog.open_simulation(task, view)
+    conditions = [Condition(), *(Condition(axis.name, severity + 1) for severity in range(SEVERITIES))]
     found = []
-    try:
-        for severity in range(SEVERITIES + 1):
-            condition = Condition(axis.name, severity) if severity else Condition()
-            shown = perturbed(simulation, Episode("sheet", "sheet", task, seed, Protocol(1, 1, view), condition))
-            shown.reset(seed, condition)
-            found.append(list(shown.observe().images.values()))
-            if isinstance(shown, Perturbed):
-                shown.delivered()  # refuses a level that was missed
-    finally:
-        simulation.close()
+    for _, seen in see(Look(task, condition, seed, view) for condition in conditions):
+        if isinstance(seen, AdapterError):
+            raise seen
+        found.append(seen)
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from orchestrator.runner import EpisodeRunner, PolicySource
 from orchestrator.video import Recorder, save_png
 from policies import catalog as policies
 from results.media import picture_path, video_path
-from results.record import OUTCOME, EpisodeResult, Status
+from results.record import OUTCOME, EpisodeResult
 from results.run import RunDocument
 from suites.loading import SuiteError
 from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
@@ -90,21 +90,6 @@ def _differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:
         for name in OUTCOME
         if name != "policy" and getattr(stored, name) != getattr(now, name)
     ]
-
-
-def choose_for_media(rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
-    """The first success and the first failure, by seed, of each policy on each task."""
-    chosen: dict[tuple[str, str, str], EpisodeResult] = {}
-    for row in rows:
-        if row.status != Status.ERROR:
-            key = (row.task, row.policy, row.status)
-            if key not in chosen or _earlier(row, chosen[key]):
-                chosen[key] = row
-    return sorted(chosen.values(), key=lambda r: (r.task, r.policy, r.status))
-
-
-def _earlier(one: EpisodeResult, other: EpisodeResult) -> bool:
-    return (one.severity, one.axis, one.seed) < (other.severity, other.axis, other.seed)
 
 
 def film(rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:

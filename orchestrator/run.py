@@ -17,6 +17,7 @@ from filelock import FileLock, Timeout
 from adapters import catalog as simulators
 from orchestrator import provenance
 from orchestrator.adaptive import missing
+from orchestrator.choosing import worth_a_look
 from orchestrator.cluster import ray_session
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
@@ -42,7 +43,7 @@ class RunOptions:
     retry_errors: bool = False
     """Play episodes again whose row is an error."""
     media: bool = True
-    """Film a success and a failure of each policy on each task afterwards."""
+    """Film a success and a failure of each policy on each task afterwards, failures along axes, and the first looks."""
 
 
 @dataclass
@@ -178,9 +179,21 @@ class _Session:
     def _film(self) -> None:
         from orchestrator.filming import film_run
 
-        self._progress.say("filming a success and a failure of each policy on each task")
+        perturbed = any(cell.condition.severity for cell in self._plan.cells)
+        self._progress.say(
+            "filming a success and a failure of each policy on each task"
+            + (", failures along each axis, and what each condition looks like" if perturbed else "")
+        )
+        suite = self._plan.suite
+        aside = {self._document.gate, *self._document.floors}
         try:
-            self._troubles += film_run(self._folder, self._store.results(), self._plan.sources)
+            self._troubles += film_run(
+                self._folder,
+                self._store.results,
+                self._plan.sources,
+                [name for name in self._plan.sources if name not in aside],
+                worth_a_look((c for c in self._plan.cells if c.simulator not in self._skipped), suite.seeds.start),
+            )
         except OSError as error:
             self._troubles.append(f"videos could not be written: {explain(error)}")
 

@@ -1,8 +1,10 @@
-"""Where a run folder keeps its pictures and videos. Standard library only."""
+"""Where a run folder keeps its pictures and videos."""
 
 from __future__ import annotations
 
 from pathlib import Path
+
+from suites.vocabulary import Condition
 
 MEDIA = "media"
 
@@ -20,6 +22,11 @@ def video_path(folder: Path, episode_id: str) -> Path:
 def picture_path(folder: Path, task: str) -> Path:
     """Where a run keeps the picture of a task (PNG)."""
     return folder / MEDIA / "pictures" / f"{_named(task)}.png"
+
+
+def look_path(folder: Path, task: str, condition: Condition) -> Path:
+    """Where a run keeps what policies see first of a task under a condition, cameras side by side (PNG)."""
+    return folder / MEDIA / "looks" / f"{_named(task)}@{condition.axis}@{condition.severity}.png"
 
 
 def _named(task: str) -> str:

@@ -14,7 +14,7 @@ from results.report import merging as words
 from results.report import robustness as stress
 from results.report import shift as against
 from results.report.findings import findings
-from results.report.media import Video, task_picture
+from results.report.media import Media, Video, task_picture
 from results.report.summary import ERROR_GROUPS
 from results.robustness import Robustness
 from results.run import RunDocument
@@ -66,7 +66,7 @@ def render_page(
     folder: Path,
     document: RunDocument,
     tables: Tables,
-    videos: Sequence[Video],
+    media: Media,
     merging: Merging | None = None,
     robustness: Robustness | None = None,
 ) -> str:
@@ -76,7 +76,7 @@ def render_page(
         folder: The run folder, named in the commands that replay an episode.
         document: The run.
         tables: Its numbers.
-        videos: Those to show, embedded or left out.
+        media: Videos and pictures.
         merging: What merging and routing cost, if the suite asks for it.
         robustness: How success falls with severity, if anything was perturbed.
     """
@@ -103,8 +103,8 @@ def render_page(
         shown=_shown(tables),
         forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},
         judged={cell.simulator for cell in tables.cells if cell.tally.verdicts and cell.condition == _shown(tables)},
-        cards=_cards(folder, document, tables, videos),
-        left_out=[video for video in videos if video.source is None],
+        cards=_cards(folder, document, tables, media.typical),
+        media=media,
         phases=PHASES,
         merging=merging,
         words=words,

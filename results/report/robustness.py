@@ -11,6 +11,7 @@ from results.robustness import DeliveredCell, PolicyCurve, Robustness
 from results.statistics.rates import Estimate
 from results.statistics.severity import SeverityCurve
 from suites.axes import AXES
+from suites.vocabulary import Condition
 
 
 def title(axis: str) -> str:
@@ -23,6 +24,20 @@ def short_title(axis: str) -> str:
     """`sensor noise (N1)`."""
     known = AXES.get(axis)
     return axis if known is None else f"{known.title} ({known.code})"
+
+
+def summary(axis: str) -> str:
+    """What the axis does, in a sentence or two."""
+    known = AXES.get(axis)
+    return "" if known is None else known.summary
+
+
+def level(condition: Condition) -> str:
+    """`4: 16 dB PSNR`, or `clean`."""
+    known = AXES.get(condition.axis)
+    if known is None:
+        return str(condition)
+    return f"{condition.severity}: {known.value(condition.severity):g} {known.unit}"
 
 
 def judged(curve: SeverityCurve) -> tuple[tuple[float, Estimate], ...]:

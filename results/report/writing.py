@@ -12,7 +12,7 @@ from results import merging
 from results import robustness as robustness_of_run
 from results.merging import Merging, build_merging
 from results.report.markdown import render_markdown
-from results.report.media import choose_videos
+from results.report.media import collect_media
 from results.report.page import render_page
 from results.report.parquet import read_frame, write_parquet
 from results.report.spreadsheet import render_csv
@@ -67,13 +67,13 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
         _write_rows(file, document, url_of(folder, document, store_url))
         frame = read_frame(file)
     tables = build_tables(document, frame)
-    videos = choose_videos(folder, frame)
+    media = collect_media(folder, document, frame)
     del frame
     compared, robustness = _compare(document, paths.episodes), _stress(document, paths.episodes)
     _write_text(paths.summary, build_summary(document, tables, compared, robustness).model_dump_json(indent=1) + "\n")
     _write_text(paths.cells, render_csv(tables))
     _write_text(paths.markdown, render_markdown(document, tables, compared, robustness))
-    _write_text(paths.html, render_page(folder, document, tables, videos, compared, robustness))
+    _write_text(paths.html, render_page(folder, document, tables, media, compared, robustness))
     return paths
 
 

@@ -16,7 +16,7 @@ from PIL import Image
 from results.record import FIELDS, describe_fields
 from results.report import ReportPaths, Summary, write_report
 from results.report import writing as module
-from results.report.media import choose_videos, last_frame, task_picture
+from results.report.media import collect_media, last_frame, task_picture
 from results.report.parquet import read_frame
 from results.run import Provenance, RunError, RunStatus
 from results.store import StoreError
@@ -274,10 +274,10 @@ def test_the_smallest_videos_come_first_and_the_rest_is_counted(tmp_path, monkey
     (videos / f"{results[0].episode_id}.mp4").write_bytes(b"x" * 900)
     (videos / f"{results[1].episode_id}.mp4").write_bytes(b"x" * 200)
     frame = read_frame(write_report(folder).episodes)
-    chosen = {video.status: video for video in choose_videos(folder, frame, budget=1000)}
+    chosen = {video.status: video for video in collect_media(folder, document(2, [cell]), frame, budget=1000).typical}
     assert chosen["failure"].source is not None
     assert chosen["success"].source is None
-    monkeypatch.setattr("results.report.media.choose_videos.__defaults__", (1000,))
+    monkeypatch.setattr("results.report.media.VIDEO_BUDGET", 1000)
     page = Page(write_report(folder).html.read_text())
     assert len(page.videos) == 1
     assert "1 video left out" in page.text

@@ -1,0 +1,62 @@
+"""The first images of an episode, without a policy: for pictures of what a condition does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from adapters import catalog
+from adapters.contract import AdapterError, Image, Simulation
+from orchestrator.choosing import Look
+from orchestrator.perturbations import perturbed
+from orchestrator.perturbations.base import Perturbed
+from orchestrator.video import save_png
+from results.media import look_path
+from suites.vocabulary import Episode, Protocol
+
+
+def first_images(simulation: Simulation, look: Look) -> list[Image]:
+    """What the cameras see after the reset, camera by camera.
+
+    Raises:
+        AdapterError: The task does not support the axis, or the level was missed.
+    """
+    episode = Episode("look", "look", look.task, look.seed, Protocol(1, 1, look.view), look.condition)
+    shown = perturbed(simulation, episode)
+    shown.reset(look.seed, look.condition)
+    images = list(shown.observe().images.values())
+    if isinstance(shown, Perturbed):
+        shown.delivered()  # refuses a level that was missed
+    return images
+
+
+def see(looks: Iterable[Look]) -> Iterator[tuple[Look, list[Image] | AdapterError]]:
+    """Look after look with what was seen, or why not. A simulation is opened for neighbours of one task and view.
+
+    Raises:
+        AdapterError: A task cannot be opened.
+    """
+    for (task, view), own in groupby(looks, lambda look: (look.task, look.view)):
+        simulation = catalog.open_simulation(task, view)
+        try:
+            for look in own:
+                try:
+                    yield look, first_images(simulation, look)
+                except AdapterError as error:
+                    yield look, error
+        finally:
+            simulation.close()
+
+
+def picture(looks: Sequence[Look], folder: Path) -> list[str]:
+    """Keep, in a run folder, those of the looks that it has not yet; return a line for each that could not be had."""
+    troubles = []
+    for look, seen in see(look for look in looks if not look_path(folder, look.task, look.condition).exists()):
+        if isinstance(seen, AdapterError):
+            troubles.append(f"{look.task} under {look.condition}, seed {look.seed}: {seen}")
+        else:
+            save_png(look_path(folder, look.task, look.condition), np.concatenate(seen, axis=1))
+    return troubles
