@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -21,3 +22,11 @@ def renew_physics(env: Any) -> None:
     for entity in entities:
         new.add_entity(entity)
     env.scene.sub_scenes[0], env.scene.px = new, physics
+
+
+def wake(things: Iterable[Any]) -> None:
+    """Let PhysX count anew how long each thing (an entity with a dynamic body) has been at rest."""
+    import sapien
+
+    for thing in things:
+        thing.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent).wake_up()

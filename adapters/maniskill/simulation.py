@@ -9,6 +9,7 @@ What differs from ManiSkill's own defaults, and why:
   PushCube's cube, and PullCube's arm is not in the picture.
 - Every reset moves the world into a new PhysX scene (0.3 ms). In a scene that is kept, the order in which PhysX solves
   contacts depends on the contacts of earlier episodes, and equal seeds can part when the gripper lets go of a cube.
+  Things are woken too: how long PhysX has seen them at rest, after which they sleep, outlasts the scene.
 
 ManiSkill draws sensors with SAPIEN's `minimal` shader: no shadows, reflections or multisampling. There is nothing to
 switch off, so the render profiles `standard` and `fast` draw the same.
@@ -45,7 +46,7 @@ from adapters.maniskill.bodies import ManiSkillBodies
 from adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
 from adapters.maniskill.lights import ManiSkillLights
 from adapters.maniskill.objects import ManiSkillObjects
-from adapters.maniskill.physics import renew_physics
+from adapters.maniskill.physics import renew_physics, wake
 from adapters.maniskill.stage import ManiSkillStage
 from suites.vocabulary import CLEAN, Condition, View
 
@@ -123,6 +124,7 @@ class ManiSkillSimulation:
             adjuster.undo()
         renew_physics(self._env)
         self._env.reset(seed=seed)
+        wake(self._objects.values())
 
     def observe(self) -> Observation:
         """Render the cameras of the view, and read the robot's proprioception."""

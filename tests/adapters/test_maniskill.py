@@ -66,6 +66,34 @@ def test_contacts_of_earlier_episodes_leave_no_trace(push):
                 np.testing.assert_array_equal(value, again[name], err_msg=f"seed {seed}, {name}")
 
 
+def shove(simulation, steps):
+    """Goes behind the cube, then pushes it for what is left of the steps."""
+    simulation.reset(0, CLEAN)
+    for step in range(steps):
+        state = simulation.privileged_state()
+        behind = 0.5 * (state["cube_position"] + [-0.08, 0.0, 0.0] - state["tcp_position"])
+        action = np.concatenate([behind if step < 10 else [0.03, 0.0, 0.0], np.zeros(3), [-1.0]])
+        simulation.step(np.clip(action, simulation.action_spec.low, simulation.action_spec.high))
+
+
+def rest(simulation):
+    """State after state of an arm and a cube at rest, for longer than PhysX takes to let the cube sleep."""
+    simulation.reset(1, CLEAN)
+    states = []
+    for _ in range(16):
+        simulation.step(np.zeros(7))
+        states.append(simulation.state_hash())
+    return states
+
+
+@pytest.mark.simulator
+def test_a_cube_falls_asleep_at_the_same_step_whether_or_not_it_moved_when_the_last_episode_ended(push):
+    undisturbed = rest(push)
+    for steps in (12, 14, 16, 18):  # 16 leave the cube moving so that its rest would begin later
+        shove(push, steps)
+        assert rest(push) == undisturbed
+
+
 @pytest.mark.simulator
 @pytest.mark.parametrize("axis", range(6))
 def test_the_tool_centre_point_moves_by_what_is_commanded(push, axis):
