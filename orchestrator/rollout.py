@@ -16,6 +16,7 @@ from adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from adapters.frames import STATE_QUANTUM
 from orchestrator.perturbations import perturbed
 from orchestrator.perturbations.base import Perturbed
+from orchestrator.perturbations.references import ReferenceLooks
 from policies.contract import Decision, Policy, PolicyError, Query, Routing, Sees, check_chunk, check_routing
 from results.record import EpisodeResult, Status
 from suites.vocabulary import SUCCESS_HOLD, Episode
@@ -47,7 +48,13 @@ class Phases:
 
 
 def rollout(
-    simulation: Simulation, policy: Policy, episode: Episode, *, eager: bool = False, watcher: Watcher | None = None
+    simulation: Simulation,
+    policy: Policy,
+    episode: Episode,
+    *,
+    eager: bool = False,
+    watcher: Watcher | None = None,
+    references: ReferenceLooks | None = None,
 ) -> EpisodeResult:
     """Play one episode.
 
@@ -62,6 +69,7 @@ def rollout(
         eager: Also render after every step that the policy does not look at (as a plain environment loop does). Changes
             nothing but the time it takes.
         watcher: See `Watcher`.
+        references: Looks that were kept of this simulation's task; they change nothing but the time it takes.
 
     Returns:
         The episode's record, without the fields that only a worker knows.
@@ -73,7 +81,7 @@ def rollout(
     """
     started, clock = time.time(), time.perf_counter()
     phases = Phases()
-    world, simulation = simulation, perturbed(simulation, episode)
+    world, simulation = simulation, perturbed(simulation, episode, references)
     with phases.timed("reset"):
         simulation.reset(episode.seed, episode.condition)
     with phases.timed("inference"):

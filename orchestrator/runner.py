@@ -11,6 +11,7 @@ from typing import Any
 
 from adapters import catalog as simulators
 from adapters.contract import AdapterError, Simulation
+from orchestrator.perturbations.references import ReferenceLooks
 from orchestrator.rollout import Watcher, rollout
 from policies import catalog as policies
 from policies.contract import Policy, PolicyError, check_fit
@@ -60,6 +61,7 @@ class EpisodeRunner:
         self._policies: dict[str, Policy] = {}
         self._simulation: Simulation | None = None
         self._opened: tuple[str, View] | None = None
+        self._references = ReferenceLooks()
         self._build_s = self._load_s = 0.0
 
     def prepare(self, task: str, view: View) -> Readiness:
@@ -103,7 +105,13 @@ class EpisodeRunner:
                 policy = self._policy(episode.policy)
                 simulation = self._open(episode.task, episode.protocol.view)
                 check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
-                return rollout(wrap(simulation) if wrap else simulation, policy, episode, watcher=watcher)
+                return rollout(
+                    wrap(simulation) if wrap else simulation,
+                    policy,
+                    episode,
+                    watcher=watcher,
+                    references=self._references,
+                )
             except (AdapterError, PolicyError) as known:
                 error = f"{type(known).__name__}: {known}"
                 break
@@ -125,7 +133,7 @@ class EpisodeRunner:
             for name, value in simulators.find(task.partition("/")[0]).environment.items():
                 os.environ.setdefault(name, value)
             self._simulation = simulators.open_simulation(task, view)
-            self._opened = (task, view)
+            self._opened, self._references = (task, view), ReferenceLooks()
             self._build_s += time.perf_counter() - start
         return self._simulation
 

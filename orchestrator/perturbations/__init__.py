@@ -12,6 +12,7 @@ from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
 from orchestrator.perturbations.images import Blind, Blurred, Frozen, Noisy
 from orchestrator.perturbations.lights import Dimmed, Redirected, Tinted
 from orchestrator.perturbations.objects import Altered, Displaced
+from orchestrator.perturbations.references import ReferenceLooks
 from orchestrator.perturbations.stage import Distracted, Painted
 from orchestrator.perturbations.words import Misled, Reworded, Untold
 from suites.axes import axis_of
@@ -43,10 +44,15 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
 }
 
 
-def perturbed(simulation: Simulation, episode: Episode) -> Simulation:
+def perturbed(simulation: Simulation, episode: Episode, references: ReferenceLooks | None = None) -> Simulation:
     """The simulation as this episode's condition has it: itself, or with something between it and the policy.
 
     Draws depend on the pair alone, so that two policies meet the same disturbance.
+
+    Args:
+        simulation: In the clean world.
+        episode: Says what to change, and how much.
+        references: Looks that were kept of this simulation's task.
 
     Raises:
         UnsupportedCondition: There is no such axis or severity.
@@ -57,4 +63,4 @@ def perturbed(simulation: Simulation, episode: Episode) -> Simulation:
         raise UnsupportedCondition(str(error)) from None
     if axis is None:
         return simulation
-    return _PERTURBED[axis.name](simulation, axis, episode)
+    return _PERTURBED[axis.name](simulation, axis, episode, references)

@@ -19,8 +19,9 @@ from adapters.contract import (
     StepOutcome,
     UnsupportedCondition,
 )
+from orchestrator.perturbations.references import Images, ReferenceLooks
 from suites.axes import Axis, Changes
-from suites.vocabulary import Condition, Episode
+from suites.vocabulary import CLEAN, Condition, Episode
 
 Part = TypeVar("Part")
 
@@ -28,8 +29,11 @@ Part = TypeVar("Part")
 class Perturbed:
     """A simulation in the clean world, with something between it and the policy."""
 
-    def __init__(self, simulation: Simulation, axis: Axis, episode: Episode) -> None:
+    def __init__(
+        self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceLooks | None = None
+    ) -> None:
         self.simulation, self.axis, self.episode = simulation, axis, episode
+        self.references = references or ReferenceLooks()
         self.level = axis.value(episode.condition.severity)
         self.also = axis.also[episode.condition.severity - 1] if axis.also else 0.0
         self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
@@ -135,8 +139,8 @@ Looks = Mapping[str, tuple[Image, Image]]
 class PerturbedScene(Perturbed):
     """A scene that looks different and is the same to physics.
 
-    What the first look shows is compared with what it would show in the clean episode, which costs one more rendering.
-    Nothing is rendered for a policy that does not look.
+    What the first look shows is compared with what it would show in the clean episode, which costs one more rendering
+    unless a reference was kept. Nothing is rendered for a policy that does not look.
     """
 
     def reset(self, seed: int, condition: Condition) -> None:
@@ -168,10 +172,8 @@ class PerturbedScene(Perturbed):
         """
         if self._found is not None:
             return self.simulation.observe()
-        self.bare()
-        clean = self.simulation.observe().images
-        self.dressed()
-        seen = self.simulation.observe()
+        clean = self.references.of(self.episode.seed, CLEAN, self._clean_look)
+        seen = self.first_look(clean)
         looks = {camera: (clean[camera], image) for camera, image in seen.images.items()}
         if not self.changed(looks):
             raise NotDelivered(
@@ -179,6 +181,16 @@ class PerturbedScene(Perturbed):
             )
         self._found = Delivered(*self.measured(looks))
         return seen
+
+    def first_look(self, clean: Images) -> Observation:
+        """The first that the policy sees, beside what the clean episode shows."""
+        return self.simulation.observe()
+
+    def _clean_look(self) -> Images:
+        self.bare()
+        images = self.simulation.observe().images
+        self.dressed()
+        return images
 
     def changed(self, looks: Looks) -> float:
         """Share of the pixels that are not as in the clean episode."""

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from adapters.adjusting import Form, Prop, Stage
-from adapters.contract import FloatArray, Image, NotDelivered
+from adapters.contract import FloatArray, NotDelivered, Observation
 from adapters.viewpoints import seen_at_height
 from orchestrator.perturbations.base import Looks, PerturbedScene
 from orchestrator.perturbations.cameras import THIRD_PERSON
+from orchestrator.perturbations.references import Images
 from suites.operators import generator_for
 from suites.photometry import difference, encoded, lab, light_of_lab, linear
 from suites.textures import PATTERNS, painted, pattern
@@ -127,32 +128,27 @@ def from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> float
 class Painted(Staged):
     """A table of another colour.
 
-    How much of the light that falls on the table reaches the camera is found by painting it black and white once; so is
-    where the table is in the image. The colour is then chosen in the image, and set right where the renderer differs.
+    How much of the light that falls on the table reaches the camera is found by painting it black and white, once for a
+    seed; so is where the table is in the image. The colour is then chosen in the image, and set right where the
+    renderer differs.
     """
 
     corrections = 4
     """Times that the colour is set anew because it is off by more than half of what is allowed."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
-        """Start the clean episode; the table is painted with the first look, when its own colour has been seen."""
-        super().reset(seed, condition)
-        self._texture: Image | None = None
-
     def bare(self) -> None:
         """Nothing is painted before the first look."""
 
     def dressed(self) -> None:
-        """Paint the table.
+        """Nor is it painted until the clean look is known."""
+
+    def first_look(self, clean: Images) -> Observation:
+        """Paint the table, and look.
 
         Raises:
             NotDelivered: It cannot be seen, or no paint has a colour that far from its own.
         """
-        own = self._seen()
-        self._paint(np.zeros((1, 1, 3)))
-        black = self._seen()
-        self._paint(np.ones((1, 1, 3)))
-        white = self._seen()
+        own, black, white = _light(clean), self._plain("black", 0.0), self._plain("white", 1.0)
         self._table = ((white - black) > VISIBLE).all(axis=2)
         if self._table.mean() < LEAST_TABLE:
             raise NotDelivered(f"{self.episode.condition}: expected a table in the third-person image, found none")
@@ -162,11 +158,13 @@ class Painted(Staged):
         target = wanted = self._target(dark, light)
         for _ in range(self.corrections):
             self._paint(painted(np.clip((target - dark) / (light - dark), 0.0, 1.0), values))
-            found = self._mean(self._seen())
+            seen = self.simulation.observe()
+            found = self._mean(_light(seen.images))
             self._distance = difference(found, self._own)
             if abs(self._distance - self.level) <= self.axis.tolerance / 2:
                 break
             target = np.clip(light_of_lab(lab(target) + lab(wanted) - lab(found)), dark, light)
+        return seen
 
     def measured(self, looks: Looks) -> tuple[float, dict[str, float]]:
         """The distance of the mean colours of the table, and its share of the image."""
@@ -185,9 +183,19 @@ class Painted(Staged):
     def _paint(self, reflectance: FloatArray) -> None:
         self._stage.paint_table(np.rint(encoded(reflectance)).astype(np.uint8))
 
-    def _seen(self) -> FloatArray:
-        """Linear light of the third-person image."""
-        return linear(self.simulation.observe().images[THIRD_PERSON])
+    def _plain(self, name: str, reflectance: float) -> FloatArray:
+        """Linear light of the third-person image, the table painted in one grey."""
+
+        def draw() -> Images:
+            self._paint(np.full((1, 1, 3), reflectance))
+            return self.simulation.observe().images
+
+        return _light(self.references.of(self.episode.seed, f"{name} table", draw))
 
     def _mean(self, light: FloatArray) -> FloatArray:
         return np.asarray(light[self._table].mean(axis=0))
+
+
+def _light(images: Images) -> FloatArray:
+    """Linear light of the third-person image."""
+    return linear(images[THIRD_PERSON])

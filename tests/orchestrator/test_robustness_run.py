@@ -14,15 +14,18 @@ from results.record import Status
 from results.report import ReportPaths
 from results.store import Store
 from suites.axes import AXES
+from suites.vocabulary import CONTROLS
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.slow, pytest.mark.usefixtures("ray_here")]
+SEEN = ("camera-orbit", "illuminance", "distractors", "object-position", "robot-start", "noise")
+"""Axes of the suite that change the first look."""
 
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory, ray_here):
     folder = tmp_path_factory.mktemp("runs") / "smoke"
     shown = Progress(Console(file=io.StringIO(), force_terminal=False))
-    return run_plan(make_plan(find_suite("robustness-smoke")), folder, RunOptions(media=False), shown)
+    return run_plan(make_plan(find_suite("robustness-smoke")), folder, RunOptions(), shown)
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +39,16 @@ def rows(played):
 def test_no_episode_is_an_error(rows):
     assert {row.error for row in rows if row.status == Status.ERROR} == set()
     assert len(rows) == 156
+
+
+def test_films_come_out_as_the_rows_and_every_condition_is_pictured(played, rows):
+    assert played.troubles == []
+    pictured = {path.stem.partition("@")[2] for path in (played.folder / "media/looks").glob("*.png")}
+    conditions = {(row.axis, row.severity) for row in rows if row.axis not in CONTROLS}
+    assert pictured == {f"{axis}@{severity}" for axis, severity in conditions}
+    page = (played.folder / "report.html").read_text()
+    assert page.count(": clean" + chr(34)) == 3 * len(SEEN)
+    assert "Filmed failures of episodes that succeed in the clean world" in page
 
 
 def test_every_level_is_delivered_where_a_policy_looks_and_where_actions_are_perturbed(rows):

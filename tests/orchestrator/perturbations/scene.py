@@ -21,6 +21,8 @@ class Scene:
     """Remembers what it was told to do. Every part of it is adjusted by the scene itself."""
 
     turns = True
+    drift = 1
+    """By how much each look differs from the one before, in one corner."""
     table_height = 0.0
 
     def __init__(self):
@@ -51,7 +53,7 @@ class Scene:
             n = len(self.texture)
             rows, columns = np.indices((50, 80))
             image[TABLE] = encoded(0.8 * linear(self.texture[rows * n // 50, columns * n // 80]))
-        image[20:30, 20:60] = (200, 30, self.shown_looks % 40 + 40)
+        image[20:30, 20:60] = (200, 30, self.drift * self.shown_looks % 40 + 40)
         for number, prop in enumerate(self.props):
             image[80:88, 8 * number : 8 * number + 6] = 255 * np.array(prop.colour)
         lit = np.clip(encoded(linear(image) * self.now.gain * (0.5 + 0.5 * self.now.direction[2])), 0, 255)

@@ -6,7 +6,7 @@ import pytest
 
 from orchestrator.plan import why_unadjusted
 from orchestrator.runner import EpisodeRunner, PolicySource
-from results.record import Status
+from results.record import Status, outcome_row
 from suites.axes import AXES, Changes
 from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
 
@@ -32,6 +32,17 @@ def played(request):
     }
     runner.close()
     return found
+
+
+def test_what_was_kept_of_other_episodes_changes_nothing(played):
+    """The last table was painted beside references that other conditions had left, this one without."""
+    condition = Condition("table", 5)
+    kept = played["untrained", condition]
+    runner = EpisodeRunner({"untrained": PolicySource("untrained")})
+    alone = runner.play_one(episode(kept.task, condition, "untrained"))
+    runner.close()
+    assert (alone.delivered, alone.delivered_statistics) == (kept.delivered, kept.delivered_statistics)
+    assert outcome_row(alone) == outcome_row(kept)
 
 
 def test_every_axis_is_delivered_within_its_tolerance(played):

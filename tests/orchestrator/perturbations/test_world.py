@@ -11,6 +11,7 @@ from adapters.adjusting import Adjusters, Dynamics, Light, Unreachable
 from adapters.contract import AdapterError
 from orchestrator.perturbations import perturbed, stage
 from orchestrator.perturbations.objects import outside
+from orchestrator.perturbations.references import ReferenceLooks
 from orchestrator.rollout import rollout
 from policies.contract import Sees
 from suites.axes import AXES, Changes
@@ -43,6 +44,27 @@ def test_the_first_look_and_the_next_show_the_perturbed_scene(axis):
     clean = Scene().observe().images["third_person"]
     assert (first[32:] != clean[32:]).any()
     assert scene.shown_looks > 2
+
+
+def first_look(axis, references=None):
+    """What was delivered, the first look, and how often the scene was drawn for it."""
+    scene = Scene()
+    simulation = perturbed(scene, episode(axis, 3), references)
+    simulation.reset(4, Condition(axis, 3))
+    images = simulation.observe().images
+    return simulation.delivered(), images, scene.shown_looks
+
+
+@pytest.mark.parametrize("axis", SCENERY)
+def test_a_kept_reference_saves_frames_and_changes_nothing(axis, monkeypatch):
+    monkeypatch.setattr(Scene, "drift", 0)
+    references = ReferenceLooks()
+    delivered, images, frames = first_look(axis)
+    first_look(axis, references)
+    again, kept, fewer = first_look(axis, references)
+    assert again == delivered
+    assert all((kept[camera] == image).all() for camera, image in images.items())
+    assert fewer == (frames - 3 if axis == "table" else 1)
 
 
 @pytest.mark.parametrize("axis", SCENERY)
