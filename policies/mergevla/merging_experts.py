@@ -166,11 +166,19 @@ def _check_frozen(task: str, tensors: Weights, base: Weights) -> None:
 
 
 def _task_vectors(experts: Experts, splits: Mapping[str, TrunkSplit], recipe: Recipe) -> Taus:
-    """What the operator and the masks are applied to: backbone and trunk, as far as the recipe says so."""
+    """What the operator and the masks are applied to: backbone and trunk, as far as the recipe says so.
+
+    A weight that another expert has adapted and this one has not has a task vector of zeros.
+    """
     taus: dict[str, dict[str, Tensor]] = {task: {} for task in experts.by_task}
+    adapted = {name for expert in experts.by_task.values() for name in expert.factors}
     for task, expert in experts.by_task.items():
         if recipe.backbone is BackboneRule.MERGED:
-            taus[task] |= {name: factors.delta() for name, factors in expert.factors.items()}
+            taus[task] |= {
+                name: factors.delta() if (factors := expert.factors.get(name)) else torch.zeros(weight.shape)
+                for name, weight in experts.base_weights.items()
+                if name in adapted
+            }
         if recipe.trunk is TrunkRule.VECTORS:
             shared = splits[task].shared
             taus[task] |= task_vector(shared, {name: experts.base_weights[name] for name in shared})

@@ -1,9 +1,12 @@
 """Reading and merging expert checkpoints: what is reported, and what is refused in one line."""
 
 import pytest
+import torch
 
 from policies.contract import PolicyError
+from policies.mergevla.checkpoint import load_checkpoint
 from policies.mergevla.config import LoraSettings
+from policies.mergevla.lora import lora_deltas
 from policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer, MergeError, OutOfRange
 from policies.mergevla.merging.operators import UnknownOperator
 from policies.mergevla.merging.recipe import BackboneRule, Recipe
@@ -112,9 +115,31 @@ def test_a_backbone_tuned_otherwise_than_by_adapters_is_refused(folders, tmp_pat
     refused(ExpertsDiffer, "expert null/Raise: expected a backbone tuned by adapters alone", *folders[:2], odd)
 
 
-def test_adapters_on_other_layers_are_refused(folders, tmp_path):
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        {"operator": "ta", "masks": "none"},
+        {"operator": "ties"},
+        {"operator": "tsv"},
+        {"operator": "wudi"},
+        {"operator": "magnitude", "masks": "signs", "rounds": 2},
+    ],
+)
+def test_a_layer_that_some_experts_did_not_adapt_is_merged_from_those_that_did(folders, tmp_path, recipe):
+    base = folders[0].parents[1] / "base"
+    odd = save_expert(tmp_path / "odd", base, "null/Raise", 4, convolutions=True)
+    merged = merging([*folders[:2], odd], **recipe).parts.merged
+    stem = next(name for name in merged.tau if "stems" in name)
+    assert set(lora_deltas(load_checkpoint(odd).model)) <= merged.tau.keys()
+    assert merged.of("null/Raise")[stem].abs().max() > 0
+    assert torch.isfinite(merged.of("null/Reach")[stem]).all()
+
+
+def test_what_an_expert_did_not_adapt_stays_the_bases_where_signs_are_kept(folders, tmp_path):
     odd = save_expert(tmp_path / "odd", folders[0].parents[1] / "base", "null/Raise", 4, convolutions=True)
-    refused(ExpertsDiffer, "expert null/Raise does not fit expert null/Reach", *folders[:2], odd)
+    merged = merging([*folders[:2], odd], operator="magnitude", masks="signs").parts.merged
+    stem = next(name for name in merged.tau if "stems" in name)
+    assert (merged.of("null/Reach")[stem] == 0).all()
 
 
 def test_ranks_may_differ(folders, tmp_path):
