@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from results.judging import GateRow, Judged, judge
+from results.overall import Overall, build_overall
 from results.record import Status
 from results.run import PlannedCell, RunDocument, Unsupported
 from results.shift import Shift, build_shift
@@ -131,6 +132,8 @@ class Robustness:
     """Policies against each other, if the suite asks for it."""
     floors: tuple[str, ...] = ()
     """Policies whose success is taken off, at every level, from those that what is kept is a share of."""
+    overall: Overall | None = None
+    """All axes together."""
 
 
 def is_perturbed(document: RunDocument) -> bool:
@@ -171,6 +174,7 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         _repeats(frame),
         build_shift(document, judged),
         document.floors,
+        build_overall(document, judged),
     )
 
 

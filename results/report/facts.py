@@ -55,6 +55,14 @@ SENTENCES = {
     "adjusted for the number of axes.",
     "findings": "Made from the tests below: falls by the trend test, adjusted over the axes of a policy (Holm, 5 %); "
     "differences of policies where the interval for all axes together leaves out 0.",
+    "all axes": "Over all levels of all axes, tasks weighing alike: mean success; mean of the middle half of the "
+    "levels (IQM); mean of the worst fifth (CVaR); and the axis with the lowest mean, with the share of the "
+    "bootstrap's data sets in which it is the lowest too. Intervals by a bootstrap of seeds within tasks, none where "
+    "it shows no spread; that of the worst axis does not know that it was chosen for being the worst.",
+    "agreement": "Axes in the order of what is lost along them in two simulators. Kendall's tau-b: 1 for the same "
+    "order, -1 for the opposite; its interval is that of other seeds for the same axes (a bootstrap; chance pulls it "
+    "towards 0), p is one-sided against unrelated orders. MMRV: success (percentage points of the first simulator) by "
+    "which an axis is misplaced at worst, on average. Tasks differ between simulators too.",
     "heat map": "Success with Wilson's interval, and the number of episodes that count; over several tasks and "
     "simulators, all tasks weigh the same.",
     "lost against": "Baseline minus policy on the same seeds, with Newcombe's paired interval; p by the exact McNemar "

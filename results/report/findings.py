@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from results.report import text
 from results.report.merging import points
+from results.report.overall import agreement_findings
 from results.report.robustness import judged, over_all, rate, short_title
 from results.report.shift import level, worst_level
 from results.robustness import PolicyCurve, Robustness
@@ -25,6 +26,8 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     if robustness.shift is not None:
         said += _merging(robustness.shift)
         said += _routers(robustness.shift)
+    if robustness.overall is not None:
+        said += agreement_findings(robustness.overall)
     said += _controls(robustness)
     left_out = [row for row in robustness.gated if row.capped]
     if left_out:

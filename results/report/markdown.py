@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from results.merging import Merging
-from results.report import facts, text
+from results.report import facts, overall, text
 from results.report import merging as words
 from results.report import robustness as stress
 from results.report import shift as against
@@ -67,6 +67,11 @@ def _robustness(robustness: Robustness) -> list[str]:
     parts.append(_says("heat map"))
     for found in against.heat_maps(robustness):
         parts += [f"### {escape(found.policy)} under all axes", markdown(against.heat_table(found))]
+    if robustness.overall is not None:
+        parts += ["### All axes together", _says("all axes"), markdown(overall.overall_table(robustness.overall))]
+    if robustness.overall is not None and robustness.overall.agreement:
+        parts += ["### Do simulators agree?", _says("agreement")]
+        parts.append(markdown(overall.agreement_table(robustness.overall)))
     if robustness.shift is not None:
         parts += _shift(robustness.shift)
     parts.append(_says(*facts.ROBUSTNESS_TERMS))

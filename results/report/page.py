@@ -9,7 +9,7 @@ from pathlib import Path
 
 from results.merging import Merging
 from results.record import Status
-from results.report import facts, text
+from results.report import facts, overall, text
 from results.report import merging as words
 from results.report import robustness as stress
 from results.report import shift as against
@@ -111,6 +111,7 @@ def render_page(
         robustness=robustness,
         stress=stress,
         against=against,
+        overall=overall,
         findings=findings(robustness) if robustness else (),
         shift_terms=list(facts.SHIFT_TERMS),
         robustness_terms=list(facts.ROBUSTNESS_TERMS),

@@ -109,7 +109,8 @@ def bootstrap(
         draws: Data sets drawn.
 
     Returns:
-        One estimate per number. It has no interval where a data set drawn does not give the number.
+        One estimate per number. It has no interval where a data set drawn does not give the number, or all give the
+        same: outcomes that are all alike show no spread however few they are.
 
     Raises:
         ValueError: The confidence is outside (0, 1).
@@ -118,7 +119,8 @@ def bootstrap(
     values = statistic(mean_outcomes(strata)[None]).reshape(-1)
     drawn = statistic(resampled_means(strata, generator, draws)).reshape(draws, -1)
     ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
+    known = ~np.isnan(drawn).any(axis=0) & (np.ptp(drawn, axis=0) > 0)
     return [
-        Estimate(float(value), None if np.isnan([low, high]).any() else Interval(float(low), float(high)))
-        for value, low, high in zip(values, *ends, strict=True)
+        Estimate(float(value), Interval(float(low), float(high)) if spread else None)
+        for value, low, high, spread in zip(values, *ends, known, strict=True)
     ]

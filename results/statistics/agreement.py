@@ -28,6 +28,26 @@ def kendall_tau(one: Sequence[float], other: Sequence[float]) -> float | None:
     return None if math.isnan(found) else found
 
 
+def kendall_p(one: Sequence[float], other: Sequence[float]) -> float | None:
+    """One-sided p-value against orders that have nothing to do with each other, the things being a sample of many.
+
+    Of the permutations of the order where there are no ties, else of the normal approximation (scipy).
+
+    Returns:
+        None with fewer than two things, or where one side ties all of them.
+
+    Raises:
+        ValueError: Unlike numbers of scores.
+    """
+    from scipy.stats import kendalltau
+
+    _check(one, other)
+    if len(one) < 2:
+        return None
+    found = float(kendalltau(one, other, alternative="greater").pvalue)
+    return None if math.isnan(found) else found
+
+
 def rank_violation(one: Sequence[float], other: Sequence[float]) -> float | None:
     """Mean maximum rank violation (MMRV): what the worst disagreement in order costs each thing, on average.
 
