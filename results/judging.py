@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -83,31 +82,32 @@ class Judged:
         tables = [self._table(cells, task) for task in dict.fromkeys(cell.task for cell in cells)]
         return [table.reindex(columns=list(levels)).to_numpy(dtype=float) for table in tables if table is not None]
 
-    def by_condition(self, cells: Sequence[PlannedCell], conditions: Sequence[Condition]) -> list[Outcomes]:
+    def by_condition(self, cells: Sequence[PlannedCell], conditions: Sequence[Condition]) -> dict[str, Outcomes]:
         """Success of each task's seeds under each condition, shape (seeds, conditions), tasks without verdict left out.
 
         Args:
             cells: Of one policy.
             conditions: Of any axes; each axis keeps its own seeds, see `rejected`.
         """
-        found = []
+        found = {}
         for task in dict.fromkeys(cell.task for cell in cells):
-            columns = {}
-            for cell in cells:
-                if cell.task == task and not self._is_capped(cell):
-                    columns[Condition(cell.axis, cell.severity)] = self._won(cell)
-            seeds = sorted({seed for won in columns.values() for seed in won})
-            if seeds:
-                nothing: Mapping[int, float] = {}
-                rows = [[columns.get(c, nothing).get(seed, math.nan) for c in conditions] for seed in seeds]
-                found.append(np.array(rows, dtype=float))
+            own = [cell for cell in cells if cell.task == task and not self._is_capped(cell)]
+            columns = {Condition(cell.axis, cell.severity): self._won(cell) for cell in own}
+            seeds = np.unique(np.concatenate([seeds for seeds, _ in columns.values()] or [np.empty(0, np.int64)]))
+            if len(seeds):
+                found[task] = outcomes = np.full((len(seeds), len(conditions)), np.nan)
+                for place, condition in enumerate(conditions):
+                    if condition in columns:
+                        outcomes[np.searchsorted(seeds, columns[condition][0]), place] = columns[condition][1]
         return found
 
-    def _won(self, cell: PlannedCell) -> dict[int, float]:
-        """Seed to success, of a cell's seeds that count."""
+    def _won(self, cell: PlannedCell) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Seeds of a cell that count, and their success."""
         rows, out = self.rows.of(cell), self.rejected.get((cell.task, cell.axis), ())
-        won = (rows["status"].astype(str) == str(Status.SUCCESS)).tolist()
-        return {seed: float(w) for seed, w in zip(rows["seed"].tolist(), won, strict=True) if seed not in out}
+        seeds = rows["seed"].to_numpy(dtype=np.int64)
+        won = (rows["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
+        counts = ~np.isin(seeds, list(out))
+        return seeds[counts], won[counts]
 
     def paired(self, sides: Sequence[Sequence[PlannedCell]], levels: Sequence[int]) -> list[Outcomes]:
         """The same of several policies beside each other, on the seeds that each has rows for.

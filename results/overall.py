@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from results.judging import Judged
 from results.run import PlannedCell, RunDocument
 from results.statistics.aggregate import (
-    DRAWS,
     Outcomes,
-    bootstrap,
     interquartile_mean,
     mean_outcomes,
+    percentile_estimates,
     resampled_means,
     tail_mean,
 )
@@ -25,12 +24,14 @@ from results.statistics.agreement import kendall_p, kendall_tau, rank_violation
 from results.statistics.rates import CONFIDENCE, Estimate, Interval
 from suites.vocabulary import CLEAN, CONTROLS, Condition, content_hash
 
-AGREEMENT_DRAWS = 400
+DRAWS, AGREEMENT_DRAWS = 1000, 200
 ENDS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
 LEAST_AXES = 3
 """Fewer have no order worth comparing."""
 
 Means = NDArray[np.float64]
+Losses = Mapping[str, NDArray[np.float64]]
+"""Axis to the clean rate minus the rate at its levels, on average: as was seen, then in data sets drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,59 +94,89 @@ def build_overall(document: RunDocument, judged: Judged) -> Overall | None:
         judged: What counts of its rows.
     """
     aside = (document.gate, *document.floors)
-    policies = dict.fromkeys(cell.policy for cell in document.plan if cell.policy not in aside)
-    rows, agreement = [], []
-    for policy in policies:
+    rows: list[OverallRow] = []
+    agreement: list[AgreementRow] = []
+    for policy in dict.fromkeys(cell.policy for cell in document.plan if cell.policy not in aside):
         cells = [cell for cell in document.plan if cell.policy == policy and cell.axis not in CONTROLS]
-        simulators = tuple(dict.fromkeys(cell.simulator for cell in cells))
-        for simulator in (None, *simulators) if len(simulators) > 1 else simulators:
-            row = _row(policy, simulator, [c for c in cells if simulator in (None, c.simulator)], judged)
-            rows += [row] if row else []
-        for one, other in combinations(simulators, 2):
-            sides = [[cell for cell in cells if cell.simulator == name] for name in (one, other)]
-            found = _agreement(policy, one, other, sides, judged)
-            agreement += [found] if found else []
+        seen = _Seen.of(policy, cells, judged)
+        if seen.levels and seen.tasks:
+            rows += _rows(policy, seen)
+            agreement += _agreements(policy, seen)
     return Overall(tuple(rows), tuple(agreement)) if rows else None
 
 
-def _row(policy: str, simulator: str | None, cells: Sequence[PlannedCell], judged: Judged) -> OverallRow | None:
-    levels, strata = _outcomes(cells, judged)
-    if not levels:
-        return None
-    places = _places(levels)
-    axes = tuple(places)
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What one policy did."""
 
-    def numbers(means: Means) -> Means:
-        by_level = _over_tasks(means)
+    levels: tuple[Condition, ...]
+    """Of axes, in the order of the plan."""
+    tasks: tuple[str, ...]
+    strata: tuple[Outcomes, ...]
+    """Of each task, shape (seeds, 1 + levels): the clean condition first, NaN where nothing counts."""
+    generator: np.random.Generator
+
+    @classmethod
+    def of(cls, policy: str, cells: Sequence[PlannedCell], judged: Judged) -> _Seen:
+        levels = tuple(dict.fromkeys(Condition(cell.axis, cell.severity) for cell in cells if cell.axis != CLEAN))
+        found = judged.by_condition(cells, (Condition(), *levels))
+        generator = np.random.default_rng(int(content_hash(["overall", policy]), 16))
+        return cls(levels, tuple(found), tuple(found.values()), generator)
+
+    def places(self, simulator: str | None) -> list[int]:
+        """Which of the tasks are a simulator's; None for all."""
+        return [i for i, task in enumerate(self.tasks) if simulator in (None, task.partition("/")[0])]
+
+    @property
+    def simulators(self) -> tuple[str, ...]:
+        """Those of the tasks."""
+        return tuple(dict.fromkeys(task.partition("/")[0] for task in self.tasks))
+
+
+def _rows(policy: str, seen: _Seen) -> list[OverallRow]:
+    outcomes = [stratum[:, 1:] for stratum in seen.strata]
+    means = mean_outcomes(outcomes)[None]
+    drawn = resampled_means(outcomes, seen.generator, DRAWS)
+    rows = []
+    for simulator in (None, *seen.simulators) if len(seen.simulators) > 1 else seen.simulators:
+        tasks = seen.places(simulator)
+        counting = [i for i in range(len(seen.levels)) if not np.isnan(means[0, tasks, i]).all()]
+        if counting:
+            levels = [seen.levels[i] for i in counting]
+            sides = (_over_tasks(found[:, tasks][..., counting]) for found in (means, drawn))
+            rows.append(_row(policy, simulator, levels, *sides))
+    return rows
+
+
+def _row(policy: str, simulator: str | None, levels: Sequence[Condition], means: Means, drawn: Means) -> OverallRow:
+    """Args: means, drawn: mean outcomes of each level, shape (1, levels) and (draws, levels)."""
+    axes = _by_axis(levels)
+
+    def numbers(by_level: Means) -> Means:
         of_all = [by_level.mean(axis=-1), interquartile_mean(by_level), tail_mean(by_level)]
-        of_axes = [by_level[:, own].mean(axis=-1) for own in places.values()]
-        return np.stack([*of_all, *of_axes], axis=-1)
+        return np.stack([*of_all, *(by_level[:, own].mean(axis=-1) for own in axes.values())], axis=-1)
 
-    seed = int(content_hash(["overall", policy, simulator]), 16)
-    mean, middle, tail, *by_axis = bootstrap(strata, numbers, np.random.default_rng(seed))
-    worst = int(np.argmin([estimate.value for estimate in by_axis]))
-    drawn = numbers(resampled_means(strata, np.random.default_rng(seed), DRAWS))[:, 3:]
-    certainty = float((drawn.argmin(axis=-1) == worst).mean())
+    of_drawn = numbers(drawn)
+    mean, middle, tail, *rates = percentile_estimates(numbers(means)[0], of_drawn)
+    worst = int(np.argmin([estimate.value for estimate in rates]))
+    certainty = float((of_drawn[:, 3:].argmin(axis=-1) == worst).mean())
     return OverallRow(
-        policy,
-        simulator,
-        len(levels),
-        mean,
-        middle,
-        tail,
-        WorstAxis(axes[worst], by_axis[worst], certainty),
+        policy, simulator, len(levels), mean, middle, tail, WorstAxis(list(axes)[worst], rates[worst], certainty)
     )
 
 
-def _agreement(
-    policy: str, one: str, other: str, sides: Sequence[Sequence[PlannedCell]], judged: Judged
-) -> AgreementRow | None:
-    found = [_losses(cells, judged, [policy, name]) for cells, name in zip(sides, (one, other), strict=True)]
-    axes = [axis for axis in found[0] if axis in found[1]]
+def _agreements(policy: str, seen: _Seen) -> list[AgreementRow]:
+    losses = {simulator: _losses(seen, simulator) for simulator in seen.simulators}
+    rows = (_agreement(policy, one, other, losses[one], losses[other]) for one, other in combinations(losses, 2))
+    return [row for row in rows if row is not None]
+
+
+def _agreement(policy: str, one: str, other: str, ones: Losses, others: Losses) -> AgreementRow | None:
+    axes = [axis for axis in ones if axis in others]
     if len(axes) < LEAST_AXES:
         return None
     # A pair of orders for each data set: the one that was seen, then those drawn.
-    first, second = (np.array([losses[axis] for axis in axes]).T.tolist() for losses in found)
+    first, second = (np.array([losses[axis] for axis in axes]).T.tolist() for losses in (ones, others))
     violation = rank_violation(first[0], second[0])
     assert violation is not None  # there are axes
     tau, *drawn = map(kendall_tau, first, second)
@@ -155,38 +186,22 @@ def _agreement(
     return AgreementRow(policy, one, other, len(axes), None if tau is None else Estimate(tau, ends), p, violation)
 
 
-def _losses(cells: Sequence[PlannedCell], judged: Judged, named: Sequence[str]) -> Mapping[str, NDArray[np.float64]]:
-    """Axis to what is lost of the clean rate at its levels, on average: as was seen, then in data sets drawn."""
-    levels, strata = _outcomes(cells, judged, clean=True)
-    lost = [outcomes[:, :1] - outcomes[:, 1:] for outcomes in strata]
-    if not levels or any(np.isnan(losses).all() for losses in lost):
-        return {}
-    generator = np.random.default_rng(int(content_hash(["agreement", *named]), 16))
-    means = np.concatenate([mean_outcomes(lost)[None], resampled_means(lost, generator, AGREEMENT_DRAWS)])
-    by_level = _over_tasks(means)
-    places = _places(levels)
-    found = {axis: by_level[:, own].mean(axis=-1) for axis, own in places.items()}
+def _losses(seen: _Seen, simulator: str) -> Losses:
+    """What is lost along each axis in one simulator; axes that no task has are left out."""
+    lost = [seen.strata[place][:, :1] - seen.strata[place][:, 1:] for place in seen.places(simulator)]
+    drawn = resampled_means(lost, seen.generator, AGREEMENT_DRAWS)
+    means = np.concatenate([mean_outcomes(lost)[None], drawn])
+    counting = [i for i in range(len(seen.levels)) if not np.isnan(means[0, :, i]).all()]
+    by_level = _over_tasks(means[..., counting])
+    axes = _by_axis([seen.levels[i] for i in counting])
+    found = {axis: by_level[:, own].mean(axis=-1) for axis, own in axes.items()}
     return {axis: losses for axis, losses in found.items() if not np.isnan(losses).any()}
 
 
-def _places(levels: Sequence[Condition]) -> Mapping[str, list[int]]:
+def _by_axis(levels: Sequence[Condition]) -> Mapping[str, list[int]]:
     """Axis to where its levels are."""
     axes = dict.fromkeys(level.axis for level in levels)
     return {axis: [i for i, level in enumerate(levels) if level.axis == axis] for axis in axes}
-
-
-def _outcomes(
-    cells: Sequence[PlannedCell], judged: Judged, *, clean: bool = False
-) -> tuple[list[Condition], list[Outcomes]]:
-    """The perturbed conditions that count in some task, and each task's outcomes, shape (seeds, conditions).
-
-    With `clean` a first column holds the clean condition, which is not among those named.
-    """
-    levels = list(dict.fromkeys(Condition(cell.axis, cell.severity) for cell in cells if cell.axis != CLEAN))
-    strata = judged.by_condition(cells, [Condition(), *levels])
-    counts = [i for i in range(len(levels)) if any((~np.isnan(s[:, i + 1])).any() for s in strata)]
-    columns = [0, *(i + 1 for i in counts)] if clean else [i + 1 for i in counts]
-    return [levels[i] for i in counts], [s[:, columns] for s in strata]
 
 
 def _over_tasks(means: Means) -> Means:

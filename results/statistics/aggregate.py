@@ -109,6 +109,27 @@ def bootstrap(
         draws: Data sets drawn.
 
     Returns:
+        One estimate per number, see `percentile_estimates`.
+
+    Raises:
+        ValueError: The confidence is outside (0, 1).
+    """
+    values = statistic(mean_outcomes(strata)[None]).reshape(-1)
+    drawn = statistic(resampled_means(strata, generator, draws)).reshape(draws, -1)
+    return percentile_estimates(values, drawn, confidence)
+
+
+def percentile_estimates(
+    values: NDArray[np.float64], drawn: NDArray[np.float64], confidence: float = CONFIDENCE
+) -> list[Estimate]:
+    """Numbers with the percentile intervals of a bootstrap.
+
+    Args:
+        values: Of the data, shape (numbers,).
+        drawn: Of data sets drawn from it, shape (draws, numbers).
+        confidence: Between 0 and 1, exclusive.
+
+    Returns:
         One estimate per number. It has no interval where a data set drawn does not give the number, or all give the
         same: outcomes that are all alike show no spread however few they are.
 
@@ -116,8 +137,6 @@ def bootstrap(
         ValueError: The confidence is outside (0, 1).
     """
     check_confidence(confidence)
-    values = statistic(mean_outcomes(strata)[None]).reshape(-1)
-    drawn = statistic(resampled_means(strata, generator, draws)).reshape(draws, -1)
     ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], axis=0)
     known = ~np.isnan(drawn).any(axis=0) & (np.ptp(drawn, axis=0) > 0)
     return [
