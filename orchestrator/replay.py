@@ -81,10 +81,11 @@ def replay(row: EpisodeResult, runner: EpisodeRunner, video: Path, *, picture: P
         partial.replace(video)
     if picture is not None and recorder.first is not None:
         save_png(picture, recorder.first)
-    return Replayed(result, tuple(_differences(row, result)), video)
+    return Replayed(result, tuple(differences(row, result)), video)
 
 
-def _differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:
+def differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:
+    """A line for each outcome field in which two records of an episode differ, the policy's name aside."""
     return [
         f"{name}: stored {json.dumps(getattr(stored, name))}, now {json.dumps(getattr(now, name))}"
         for name in OUTCOME

@@ -8,7 +8,7 @@ from types import FrameType
 
 import typer
 
-from orchestrator.cli import axes, doctor, listing, plan, policies, replay, report, run, validate
+from orchestrator.cli import axes, doctor, listing, plan, policies, replay, report, run, validate, verify
 from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput, fail
 
 app = typer.Typer(
@@ -26,12 +26,13 @@ app.command("list")(listing.list_names)
 app.command("doctor")(doctor.doctor)
 app.command("report")(report.report)
 app.command("replay")(replay.replay_episode)
+app.command("verify")(verify.verify)
 app.add_typer(axes.app, name="axes")
 app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging.")
 
 
 def main() -> None:
-    """Entry point. Exit codes: 0 done, 2 bad input, 3 stopped early, 130 interrupted."""
+    """Entry point. Exit codes: 0 done, 1 something differs, 2 bad input, 3 stopped early, 130 interrupted."""
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         app()

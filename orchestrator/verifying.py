@@ -1,0 +1,112 @@
+"""Checks a run against itself: the hash of its rows, and a random sample of its episodes played again."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import ray
+from ray.exceptions import RayError
+
+from adapters import catalog
+from orchestrator.replay import differences, episode_of
+from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.worker_environment import worker_environment
+from results.record import EpisodeResult, Status, outcome_row, rows_hash
+from suites.vocabulary import content_hash
+
+
+@dataclass(frozen=True)
+class Read:
+    """What a store holds."""
+
+    rows: int
+    rows_hash: str
+    sample: tuple[EpisodeResult, ...]
+    """Successes and failures, those of a simulator and a task beside each other; errors are not played again."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A row that was played again."""
+
+    row: EpisodeResult
+    differences: tuple[str, ...]
+    """A line for each outcome field that came out differently, or why it could not be played."""
+
+
+Listener = Callable[[Checked], None]
+"""Told after every episode that was played again."""
+
+
+def read(rows: Iterable[EpisodeResult], size: int, seed: int) -> Read:
+    """Hash the rows, and draw a sample of them in the same pass.
+
+    Args:
+        rows: In any order: the sample are the rows whose ids have the least hashes with the seed.
+        size: Of the sample, if there are as many rows.
+        seed: Of the draw.
+    """
+    sample: list[tuple[int, str, EpisodeResult]] = []
+    count = 0
+
+    def outcomes() -> Iterator[tuple[Any, ...]]:
+        nonlocal count
+        for row in rows:
+            count += 1
+            if row.status != Status.ERROR and size:
+                rank = -int(content_hash([seed, row.episode_id]), 16)
+                keep = heapq.heappush if len(sample) < size else heapq.heappushpop
+                keep(sample, (rank, row.episode_id, row))
+            yield outcome_row(row)
+
+    digest = rows_hash(outcomes())
+    chosen = sorted((row for _, _, row in sample), key=lambda row: (row.task, row.policy, row.axis, row.seed))
+    return Read(count, digest, tuple(chosen))
+
+
+def play_again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource], listener: Listener) -> list[Checked]:
+    """Play rows again, a process per simulator beside each other. Ray must be running.
+
+    Args:
+        rows: Successes and failures.
+        sources: The run's policies.
+        listener: See `Listener`.
+    """
+    by_simulator: dict[str, list[EpisodeResult]] = {}
+    for row in rows:
+        by_simulator.setdefault(row.simulator, []).append(row)
+    task: Any = ray.remote(_again)
+    streams: dict[Any, Iterator[EpisodeResult]] = {}
+    for name, own in by_simulator.items():
+        environment = {"env_vars": worker_environment(catalog.find(name))}
+        options = {"num_cpus": 1, "max_retries": 0, "num_returns": "streaming", "runtime_env": environment}
+        streams[task.options(**options).remote(own, dict(sources))] = iter(own)
+    checked = []
+    while streams:
+        ready, _ = ray.wait(list(streams), num_returns=1)
+        stream: Any = ready[0]
+        try:
+            row = next(streams[stream])
+        except StopIteration:
+            del streams[stream]
+            continue
+        try:
+            found = Checked(row, tuple(ray.get(next(stream))))
+        except (RayError, StopIteration) as error:
+            reason = str(error).strip().splitlines() or ["the process ended"]
+            found = Checked(row, (f"could not be played again: {reason[-1]}",))
+        checked.append(found)
+        listener(found)
+    return checked
+
+
+def _again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource]) -> Iterator[list[str]]:
+    runner = EpisodeRunner(sources)
+    try:
+        for row in rows:
+            yield differences(row, runner.play_one(episode_of(row)))
+    finally:
+        runner.close()
