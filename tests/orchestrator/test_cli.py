@@ -44,7 +44,7 @@ def suite(tmp_path):
 def test_help_names_every_verb():
     done = gauntlet("--help")
     assert done.returncode == 0
-    for verb in ("run", "plan", "validate", "list", "doctor", "report", "replay", "verify", "policies"):
+    for verb in ("run", "plan", "validate", "list", "doctor", "report", "replay", "verify", "profile", "policies"):
         assert f"\n  {verb} " in done.stdout or f" {verb} " in done.stdout
 
 
