@@ -140,7 +140,7 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         merged=_merged(taus, recipe),
         trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
         adapters={task: expert.factors for task, expert in experts.by_task.items()} if selects else {},
-        heads={task: split.kept for task, split in splits.items()},
+        heads={task: _head(split.kept, recipe) for task, split in splits.items()},
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
         expert_digests={task: expert.card.digest for task, expert in experts.by_task.items()},
     )
@@ -152,6 +152,11 @@ def _splits(experts: Experts, recipe: Recipe) -> dict[str, TrunkSplit]:
         task: split_trunk(expert.weights, recipe.kept_blocks, block_pattern=BLOCKS, output_pattern=output)
         for task, expert in experts.by_task.items()
     }
+
+
+def _head(kept: Weights, recipe: Recipe) -> Weights:
+    """What a task keeps for itself; under signs in bf16, as all that is stored there."""
+    return {name: weight.bfloat16() for name, weight in kept.items()} if recipe.masks is MaskRule.SIGNS else kept
 
 
 def _found_base(folder: Path, base: str) -> Path | str:

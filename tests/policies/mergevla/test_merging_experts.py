@@ -142,6 +142,14 @@ def test_what_an_expert_did_not_adapt_stays_the_bases_where_signs_are_kept(folde
     assert (merged.of("null/Reach")[stem] == 0).all()
 
 
+def test_what_a_task_keeps_is_stored_in_half_the_bytes_under_signs(folders):
+    exact, halved = (merging(folders, operator="magnitude", masks=rule) for rule in ("task", "signs"))
+    task = TASKS[0]
+    assert halved.report.bytes_per_task[task].head == exact.report.bytes_per_task[task].head / 2
+    for name, weight in exact.parts.heads[task].items():
+        torch.testing.assert_close(halved.parts.heads[task][name].float(), weight, rtol=2**-8, atol=0)
+
+
 def test_ranks_may_differ(folders, tmp_path):
     wide = save_expert(tmp_path / "wide", folders[0].parents[1] / "base", "null/Raise", 4, rank=4)
     assert merging([*folders[:2], wide]).parts.merged.experts == TASKS
