@@ -47,6 +47,7 @@ def measure() -> list[dict[str, object]]:
                 later.append(again / clean)
             ratios = {"ratio_first": statistics.median(first[1:]), "ratio": statistics.median(later[1:])}
             rows.append({"task": task, "axis": axis.name, **ratios})  # the first seed warms up
+            print(f"{task}: {axis.name} {ratios['ratio_first']:.3f}, {ratios['ratio']:.3f}", flush=True)
         simulation.close()
     found = {(row["task"], row["axis"]): f"{row['ratio_first']:.3f}, {row['ratio']:.3f}" for row in rows}
     print("first episode of a seed, later ones")
