@@ -41,7 +41,7 @@ class WorstAxis:
     axis: str
     rate: Estimate
     certainty: float
-    """Share of the bootstrap's data sets in which it is the worst, too."""
+    """Share of the bootstrap's data sets in which it is the worst, too; one in which n axes are counts as 1 / n."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,8 @@ def _row(policy: str, simulator: str | None, levels: Sequence[Condition], means:
     of_drawn = numbers(drawn)
     mean, middle, tail, *rates = percentile_estimates(numbers(means)[0], of_drawn)
     worst = int(np.argmin([estimate.value for estimate in rates]))
-    certainty = float((of_drawn[:, 3:].argmin(axis=-1) == worst).mean())
+    lowest = of_drawn[:, 3:] == of_drawn[:, 3:].min(axis=-1, keepdims=True)
+    certainty = float((lowest[:, worst] / lowest.sum(axis=-1)).mean())
     return OverallRow(
         policy, simulator, len(levels), mean, middle, tail, WorstAxis(list(axes)[worst], rates[worst], certainty)
     )
