@@ -19,13 +19,8 @@ def kendall_tau(one: Sequence[float], other: Sequence[float]) -> float | None:
     Raises:
         ValueError: Unlike numbers of scores.
     """
-    from scipy.stats import kendalltau
-
-    _check(one, other)
-    if len(one) < 2:
-        return None
-    found = float(kendalltau(one, other).statistic)
-    return None if math.isnan(found) else found
+    found = _kendall(one, other)
+    return None if found is None else found[0]
 
 
 def kendall_p(one: Sequence[float], other: Sequence[float]) -> float | None:
@@ -39,13 +34,8 @@ def kendall_p(one: Sequence[float], other: Sequence[float]) -> float | None:
     Raises:
         ValueError: Unlike numbers of scores.
     """
-    from scipy.stats import kendalltau
-
-    _check(one, other)
-    if len(one) < 2:
-        return None
-    found = float(kendalltau(one, other, alternative="greater").pvalue)
-    return None if math.isnan(found) else found
+    found = _kendall(one, other)
+    return None if found is None else found[1]
 
 
 def rank_violation(one: Sequence[float], other: Sequence[float]) -> float | None:
@@ -67,6 +57,16 @@ def rank_violation(one: Sequence[float], other: Sequence[float]) -> float | None
     a, b = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     violated = (a[:, None] < a) != (b[:, None] < b)
     return float(np.max(np.abs(a[:, None] - a) * violated, axis=1).mean())
+
+
+def _kendall(one: Sequence[float], other: Sequence[float]) -> tuple[float, float] | None:
+    from scipy.stats import kendalltau
+
+    _check(one, other)
+    if len(one) < 2:
+        return None
+    found = kendalltau(one, other, alternative="greater")
+    return None if math.isnan(found.statistic) else (float(found.statistic), float(found.pvalue))
 
 
 def _check(one: Sequence[float], other: Sequence[float]) -> None:
