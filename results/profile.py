@@ -1,4 +1,4 @@
-"""How close a run came to what its simulators and policies cost at least, and where the rest of the time went."""
+"""How close a run came to what its simulators and policies usually cost, and where the rest of the time went."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Profile:
     """None for all."""
     episodes: int
     bound_s: float
-    """Of all episodes reset + steps x step + looks x (frame + answer), each at its median cost."""
+    """Of all episodes reset + steps x step + looks x (frame + answer), each at its median cost, errors aside."""
     slower_s: float
-    """What resets, steps, frames and answers took beyond that."""
+    """What resets, steps, frames and answers took beyond that; less than 0 where means are below medians."""
     rest_s: float
     """Within episodes and in none of these: hashing, checks, records."""
     wait_s: float
@@ -64,7 +64,7 @@ def profile(frame: pd.DataFrame) -> tuple[Profile, ...]:
     if frame.empty:
         return ()
     rows = frame.assign(**{name: frame[name].astype(str) for name in ("simulator", "status", *WORLD[:2], ACTOR[1])})
-    rows["bound_s"] = _bound(rows)
+    rows["bound_s"] = _bound(rows[rows["status"] != Status.ERROR])
     found = [_profile(str(name), own) for name, own in rows.groupby("simulator", sort=False)]
     return (*found, _profile(None, rows)) if len(found) > 1 else tuple(found)
 

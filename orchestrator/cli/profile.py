@@ -1,4 +1,4 @@
-"""`gauntlet profile`: how close a run came to what it costs at least."""
+"""`gauntlet profile`: how close a run came to what its episodes usually cost."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from results.run import RunError, read_run
 def profile(
     folder: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
 ) -> None:
-    """Worker time of a run: the least that its episodes cost, and what the rest was."""
+    """Worker time of a run: its episodes at median cost, and what the rest was."""
     from results import profile as profiling
     from results.report import ReportPaths
     from results.report.parquet import read_frame
@@ -32,4 +32,4 @@ def profile(
     found = profiling.profile(read_frame(file, profiling.COLUMNS))
     if not found:
         raise BadInput(f"{folder}: expected a run with rows, it has none")
-    out.print(rich_table(profile_table(found), title="Worker time after start-up, and the least it could have been"))
+    out.print(rich_table(profile_table(found), title="Worker time after start-up"))

@@ -11,7 +11,7 @@ from results.report.text import NOTHING, TextTable
 
 def profile_table(profiles: Sequence[Profile]) -> TextTable:
     """The bound, what was beyond it, and the efficiency, per simulator."""
-    parts = ("least", "slower than usual", "rest", "waiting", "errors")
+    parts = ("at median cost", "beyond", "rest", "waiting", "errors")
     header = ("simulator", "episodes", *parts, "together", "efficiency", "start-up")
     return TextTable(header, tuple(_line(row) for row in profiles), 1)
 

@@ -46,6 +46,12 @@ def test_errors_and_start_up_are_counted_apart():
     assert (found.errors_s, found.startup_s) == (7.0, 3.0)
 
 
+def test_costs_are_not_learnt_from_errors():
+    rows = [row(CELLS[0], seed, steps=40, queries=5, **TIMES) for seed in range(2)]
+    (found,) = profile(frame([*rows, *(row(CELLS[0], seed, "error", wall_s=7.0) for seed in range(2, 8))]))
+    assert found.bound_s == pytest.approx(2 * 5.6)
+
+
 def test_several_simulators_are_summed():
     rows = [row(cell, seed, steps=40, queries=5, **TIMES) for cell in CELLS for seed in range(2)]
     *each, total = profile(frame(rows))
