@@ -107,6 +107,7 @@ def _again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource]) -
     runner = EpisodeRunner(sources)
     try:
         for row in rows:
-            yield differences(row, runner.play_one(episode_of(row)))
+            found = runner.play_one(episode_of(row))
+            yield [f"could not be played again: {found.error}"] if found.error else differences(row, found)
     finally:
         runner.close()
