@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from adapters import catalog
-from orchestrator.cli.shared import BadInput, fail, newest_run, out
+from orchestrator.cli.shared import BadInput, StoreUrl, fail, newest_run, out
 from orchestrator.replay import ReplayError, policy_sources, replay
 from orchestrator.runner import EpisodeRunner
 from orchestrator.worker_environment import worker_environment
@@ -23,7 +23,7 @@ def replay_episode(
     episode_id: Annotated[str, typer.Argument(help="Id of a stored episode, or its first digits.")],
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
     video: Annotated[Path | None, typer.Option(help="The mp4 to write; by default in the run folder.")] = None,
-    store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Play one stored episode again, check that it comes out the same, and write a video of it."""
     folder = folder or newest_run()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import BadInput, newest_run, out
+from orchestrator.cli.shared import BadInput, StoreUrl, newest_run, out
 from orchestrator.cli.tables import print_summary
 from results.run import RunError
 from results.store import StoreError
@@ -15,7 +15,7 @@ from results.store import StoreError
 
 def report(
     folder: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
-    store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Write report.html, report.md, summary.json and episodes.parquet of a run."""
     from results.report import write_report

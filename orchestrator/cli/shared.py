@@ -31,6 +31,9 @@ Policies = Annotated[
 Tasks = Annotated[
     list[str] | None, typer.Option("--task", help="Only this task of the suite, or those of a pattern. Repeatable.")
 ]
+StoreUrl = Annotated[
+    str | None, typer.Option("--store", help="URL of the run's store, if it is not in the run folder.")
+]
 SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first so many seeds of the suite.")]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import BadInput, fail, newest_run, out
+from orchestrator.cli.shared import BadInput, StoreUrl, fail, newest_run, out
 from orchestrator.replay import ReplayError, policy_sources
 from results.run import RunError, read_run, store_url
 from results.store import Store, StoreError
@@ -17,7 +17,7 @@ def verify(
     folder: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
     sample: Annotated[int, typer.Option(min=0, help="Episodes to play again, drawn at random.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Of the draw.")] = 0,
-    store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Hash the rows of a run anew, play a random sample of its episodes again, and compare; exit code 1: differs."""
     from orchestrator import verifying
