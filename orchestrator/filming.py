@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,42 +16,57 @@ from orchestrator.looking import picture
 from orchestrator.replay import film
 from orchestrator.runner import PolicySource
 from orchestrator.worker_environment import worker_environment
+from results.media import look_path, video_path
 from results.record import EpisodeResult
 
 
-def film_run(
-    folder: Path,
-    rows: Callable[[], Iterable[EpisodeResult]],
-    sources: Mapping[str, PolicySource],
-    in_question: Sequence[str],
-    looks: Sequence[Look],
-) -> list[str]:
-    """Film, within the run folder, a success and a failure of each policy on each task, and a failure along each axis.
+@dataclass
+class Shots:
+    """What is to be filmed and pictured in one simulator."""
+
+    films: list[EpisodeResult] = field(default_factory=list)
+    looks: list[Look] = field(default_factory=list)
+
+
+def to_shoot(
+    folder: Path, rows: Callable[[], Iterable[EpisodeResult]], in_question: Sequence[str], looks: Sequence[Look]
+) -> dict[str, Shots]:
+    """What of a run is worth it and not in its folder yet, by simulator.
 
     Args:
         folder: Of the run.
         rows: Gives the run's rows anew at every call.
-        sources: The run's policies.
         in_question: Names of the policies whose failures along the axes are filmed.
         looks: Conditions to picture.
+    """
+    shots: dict[str, Shots] = {}
+    for row in {row.episode_id: row for row in (*typical(rows()), *fallen(rows, in_question))}.values():
+        if not video_path(folder, row.episode_id).exists():
+            shots.setdefault(row.simulator, Shots()).films.append(row)
+    for look in looks:
+        if not look_path(folder, look.task, look.condition).exists():
+            shots.setdefault(look.task.partition("/")[0], Shots()).looks.append(look)
+    return shots
+
+
+def film_run(folder: Path, shots: Mapping[str, Shots], sources: Mapping[str, PolicySource]) -> list[str]:
+    """Film and picture, within the run folder, a process per simulator beside each other. Ray must be running.
+
+    Args:
+        folder: Of the run.
+        shots: See `to_shoot`.
+        sources: The run's policies.
 
     Returns:
         A line for each episode that came out differently than its row, for each look that could not be had, and for
         each simulator that failed.
     """
-    chosen = {row.episode_id: row for row in (*typical(rows()), *fallen(rows, in_question))}
-    films: dict[str, list[EpisodeResult]] = {}
-    for row in chosen.values():
-        films.setdefault(row.simulator, []).append(row)
-    pictures: dict[str, list[Look]] = {name: [] for name in films}
-    for look in looks:
-        pictures.setdefault(look.task.partition("/")[0], []).append(look)
     task: Any = ray.remote(_shoot)
     pending = {
         name: task.options(
             num_cpus=1, max_retries=0, runtime_env={"env_vars": worker_environment(catalog.find(name))}
-        ).remote(own, films.get(name, []), folder.absolute(), dict(sources))
-        for name, own in pictures.items()
+        ).remote(own, folder.absolute(), dict(sources))
+        for name, own in shots.items()
     }
     troubles: list[str] = []
     for name, reference in pending.items():
@@ -61,9 +77,7 @@ def film_run(
     return troubles
 
 
-def _shoot(
-    looks: Sequence[Look], rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]
-) -> list[str]:
-    troubles = [f"no picture: {line}" for line in picture(looks, folder)]
-    rows = sorted(rows, key=lambda row: (row.task, row.policy))
+def _shoot(shots: Shots, folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:
+    troubles = [f"no picture: {line}" for line in picture(shots.looks, folder)]
+    rows = sorted(shots.films, key=lambda row: (row.task, row.policy))
     return troubles + [f"replay differs: {line}" for line in film(rows, folder, sources)]

@@ -52,9 +52,9 @@ def see(looks: Iterable[Look]) -> Iterator[tuple[Look, list[Image] | AdapterErro
 
 
 def picture(looks: Sequence[Look], folder: Path) -> list[str]:
-    """Keep, in a run folder, those of the looks that it has not yet; return a line for each that could not be had."""
+    """Keep the looks in a run folder; return a line for each that could not be had."""
     troubles = []
-    for look, seen in see(look for look in looks if not look_path(folder, look.task, look.condition).exists()):
+    for look, seen in see(looks):
         if isinstance(seen, AdapterError):
             troubles.append(f"{look.task} under {look.condition}, seed {look.seed}: {seen}")
         else:

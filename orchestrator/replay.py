@@ -94,14 +94,12 @@ def differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:
 
 
 def film(rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:
-    """Film those of the rows that have no video yet; return a line for each that came out differently."""
+    """Film the rows; return a line for each that came out differently."""
     runner = EpisodeRunner(sources, "camera")
     troubles: list[str] = []
     try:
         for row in rows:
             video, picture = video_path(folder, row.episode_id), picture_path(folder, row.task)
-            if video.exists():
-                continue
             done = replay(row, runner, video, picture=None if picture.exists() else picture)
             if done.differences:
                 done.video.unlink(missing_ok=True)

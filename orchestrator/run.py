@@ -107,6 +107,7 @@ class _Session:
         running = {cell.simulator for cell, _ in work}
         self._progress.begin(self._plan, self._store.status_counts())
         if not work:
+            self._film()  # what an earlier session did not come to
             return
         scheduling = SchedulerOptions(
             workers=workers,
@@ -122,8 +123,7 @@ class _Session:
                         before, work = work, self._work() if suite.adaptive else []
                         if work == before:  # what is missing cannot be played here
                             break
-                if self._options.media:
-                    self._film()
+                self._film()
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
         except TooManyErrors as error:
@@ -177,24 +177,29 @@ class _Session:
         return map(outcome_row, self._store.results())
 
     def _film(self) -> None:
-        from orchestrator.filming import film_run
+        """Film and picture what is worth it and not there yet."""
+        from orchestrator.filming import film_run, to_shoot
 
-        perturbed = any(cell.condition.severity for cell in self._plan.cells)
-        self._progress.say(
-            "filming a success and a failure of each policy on each task"
-            + (", failures along each axis, and what each condition looks like" if perturbed else "")
-        )
-        suite = self._plan.suite
-        aside = {self._document.gate, *self._document.floors}
+        if not self._options.media:
+            return
+        suite, aside = self._plan.suite, (self._document.gate, *self._document.floors)
+        in_question = [name for name in self._plan.sources if name not in aside]
+        able = (cell for cell in self._plan.cells if cell.simulator not in self._skipped)
+        looks = worth_a_look(able, suite.seeds.start)
         try:
-            self._troubles += film_run(
-                self._folder,
-                self._store.results,
-                self._plan.sources,
-                [name for name in self._plan.sources if name not in aside],
-                worth_a_look((c for c in self._plan.cells if c.simulator not in self._skipped), suite.seeds.start),
+            shots = to_shoot(self._folder, self._store.results, in_question, looks)
+            shots = {simulator: own for simulator, own in shots.items() if simulator not in self._skipped}
+            if not shots:
+                return
+            self._progress.say(
+                "filming a success and a failure of each policy on each task"
+                + (", failures along each axis, and what each condition looks like" if looks else "")
             )
-        except OSError as error:
+            with ray_session(address=self._options.address, workers=len(shots)):
+                self._troubles += film_run(self._folder, shots, self._plan.sources)
+        except KeyboardInterrupt:
+            self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
+        except (OSError, StoreError) as error:
             self._troubles.append(f"videos could not be written: {explain(error)}")
 
     # What the scheduler tells (`scheduler.Observer`).

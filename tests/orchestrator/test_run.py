@@ -279,6 +279,17 @@ def test_videos_of_a_success_and_a_failure_are_made_by_replaying(run, suite):
     assert outcome.troubles == []
 
 
+def test_a_complete_run_is_filmed_if_that_was_not_come_to_and_once_only(run, suite):
+    path = suite()
+    run(path, media=False)
+    assert not (run.folder / "media").exists()
+    assert run(path, media=True).troubles == []
+    videos = {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")}
+    assert len(videos) == 2
+    run(path, media=True)
+    assert {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")} == videos
+
+
 def test_rows_are_the_same_for_one_and_two_workers(suite, tmp_path):
     hashes = set()
     for workers in (1, 2):
