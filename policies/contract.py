@@ -37,7 +37,7 @@ class PolicySpec:
 
     sees: Sees
     chunk_length: int
-    """Actions in each chunk that the policy returns."""
+    """Actions in each chunk that the policy returns, at most."""
     action_dim: int = ACTION_DIM
     cameras: tuple[str, ...] = ()
     """Cameras without which the policy cannot act."""

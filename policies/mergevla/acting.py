@@ -75,10 +75,14 @@ class Network:
     """Of its training data."""
     tokenizer: Tokenizer
     """The architecture's."""
+    action_steps: int | None = None
+    """See `Card.action_steps`."""
 
     @torch.inference_mode()
     def chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
-        """An action chunk for each observation in one forward pass, shape (B, chunk, 7), in the contract's units.
+        """What to execute for each observation, by one forward pass, shape (B, n, 7), in the contract's units.
+
+        n is `action_steps`, or the chunk's length.
 
         Args:
             observations: What is seen.
@@ -94,7 +98,7 @@ class Network:
         normalised = self.statistics.normalise_proprioception(tasks, seen)
         proprioception = torch.from_numpy(normalised).float().to(device)
         chunks = self.model(images, prompts.to(device), proprioception)
-        return self.statistics.restore_actions(tasks, chunks.double().cpu().numpy())
+        return self.statistics.restore_actions(tasks, chunks[:, : self.action_steps].double().cpu().numpy())
 
 
 def load_network(reference: str | Path, device: torch.device) -> Network:
@@ -105,7 +109,8 @@ def load_network(reference: str | Path, device: torch.device) -> Network:
     """
     checkpoint = load_checkpoint(reference)
     model = folded(checkpoint.model) if has_lora(checkpoint.model) else checkpoint.model
-    return Network(model.eval().to(device), checkpoint.card.statistics, tokenizer_for(model.architecture))
+    card, tokenizer = checkpoint.card, tokenizer_for(model.architecture)
+    return Network(model.eval().to(device), card.statistics, tokenizer, card.action_steps)
 
 
 def chunks_by(

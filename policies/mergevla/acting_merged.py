@@ -152,7 +152,9 @@ class MergedPolicy:
         return {name: _routing(routed, waited) for name, routed in zip(sightings, answers, strict=True)}
 
     def _chunks(self, expert: str, observations: Sequence[Observation]) -> FloatArray:
-        network = Network(self._model.model(expert), self._model.parts.statistics, self._model.tokenizer)
+        parts = self._model.parts
+        steps = parts.action_steps.get(expert)
+        network = Network(self._model.model(expert), parts.statistics, self._model.tokenizer, steps)
         return network.chunks(observations, [expert] * len(observations))
 
 

@@ -37,6 +37,8 @@ class Card:
     architecture: Architecture
     statistics: TaskStatistics
     """Of each task that it was trained on."""
+    action_steps: int | None = None
+    """Actions of a chunk that are executed before the next look, at most (LeRobot's `n_action_steps`); None for all."""
     lora: LoraSettings | None = None
     base: str | None = None
     """Checkpoint that holds the tensors that are not stored here: a folder relative to this one, or a hub id."""
@@ -57,15 +59,14 @@ class Card:
     @property
     def digest(self) -> str:
         """Hash of all that decides how the policy acts."""
-        return content_hash(
-            {
-                "architecture": self.architecture.as_json(),
-                "statistics": self.statistics.as_json(),
-                "lora": asdict(self.lora) if self.lora else None,
-                "tensors": self.tensor_hash,
-                "base": self.base_hash,
-            }
-        )
+        decisive = {
+            "architecture": self.architecture.as_json(),
+            "statistics": self.statistics.as_json(),
+            "lora": asdict(self.lora) if self.lora else None,
+            "tensors": self.tensor_hash,
+            "base": self.base_hash,
+        }
+        return content_hash(decisive | ({"action_steps": self.action_steps} if self.action_steps else {}))
 
     def sealed(self, tensor_hash: str) -> Card:
         """The card for these tensors."""
@@ -96,6 +97,7 @@ class Card:
             raise CheckpointError("expected normalisation statistics in the card, got none")
         parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
         parts["statistics"] = TaskStatistics.from_json(parts["statistics"])
+        check_action_steps(parts.get("action_steps"), parts["architecture"])
         try:
             parts["lora"] = LoraSettings(**parts["lora"]) if parts.get("lora") else None
             return cls(**parts)
@@ -160,6 +162,17 @@ def check_format(came: object) -> None:
     """
     if came != FORMAT:
         raise CheckpointError(f"expected a card of format {FORMAT}, got {came}")
+
+
+def check_action_steps(came: object, architecture: Architecture) -> None:
+    """Refuse numbers of executed actions that no chunk of this architecture has.
+
+    Raises:
+        CheckpointError: It is one.
+    """
+    most = architecture.chunk_length
+    if came is not None and not (type(came) is int and 1 <= came <= most):
+        raise CheckpointError(f"expected 1 to {most} action steps, the length of a chunk, got {came}")
 
 
 def verified_card(folder: Path) -> Card:

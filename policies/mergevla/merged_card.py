@@ -13,6 +13,7 @@ from policies.mergevla.card import (
     CheckpointError,
     base_folder,
     card_json,
+    check_action_steps,
     check_format,
     check_hash,
     hash_tensors,
@@ -44,6 +45,8 @@ class MergedCard:
     """Checkpoint of the base: a folder relative to this one, or a hub id."""
     base_hash: str
     """That checkpoint's `tensor_hash`."""
+    action_steps: Mapping[str, int] = field(default_factory=dict)
+    """Expert to its `Card.action_steps`; those that execute whole chunks are left out."""
     rescalers: Mapping[str, float] = field(default_factory=dict)
     """Expert to EMR's rescaler; empty without EMR's masks."""
     routers: tuple[str, ...] = ()
@@ -68,18 +71,17 @@ class MergedCard:
     @property
     def digest(self) -> str:
         """Hash of all that decides how the model routes and acts."""
-        return content_hash(
-            {
-                "kind": KIND,
-                "architecture": self.architecture.as_json(),
-                "statistics": self.statistics.as_json(),
-                "recipe": self.recipe.as_json(),
-                "instructions": dict(self.instructions),
-                "rescalers": dict(self.rescalers),
-                "tensors": self.tensor_hash,
-                "base": self.base_hash,
-            }
-        )
+        decisive = {
+            "kind": KIND,
+            "architecture": self.architecture.as_json(),
+            "statistics": self.statistics.as_json(),
+            "recipe": self.recipe.as_json(),
+            "instructions": dict(self.instructions),
+            "rescalers": dict(self.rescalers),
+            "tensors": self.tensor_hash,
+            "base": self.base_hash,
+        }
+        return content_hash(decisive | ({"action_steps": dict(self.action_steps)} if self.action_steps else {}))
 
     def sealed(self, tensor_hash: str) -> MergedCard:
         """The card for these tensors."""
@@ -113,6 +115,8 @@ class MergedCard:
             raise CheckpointError("expected normalisation statistics of each merged expert in the card, got others")
         parts["statistics"] = TaskStatistics.from_json({expert: statistics[expert] for expert in experts})
         parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
+        for steps in (parts.get("action_steps") or {}).values():
+            check_action_steps(steps, parts["architecture"])
         try:
             parts["recipe"] = Recipe.from_json(parts["recipe"])
             parts["routers"] = tuple(parts["routers"])

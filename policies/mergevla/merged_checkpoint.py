@@ -72,6 +72,7 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
         recipe=parts.recipe,
         instructions=parts.instructions,
         expert_digests=parts.expert_digests,
+        action_steps=parts.action_steps,
         base=name_of_base(folder, merging.base),
         base_hash=base_card.tensor_hash,
         rescalers=parts.merged.rescalers,
@@ -166,6 +167,7 @@ def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:
         heads={expert: _section(tensors, f"{HEAD}/{n}") for expert, n in numbered.items()},
         subspaces={expert: _subspaces(tensors, n) for expert, n in numbered.items()},
         expert_digests=card.expert_digests,
+        action_steps=card.action_steps,
     )
 
 

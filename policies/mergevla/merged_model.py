@@ -51,6 +51,8 @@ class Parts:
     """Expert to what `leading` leaves of its own value projections (v_adapter, v_task) in the last merged block."""
     expert_digests: Mapping[str, str] = field(default_factory=dict)
     """Expert to the digest of the checkpoint that was merged."""
+    action_steps: Mapping[str, int] = field(default_factory=dict)
+    """Expert to its `Card.action_steps`; those that execute whole chunks are left out."""
 
     def __post_init__(self) -> None:
         experts = self.statistics.tasks

@@ -143,6 +143,7 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         heads={task: _head(split.kept, recipe) for task, split in splits.items()},
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
         expert_digests={task: expert.card.digest for task, expert in experts.by_task.items()},
+        action_steps={task: steps for task, expert in experts.by_task.items() if (steps := expert.card.action_steps)},
     )
 
 

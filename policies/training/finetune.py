@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from policies.mergevla.card import CARD, Card
+from policies.mergevla.card import CARD, Card, check_action_steps
 from policies.mergevla.checkpoint import load_checkpoint, save_checkpoint
 from policies.mergevla.config import Architecture, LoraSettings
 from policies.mergevla.lora import add_lora
@@ -146,6 +146,7 @@ def finetune(
     settings: Settings,
     *,
     lora: LoraSettings,
+    action_steps: int | None = None,
     listener: Listener | None = None,
     stop: Stop | None = None,
 ) -> Trained:
@@ -157,6 +158,7 @@ def finetune(
         out: Folder of the checkpoint. A training that was stopped there is continued.
         settings: How to train.
         lora: The adapters.
+        action_steps: See `Card.action_steps`; it decides nothing about the training.
         listener: See `Listener`.
         stop: See `Stop`.
 
@@ -169,10 +171,12 @@ def finetune(
     if isinstance(base, Path) and base.resolve() == out.resolve():
         raise TrainingError(f"expected another folder than the base's for the expert, got '{out}'")
     check_images(pool, start.model.architecture)
+    check_action_steps(action_steps, start.model.architecture)
     add_lora(start.model, lora, settings.seed)
     card = Card(
         start.model.architecture,
         pool.statistics,
+        action_steps=action_steps,
         lora=lora,
         data_hash=pool.data_hash,
         base_hash=start.card.tensor_hash,

@@ -40,6 +40,7 @@ def base(data, tmp_path_factory):
         (["pretrain", "{data}", "--out", "{out}"], "expected 96 px images for architecture 'tiny'"),
         (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--steps", "0"], "expected steps of 1 or more"),
         (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--rank", "0"], "expected a LoRA rank"),
+        (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--action-steps", "9"], "1 to 8 action steps"),
         (["finetune", "{data}", "--base", "{data}", "--out", "{out}"], "expected card.json"),
         (["finetune", "{data}", "--base", "none", "--out", "{out}"], "expected a checkpoint's folder or a hub id"),
         (["finetune", "{data}", "--base", "{base}", "--out", "{base}"], "expected another folder than the base's"),
@@ -56,10 +57,13 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, dat
 
 def test_an_expert_can_be_trained_from_the_command_line(data, base, tmp_path):
     arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert")]
-    done = CliRunner().invoke(app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2"])
+    done = CliRunner().invoke(
+        app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2", "--action-steps", "3"]
+    )
     assert done.exit_code == 0, done.exception
     assert "step 2/2  L1 " in done.output
-    assert read_card(tmp_path / "expert").tasks == ("null/Reach",)
+    card = read_card(tmp_path / "expert")
+    assert (card.tasks, card.action_steps) == (("null/Reach",), 3)
 
 
 def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, tmp_path):

@@ -26,6 +26,9 @@ def finetune(
     schedule: Annotated[str, typer.Option(help="cosine or constant.")] = "cosine",
     rank: Annotated[int, typer.Option(help="Of the adapters on the backbone (LoRA).")] = 32,
     adapt_convolutions: Annotated[bool, typer.Option(help="Adapters on convolutions too.")] = False,
+    action_steps: Annotated[
+        int | None, typer.Option(help="Actions of a chunk that the expert executes before it looks again; default all.")
+    ] = None,
     shift: Annotated[int, typer.Option(help="Images are moved at random by up to so many px.")] = 4,
     seed: Annotated[int, typer.Option(help="Of adapters, batches and shifts.")] = 0,
     threads: Annotated[int, typer.Option(help="Threads on the CPU.")] = 1,
@@ -35,7 +38,7 @@ def finetune(
     The expert's checkpoint holds only what differs from the base, which must stay where it is.
     """
     with needs_training_packages():
-        from policies.mergevla.card import locate, read_card
+        from policies.mergevla.card import check_action_steps, locate, read_card
         from policies.mergevla.config import LoraSettings
         from policies.training import finetune as training
         from policies.training.options import settings_of
@@ -45,7 +48,11 @@ def finetune(
         settings = settings_of(steps, batch_size, learning_rate, schedule, shift, seed, threads)
         lora = LoraSettings(rank, adapt_convolutions)
         start = Path(base) if Path(base).exists() else base
-        read_card(locate(base))  # decoding the data takes minutes, a mistyped base should not
-        return training.finetune(Pool.open(data), start, out_folder, settings, lora=lora, listener=listener, stop=stop)
+        # Decoding the data takes minutes, a mistyped base or number should not.
+        check_action_steps(action_steps, read_card(locate(base)).architecture)
+        pool = Pool.open(data)
+        return training.finetune(
+            pool, start, out_folder, settings, lora=lora, action_steps=action_steps, listener=listener, stop=stop
+        )
 
     run_training(out_folder, train)

@@ -24,7 +24,16 @@ def save_base(folder: Path, seed=0, architecture=SMALL) -> Path:
 
 
 def save_expert(
-    folder: Path, base: Path, task: str, seed: int, *, size=0.05, rank=RANK, convolutions=False, tune_all=False
+    folder: Path,
+    base: Path,
+    task: str,
+    seed: int,
+    *,
+    size=0.05,
+    rank=RANK,
+    convolutions=False,
+    tune_all=False,
+    action_steps=None,
 ) -> Path:
     """An expert whose every trainable weight was moved at random."""
     model = load_checkpoint(base).model
@@ -36,7 +45,8 @@ def save_expert(
         for parameter in model.parameters():
             if parameter.requires_grad or tune_all:
                 parameter += 0.05 * torch.randn(parameter.shape, generator=generator)
-    save_checkpoint(folder, model, Card(architecture, task_statistics(seed, task), lora=lora), base=base)
+    card = Card(architecture, task_statistics(seed, task), action_steps=action_steps, lora=lora)
+    save_checkpoint(folder, model, card, base=base)
     return folder
 
 

@@ -121,6 +121,17 @@ def test_nan_weights_are_neither_saved_nor_loaded(saved, monkeypatch):
     refused(saved, "NaN or infinity in action_queries")
 
 
+@pytest.mark.parametrize("steps", [0, 9, 2.0, "2", True])
+def test_action_steps_that_no_chunk_has_are_refused(saved, steps):
+    rewrite(saved, action_steps=steps)
+    refused(saved, f"expected 1 to 8 action steps, the length of a chunk, got {steps}")
+
+
+def test_how_much_of_a_chunk_is_executed_is_part_of_the_digest():
+    assert a_card(action_steps=2).digest != a_card().digest
+    assert Card.from_json(a_card(action_steps=2).as_json()).action_steps == 2
+
+
 def test_missing_statistics_are_refused(saved):
     rewrite(saved, statistics=None)
     refused(saved, "expected normalisation statistics in the card, got none")

@@ -24,7 +24,7 @@ from policies.mergevla.policy import KIND
 from policies.mergevla.routing.catalog import NAMES, fit_routers
 from policies.mergevla.routing.contract import Routed, Sighting
 from suites.vocabulary import Episode, Protocol, View
-from tests.policies.mergevla.experts import TASKS, merging, save_expert, save_experts
+from tests.policies.mergevla.experts import TASKS, merging, save_base, save_expert, save_experts
 from tests.policies.mergevla.shared import SMALL, query, small_model, task_statistics
 
 
@@ -118,6 +118,21 @@ def test_one_expert_merged_alone_and_told_the_task_acts_as_it_did(folders, tmp_p
     ours = MERGED.load({"checkpoint": str(tmp_path), "router": "oracle"}).act([of_task(0)])[0]
     alone = KIND.load({"checkpoint": str(folders[0])}).act([of_task(0)])[0]
     np.testing.assert_allclose(ours.actions, alone.actions, atol=1e-5)
+
+
+def test_experts_that_look_again_sooner_do_so_when_merged_too(tmp_path):
+    base = save_base(tmp_path / "base")
+    for index, (task, steps) in enumerate(zip(TASKS, (2, None, 8), strict=True)):
+        save_expert(tmp_path / "experts" / str(index), base, task, index, action_steps=steps)
+    save_merged(tmp_path / "merged", merging(sorted((tmp_path / "experts").iterdir())))
+    alone = KIND.load({"checkpoint": str(tmp_path / "experts" / "0")})
+    assert alone.act([of_task(0, TASKS[0])])[0].actions.shape == (2, 7)
+    for policy in (
+        EXPERTS.load({"folder": str(tmp_path / "experts")}),
+        MERGED.load({"checkpoint": str(tmp_path / "merged"), "router": "oracle"}),
+    ):
+        decisions = policy.act([of_task(seed, task) for seed, task in enumerate(TASKS)])
+        assert [len(decision.actions) for decision in decisions] == [2, 8, 8]
 
 
 def test_a_recipe_merges_the_experts_anew_with_the_checkpoints_routers(folders, merged):
