@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast lint bench report zoo clean
+.PHONY: help setup demo test test-fast lint bench chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -13,6 +13,7 @@ help:
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
 	@echo "make lint       ruff and mypy"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
+	@echo "make chaos      fifty runs under faults drawn at random, compared with one that is left alone (about an hour)"
 	@echo "make report     write the newest run's report again"
 	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
 	@echo "make setup      virtual environment, pinned packages, rendering drivers"
@@ -43,6 +44,9 @@ lint: setup
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks
+
+chaos: setup
+	$(BIN)/python -m tests.chaos
 
 zoo: setup
 	bash scripts/zoo.sh

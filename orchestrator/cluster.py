@@ -1,4 +1,4 @@
-"""Starts Ray on this machine, or joins a cluster."""
+"""Starts Ray on this machine, or joins a cluster, and notices when Ray itself dies."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 _LOCAL_ENVIRONMENT = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
+_VITAL = ("raylet", "gcs_server")
+
+
+class RayLost(Exception):
+    """Ray itself has died, and with it every worker."""
 
 
 @contextlib.contextmanager
@@ -36,7 +42,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
     on_terminate = signal.getsignal(signal.SIGTERM)
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
-        ray.init(num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
+        ray.init("local", num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
     else:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     if threading.current_thread() is threading.main_thread():
@@ -46,6 +52,37 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+def check_alive() -> None:
+    """Notice that a part of the Ray that this process started has died. Ray's own calls would wait for it for ever.
+
+    Raises:
+        RayLost: It has.
+    """
+    from ray._private import worker  # Ray offers no public way to ask
+
+    node: Any = worker._global_node
+    for kind, process in node.dead_processes() if node else ():
+        if kind in _VITAL:
+            raise RayLost(f"Ray's {kind} died (exit status {process.returncode})")
+
+
+def answer(reference: Any) -> Any:
+    """`ray.get` that does not wait for a Ray that has died.
+
+    Raises:
+        RayLost: It has.
+        RayError: The task failed.
+    """
+    import ray
+    from ray.exceptions import GetTimeoutError
+
+    while True:
+        try:
+            return ray.get(reference, timeout=1.0)
+        except GetTimeoutError:
+            check_alive()
 
 
 def _silence_raylet() -> None:

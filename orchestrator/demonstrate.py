@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adapters import catalog as simulators
-from orchestrator.cluster import ray_session
+from orchestrator.cluster import RayLost, ray_session
 from orchestrator.lanes import Lane
 from orchestrator.names import known_names
 from orchestrator.plan import find_suite
@@ -193,7 +193,7 @@ def _play(order: Order, collected: Collected, listener: Listener) -> None:
                 lane.flush()
     except KeyboardInterrupt:
         collected.status = RunStatus.INTERRUPTED
-    except OSError as error:
+    except (OSError, RayLost) as error:
         collected.status = RunStatus.STOPPED
         collected.troubles.append(explain(error))
 

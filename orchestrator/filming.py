@@ -12,6 +12,7 @@ from ray.exceptions import RayError
 
 from adapters import catalog
 from orchestrator.choosing import Look, fallen, typical
+from orchestrator.cluster import answer
 from orchestrator.looking import picture
 from orchestrator.replay import film
 from orchestrator.runner import PolicySource
@@ -71,7 +72,7 @@ def film_run(folder: Path, shots: Mapping[str, Shots], sources: Mapping[str, Pol
     troubles: list[str] = []
     for name, reference in pending.items():
         try:
-            troubles += ray.get(reference)
+            troubles += answer(reference)
         except RayError as error:
             troubles.append(f"{name} could not be filmed: {str(error).strip().splitlines()[-1]}")
     return troubles

@@ -14,6 +14,7 @@ from ray.exceptions import RayActorError, RayError, RayTaskError
 
 from adapters import catalog
 from adapters.contract import AdapterError
+from orchestrator.cluster import RayLost, check_alive
 from orchestrator.lanes import Lane, Played, fair_share
 from orchestrator.recording import demonstrate
 from orchestrator.runner import EpisodeRunner, PolicySource
@@ -102,11 +103,13 @@ class Gatherer:
 
         Raises:
             OSError: What came back cannot be written.
+            RayLost: Ray itself has died.
             KeyboardInterrupt: Stopped from outside.
         """
         self._slots = [_Slot() for _ in range(self.workers)]
         try:
             while any(lane.open for lane in self.lanes):
+                check_alive()
                 for slot in self._slots:
                     if slot.pending is None:
                         self._feed(slot)
@@ -114,6 +117,10 @@ class Gatherer:
                 for lane in self.lanes:
                     lane.flush_if_due()
                 self.listener.show(self.lanes)
+        except RayLost:
+            for slot in self._slots:
+                slot.actor = None  # nobody is left to ask to end it
+            raise
         finally:
             for slot in self._slots:
                 self._end(slot)

@@ -18,7 +18,7 @@ from adapters import catalog as simulators
 from orchestrator import provenance
 from orchestrator.adaptive import missing
 from orchestrator.choosing import worth_a_look
-from orchestrator.cluster import ray_session
+from orchestrator.cluster import RayLost, ray_session
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
@@ -26,6 +26,9 @@ from results.record import EpisodeResult, outcome_row, rows_hash
 from results.run import RUN_FILE, RunDocument, RunStatus, read_run, store_url, write_run
 from results.store import Store, StoreError
 from suites.vocabulary import Cell
+
+RAY_STARTS = 5
+"""Times that Ray is started for one run before its dying ends the run."""
 
 
 class FolderError(Exception):
@@ -99,37 +102,56 @@ class _Session:
 
     def play(self) -> None:
         """Play what is missing; never raises what a run must survive."""
-        from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
+        from orchestrator.scheduler import TooManyErrors
+
+        work = self._work()
+        self._progress.begin(self._plan, self._store.status_counts())
+        try:
+            for starts_left in reversed(range(RAY_STARTS)):
+                try:
+                    if work:
+                        self._play_with_ray(work)
+                    else:
+                        self._film()  # what an earlier session did not come to
+                    break
+                except RayLost as error:
+                    if not starts_left:
+                        raise
+                    self._troubles.append(f"{error}; it was started again")
+                    self._progress.say(self._troubles[-1])
+                    work = self._work()
+        except KeyboardInterrupt:
+            self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
+        except (TooManyErrors, RayLost) as error:
+            self._status, self._reason = RunStatus.STOPPED, str(error)
+        except (StoreError, OSError) as error:
+            self._status, self._reason = RunStatus.STOPPED, str(error)
+
+    def _play_with_ray(self, work: list[tuple[Cell, Sequence[int]]]) -> None:
+        """Play this, what an adaptive suite wants to know next, and film.
+
+        Raises:
+            Exception: See `Scheduler.run`.
+        """
+        from orchestrator.scheduler import Scheduler, SchedulerOptions
 
         suite = self._plan.suite
-        work = self._work()
         workers = {name: suite.worker_count(name) for name in self._plan.simulators}
-        running = {cell.simulator for cell, _ in work}
-        self._progress.begin(self._plan, self._store.status_counts())
-        if not work:
-            self._film()  # what an earlier session did not come to
-            return
         scheduling = SchedulerOptions(
             workers=workers,
             episode_time_limit_s=suite.episode_time_limit_s,
             max_attempts=suite.max_attempts,
             allowed_errors=int(suite.error_tolerance * self._plan.episodes),
         )
-        try:
-            with ray_session(address=self._options.address, workers=sum(workers[name] for name in running)):
-                with self._progress:
-                    while work:
-                        Scheduler(work, self._plan.sources, scheduling, sink=self._store.add, observer=self).run()
-                        before, work = work, self._work() if suite.adaptive else []
-                        if work == before:  # what is missing cannot be played here
-                            break
-                self._film()
-        except KeyboardInterrupt:
-            self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
-        except TooManyErrors as error:
-            self._status, self._reason = RunStatus.STOPPED, str(error)
-        except (StoreError, OSError) as error:
-            self._status, self._reason = RunStatus.STOPPED, str(error)
+        running = {cell.simulator for cell, _ in work}
+        with ray_session(address=self._options.address, workers=sum(workers[name] for name in running)):
+            with self._progress:
+                while work:
+                    Scheduler(work, self._plan.sources, scheduling, sink=self._store.add, observer=self).run()
+                    before, work = work, self._work() if suite.adaptive else []
+                    if work == before:  # what is missing cannot be played here
+                        break
+            self._film()
 
     def _work(self) -> list[tuple[Cell, Sequence[int]]]:
         """What is still to be played; with an adaptive suite, of the round that is under way."""

@@ -14,6 +14,7 @@ import ray
 from ray.exceptions import GetTimeoutError, RayActorError, RayError, RaySystemError, RayTaskError
 
 from adapters import catalog
+from orchestrator.cluster import RayLost, check_alive
 from orchestrator.queue import WorkQueue
 from orchestrator.runner import Lease, PolicySource, Readiness
 from orchestrator.worker import start_worker
@@ -126,12 +127,14 @@ class Scheduler:
 
         Raises:
             TooManyErrors: The suite's error tolerance is used up.
+            RayLost: Ray itself has died.
             KeyboardInterrupt: Stopped from outside.
             Exception: Whatever the sink raises (a full disk, a lost database).
         """
         try:
             self._prepare()
             while self._active():
+                check_alive()
                 for slot in self._slots:
                     if slot.pending is None:
                         self._feed(slot)
@@ -143,6 +146,12 @@ class Scheduler:
             self._save(at_once=True)
         except (KeyboardInterrupt, TooManyErrors):
             self._save(at_once=True)
+            raise
+        except (RayLost, RayError):
+            for slot in self._slots:
+                slot.actor = None  # nobody is left to ask to end it
+            self._save(at_once=True)
+            check_alive()
             raise
         finally:
             for slot in self._slots:

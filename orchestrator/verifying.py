@@ -11,6 +11,7 @@ import ray
 from ray.exceptions import RayError
 
 from adapters import catalog
+from orchestrator.cluster import check_alive
 from orchestrator.replay import differences, episode_of
 from orchestrator.runner import EpisodeRunner, PolicySource
 from orchestrator.worker_environment import worker_environment
@@ -74,6 +75,9 @@ def play_again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource
         rows: Successes and failures.
         sources: The run's policies.
         listener: See `Listener`.
+
+    Raises:
+        RayLost: Ray itself has died.
     """
     by_simulator: dict[str, list[EpisodeResult]] = {}
     for row in rows:
@@ -86,7 +90,10 @@ def play_again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource
         streams[task.options(**options).remote(own, dict(sources))] = iter(own)
     checked = []
     while streams:
-        ready, _ = ray.wait(list(streams), num_returns=1)
+        ready, _ = ray.wait(list(streams), num_returns=1, timeout=1.0)
+        if not ready:
+            check_alive()
+            continue
         stream: Any = ready[0]
         try:
             row = next(streams[stream])

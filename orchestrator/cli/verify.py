@@ -21,7 +21,7 @@ def verify(
 ) -> None:
     """Hash the rows of a run anew, play a random sample of its episodes again, and compare; exit code 1: differs."""
     from orchestrator import verifying
-    from orchestrator.cluster import ray_session
+    from orchestrator.cluster import RayLost, ray_session
 
     folder = folder or newest_run()
     try:
@@ -48,8 +48,11 @@ def verify(
         problems.extend(f"{name}: {line}" for line in checked.differences)
 
     if found.sample:
-        with ray_session(address=None, workers=len({row.simulator for row in found.sample})):
-            verifying.play_again(found.sample, sources, tell)
+        try:
+            with ray_session(address=None, workers=len({row.simulator for row in found.sample})):
+                verifying.play_again(found.sample, sources, tell)
+        except RayLost as error:
+            problems.append(f"{error}; verify again")
     if problems:
         fail("\n".join(problems))
         raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""Runs of the command line under faults that are drawn at random: see `python -m tests.chaos --help`."""

@@ -1,0 +1,22 @@
+"""What is played under faults."""
+
+NULL = """
+name: chaos
+policies: [oracle, random]
+tasks: [null/Slow, null/Reach]
+seeds: {count: 120}
+workers: 2
+episode_time_limit_s: 4
+"""
+"""480 episodes, half of them of a tenth of a second."""
+REAL = """
+name: chaos-real
+policies: [oracle, untrained]
+tasks: [maniskill/PushCube-v1, pybullet/PandaPickAndPlace-v3, robosuite/Lift]
+seeds: {count: 6}
+image_size: 64
+render_profile: fast
+horizon: 48
+workers: 1
+"""
+"""Six seeds of two policies in each of the three simulators."""

@@ -1,0 +1,55 @@
+"""A run over a Ray cluster of several nodes, one of which dies."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from ray.cluster_utils import Cluster
+
+from results.run import RunStatus, read_run
+from results.store import Store
+from tests.chaos.suites import NULL
+
+pytestmark = [pytest.mark.ray, pytest.mark.slow]
+
+
+@pytest.fixture
+def cluster():
+    nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    yield nodes
+    nodes.shutdown()
+
+
+def command(suite, folder, *more):
+    program = "import sys; from orchestrator.cli import main; main()"
+    return [sys.executable, "-c", program, "run", str(suite), "--out", str(folder), "--no-media", *more]
+
+
+def rows(folder):
+    store = Store.open_file(folder / "episodes.sqlite", read_run(folder).run_id)
+    found = sum(store.status_counts().values())
+    store.close()
+    return found
+
+
+def test_a_node_that_dies_half_way_changes_no_row(cluster, tmp_path):
+    suite = tmp_path / "suite.yaml"
+    suite.write_text(NULL)
+    second = cluster.add_node(num_cpus=1)
+    process = subprocess.Popen(
+        command(suite, tmp_path / "nodes", "--address", cluster.address), env={**os.environ, "OMP_NUM_THREADS": "1"}
+    )
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        if (tmp_path / "nodes" / "episodes.sqlite").exists() and rows(tmp_path / "nodes") > 40:
+            break
+        time.sleep(0.2)
+    assert process.poll() is None
+    cluster.remove_node(second, allow_graceful=False)
+    assert process.wait(240) == 0
+    subprocess.run(command(suite, tmp_path / "alone"), check=True)
+    disturbed, alone = read_run(tmp_path / "nodes"), read_run(tmp_path / "alone")
+    assert disturbed.status is RunStatus.COMPLETE
+    assert disturbed.rows_hash == alone.rows_hash
