@@ -60,6 +60,8 @@ class Order:
     workers: int = 2
     learner: str | None = None
     """Folder of experts, each of which acts first in its task's episodes, or None: the oracle alone."""
+    whole: bool = False
+    """Whether what the oracle would do while a learner acts is recorded too."""
 
     @property
     def learners(self) -> dict[str, Path]:
@@ -85,6 +87,8 @@ class Order:
             found += [f"the learner has no expert for '{task}'" for task in can - self.learners.keys() if self.learner]
         except PolicyError as error:
             found.append(f"learner: {error}")
+        if self.whole and self.learner is None:
+            found.append("whole: expected a learner whose part of the episode is to be recorded, got none")
         if not self.tasks:
             found.append("expected at least one task, got none")
         for name, value, low, high in (
@@ -187,7 +191,7 @@ def _play(order: Order, collected: Collected, listener: Listener) -> None:
     try:
         try:
             with ray_session(address=None, workers=order.workers):
-                Gatherer(lanes, order.noise, order.workers, listener, order.learner_source).run()
+                Gatherer(lanes, order.noise, order.workers, listener, order.learner_source, order.whole).run()
         finally:
             for lane in lanes:
                 lane.flush()
@@ -205,6 +209,8 @@ def _lane(task: str, order: Order, folder: Path) -> Lane:
     horizon = card.horizon
     if learner := order.learners.get(task):
         made_by["learner"] = digest_of(str(learner))
+        if order.whole:
+            made_by["whole"] = True
         horizon *= 2  # as much for the oracle as without the learner
     cell = Cell(ORACLE, content_hash(made_by), task, Protocol(horizon, 1, order.view))
     source = {

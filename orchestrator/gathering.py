@@ -43,11 +43,11 @@ class Listener(Protocol):
 class Demonstrator:
     """Plays and records episodes of one simulator."""
 
-    def __init__(self, policy: str, learner: PolicySource | None = None) -> None:
+    def __init__(self, policy: str, learner: PolicySource | None = None, *, whole: bool = False) -> None:
         # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._runner = EpisodeRunner({policy: PolicySource(policy)})
-        self._source = learner
+        self._source, self._whole = learner, whole
         self._learner: Policy | None = None
         self._task: str | None = None
 
@@ -69,7 +69,7 @@ class Demonstrator:
                 raise AdapterError(lines[0] if lines else type(error).__name__) from None
             self._task = cell.task
         for seed in seeds:
-            yield demonstrate(self._runner, cell.episode(seed), noise, self._learner)
+            yield demonstrate(self._runner, cell.episode(seed), noise, self._learner, whole=self._whole)
 
 
 @dataclass
@@ -96,6 +96,8 @@ class Gatherer:
     listener: Listener
     learner: PolicySource | None = None
     """Acts first in every episode."""
+    whole: bool = False
+    """Whether episodes are recorded from their start, with a learner."""
     _slots: list[_Slot] = field(default_factory=list, init=False)
 
     def run(self) -> None:
@@ -135,7 +137,7 @@ class Gatherer:
             environment = {"env_vars": worker_environment(catalog.find(lane.simulator))}
             actor: Any = Demonstrator
             slot.actor = actor.options(num_cpus=1, max_restarts=0, max_task_retries=0, runtime_env=environment).remote(
-                lane.cell.policy, self.learner
+                lane.cell.policy, self.learner, whole=self.whole
             )
             slot.simulator = lane.simulator
         slot.lane = lane

@@ -3,8 +3,8 @@
 A learner may act first, as it will when it is judged; the oracle takes over at a step drawn for the episode, finishes
 it, and only that is recorded. So the record holds what to do where the learner's own mistakes lead (DAgger: Ross et
 al., 2011, arXiv 1011.0686; one change of hands per episode: AggreVaTe, 2014, arXiv 1406.5979). What the oracle would
-have done while the learner acted is left out: a chunk of such answers repeats the same correction for as long as nobody
-makes it, and a policy that executes chunks would make it several times over.
+have done while the learner acted is left out unless it is asked for: a chunk of such answers repeats the same
+correction for as long as nobody makes it, and a policy that executes chunks may make it several times over.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ class Learner:
     episode: Episode
     longest: int
     """It hands over after fewer steps than this."""
+    recorded: bool = False
+    """Whether what the oracle would do while the learner acts is recorded too."""
     _chunk: list[FloatArray] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
@@ -76,7 +78,7 @@ class RecordedSimulation:
             simulation: Plays.
             episode: Keys the noise.
             noise: Deviation of the executed motion per axis, as a share of the largest motion in one step.
-            learner: Acts first, without noise; what is told meanwhile is neither executed nor recorded.
+            learner: Acts first, without noise; what is told meanwhile is not executed, and recorded if it says so.
         """
         self._simulation, self._episode, self._noise, self._learner = simulation, episode, noise, learner
         self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
@@ -112,11 +114,16 @@ class RecordedSimulation:
     @property
     def recorded_steps(self) -> int:
         """Steps of the record; none if the learner needed no help."""
-        return max(0, len(self._actions) - (self._learner.hands_over if self._learner is not None else 0))
+        return max(0, len(self._actions) - self._begin)
+
+    @property
+    def _begin(self) -> int:
+        """The first step that is recorded."""
+        return 0 if self._learner is None or self._learner.recorded else self._learner.hands_over
 
     def recording(self) -> Recording:
-        """What has been recorded since the last reset; with a learner, since the oracle took over."""
-        begin = self._learner.hands_over if self._learner is not None else 0
+        """What has been recorded since the last reset; with a learner, since the oracle took over or from the start."""
+        begin = self._begin
         seen = self._observations[begin:]
         return Recording(
             self._episode.seed,
@@ -154,7 +161,7 @@ class RecordedSimulation:
 
 
 def demonstrate(
-    runner: EpisodeRunner, episode: Episode, noise: float, learner: Policy | None = None
+    runner: EpisodeRunner, episode: Episode, noise: float, learner: Policy | None = None, *, whole: bool = False
 ) -> tuple[Attempt, EncodedEpisode | None]:
     """Play and record one episode. Its id keys the noise: the same episode, the same record.
 
@@ -163,6 +170,7 @@ def demonstrate(
         episode: What to play.
         noise: See `RecordedSimulation`.
         learner: Acts during a part of the first half of the horizon.
+        whole: Whether that part is recorded too: what the oracle would do where the learner acts.
 
     Returns:
         How it went, and the record if it succeeded; where the learner needed no help there is none, and the episode
@@ -171,7 +179,7 @@ def demonstrate(
     records: list[RecordedSimulation] = []
 
     def record(simulation: Simulation) -> Simulation:
-        first = Learner(learner, episode, episode.protocol.horizon // 2) if learner else None
+        first = Learner(learner, episode, episode.protocol.horizon // 2, whole) if learner else None
         records.append(RecordedSimulation(simulation, episode, noise, first))
         return records[-1]
 

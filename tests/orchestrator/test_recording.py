@@ -101,6 +101,16 @@ def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_does_then_is_rec
     assert learner.policy.asked == list(range(0, learner.hands_over, LEARNER_REPLANS_EVERY))
 
 
+def test_what_the_oracle_would_do_while_the_learner_acts_is_recorded_if_that_is_asked_for():
+    simulation = catalog.open_simulation("null/Reach", VIEW)
+    recorded = RecordedSimulation(simulation, episode(), 0.0, Learner(Sideways(), episode(), 40, recorded=True))
+    recorded.reset(0, Condition())
+    told = np.array([[0.001 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for step in range(50)])
+    for action in told:
+        recorded.step(action)
+    np.testing.assert_array_equal(recorded.recording().actions, told)
+
+
 def test_learners_hand_over_at_every_step_alike():
     steps = [Learner(Sideways(), episode(seed), 10).hands_over for seed in range(2000)]
     assert np.bincount(steps, minlength=10) == pytest.approx(200, abs=60)

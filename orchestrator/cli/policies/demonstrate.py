@@ -51,6 +51,9 @@ def demonstrate(
             help="Folder of experts: each acts first in its task, and the oracle takes over from it (DAgger).",
         ),
     ] = None,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Record what the oracle would do while the learner acts, too.")
+    ] = False,
 ) -> None:
     """Record the oracle's successes as LeRobot v3 datasets: noise in the executed action, the clean one recorded.
 
@@ -63,7 +66,7 @@ def demonstrate(
             suggested.image_size if image_size is None else image_size,
             render_profile or suggested.render_profile,
         )
-        order = Order(tasks, episodes, view, noise, first_seed, workers, learner)
+        order = Order(tasks, episodes, view, noise, first_seed, workers, learner, whole)
         with DemonstrationProgress(out) as progress:
             collected = collect(order, out_folder, progress)
     except (SuiteError, DemonstrateError, FolderError, PolicyError) as error:
