@@ -10,15 +10,15 @@ GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
 CORRECTED=pybullet/PandaPush-v3
 # Task, demonstrations, steps of its expert's training, further options: the longest first, so that both processes end
 # together. Six tasks were short of success with 150 demonstrations, three with adapters on linear layers alone.
-EXPERTS="robosuite/Stack 700 14000 --adapt-convolutions
+EXPERTS="robosuite/Stack 700 14000 --adapt-convolutions --action-steps 8
 maniskill/StackCube-v1 500 12000 --adapt-convolutions --action-steps 2
-$CORRECTED 500 9000 --adapt-convolutions
-pybullet/PandaPickAndPlace-v3 400 5000
-pybullet/PandaReach-v3 600 4000
-robosuite/Door 150 1800
-maniskill/PushCube-v1 150 1500
-robosuite/Lift 150 1500
-maniskill/PullCube-v1 150 1300"
+$CORRECTED 500 9000 --adapt-convolutions --action-steps 4
+pybullet/PandaPickAndPlace-v3 400 5000 --action-steps 4
+pybullet/PandaReach-v3 600 4000 --action-steps 4
+robosuite/Door 150 1800 --action-steps 4
+maniskill/PushCube-v1 150 1500 --action-steps 4
+robosuite/Lift 150 1500 --action-steps 4
+maniskill/PullCube-v1 150 1300 --action-steps 4"
 export OMP_NUM_THREADS=1
 
 finished() { [ -e "$1/card.json" ]; }
@@ -26,7 +26,7 @@ finished() { [ -e "$1/card.json" ]; }
 "$GAUNTLET" policies demonstrate 'maniskill/*' 'robosuite/*' 'pybullet/*' --out "$DATA" --episodes 150 --workers 2
 finished "$FOLDER/base" ||
     OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$GAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
-        --steps 3200 --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2
+        --steps 3200 --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
 
 while read -r task demonstrations _; do
     "$GAUNTLET" policies demonstrate "$task" --out "$DATA" --episodes "$demonstrations" --workers 2 </dev/null
@@ -44,7 +44,7 @@ train() {
 
 # One task's expert learns from being corrected as well (DAgger): a first expert acts, the oracle takes over from it.
 name="${CORRECTED/\//__}"
-train "$FOLDER/first/$name" "$DATA/$name" 5000
+train "$FOLDER/first/$name" "$DATA/$name" 5000 --action-steps 4
 "$GAUNTLET" policies demonstrate "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" --episodes 300 \
     --first-seed 1500000 --workers 2
 

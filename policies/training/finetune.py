@@ -112,6 +112,7 @@ def pretrain(
     out: Path,
     settings: Settings,
     *,
+    action_steps: int | None = None,
     prepare: Callable[[MergeVLA], None] | None = None,
     listener: Listener | None = None,
     stop: Stop | None = None,
@@ -124,6 +125,7 @@ def pretrain(
         architecture: Of the network.
         out: Folder of the checkpoint. A training that was stopped there is continued.
         settings: How to train.
+        action_steps: See `Card.action_steps`; it decides nothing about the training.
         prepare: Loads pretrained weights into the new network.
         listener: See `Listener`.
         stop: See `Stop`.
@@ -131,11 +133,12 @@ def pretrain(
     Raises:
         PolicyError: Data of other images than the architecture's, or a folder that holds something else.
     """
+    check_action_steps(action_steps, architecture)
     check_images(pool, architecture)
     model = build(architecture, settings.seed)
     if prepare is not None:
         prepare(model)
-    card = Card(architecture, pool.statistics, data_hash=pool.data_hash)
+    card = Card(architecture, pool.statistics, action_steps=action_steps, data_hash=pool.data_hash)
     return _train(model, card, None, pool, out, settings, listener, stop)
 
 
@@ -240,7 +243,7 @@ def _train(
         if stopping:
             return Trained(None, history)
     written = save_checkpoint(out, model, replace(card, metrics=_metrics(settings, pool, history)), base)
-    curve = {"train": history.losses, "held_out": history.held_out}
+    curve = {"train": [round(loss, 5) for loss in history.losses], "held_out": history.held_out}
     (out / CURVE_FILE).write_text(json.dumps(curve) + "\n", encoding="utf-8")
     (out / STATE_FILE).unlink(missing_ok=True)
     return Trained(written, history)

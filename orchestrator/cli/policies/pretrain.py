@@ -32,6 +32,9 @@ def pretrain(
     batch_size: Annotated[int, typer.Option(help="Frames per step.")] = 32,
     learning_rate: Annotated[float, typer.Option(help="After the warm-up.")] = 1e-3,
     schedule: Annotated[str, typer.Option(help="cosine or constant.")] = "cosine",
+    action_steps: Annotated[
+        int | None, typer.Option(help="Actions of a chunk that the base executes before it looks again; default all.")
+    ] = None,
     shift: Annotated[int, typer.Option(help="Images are moved at random by up to so many px.")] = 4,
     seed: Annotated[int, typer.Option(help="Of weights, batches and shifts.")] = 0,
     threads: Annotated[int, typer.Option(help="Threads on the CPU.")] = 1,
@@ -39,6 +42,7 @@ def pretrain(
     """Train backbone and action expert on the demonstrations of all tasks. Stopped, the same command continues."""
     with needs_training_packages():
         from policies.mergevla.backbone import Pretrained, load_pretrained
+        from policies.mergevla.card import check_action_steps
         from policies.mergevla.config import ConvStem
         from policies.training import finetune as training
         from policies.training.options import architecture_of, settings_of
@@ -47,6 +51,7 @@ def pretrain(
     def train(listener: Callable[[Pace], None], stop: Callable[[], bool]) -> Trained:
         architecture = architecture_of(size, quirks or (), self_attention, gate)
         settings = settings_of(steps, batch_size, learning_rate, schedule, shift, seed, threads)
+        check_action_steps(action_steps, architecture)
         pool = Pool.open(data)
         pretrained = not isinstance(architecture.vision, ConvStem)
         return training.pretrain(
@@ -54,6 +59,7 @@ def pretrain(
             architecture,
             out_folder,
             settings,
+            action_steps=action_steps,
             prepare=(lambda model: load_pretrained(model.backbone, Pretrained())) if pretrained else None,
             listener=listener,
             stop=stop,
