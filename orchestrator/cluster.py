@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import signal
 import threading
@@ -15,6 +16,8 @@ _LOCAL_ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
+WORKER_BYTES = 2 * 1024**3
+"""Memory that a worker may come to need: a simulator, its renderer and a policy."""
 _VITAL = ("raylet", "gcs_server")
 
 
@@ -52,6 +55,14 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+def room_for_workers() -> int:
+    """How many workers fit the cores and the memory of the Ray that is running."""
+    import ray
+
+    resources = ray.cluster_resources()
+    return max(1, min(int(resources.get("CPU", 1)), int(resources.get("memory", math.inf) // WORKER_BYTES)))
 
 
 def check_alive() -> None:

@@ -2,8 +2,9 @@
 
 Workers keep one task open, because building an environment costs seconds. So a worker is given more of its open task
 as long as there is some, then the task with the most work left per worker on it; at the end of a run that is a task
-on which others still work (stealing). Episodes are handed out in leases that last about `LEASE_S`, shrinking towards
-the end so that workers finish together.
+on which others still work (stealing). Work is counted in seconds, by what its episodes took so far; a cell of which
+none came back is begun first, then the one that will take longest. Episodes are handed out in leases that last about
+`LEASE_S`, shrinking towards the end so that workers finish together.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from results.record import EpisodeResult
 from suites.vocabulary import Cell
 
 LEASE_S = 2.0
+UNMEASURED_S = 1.0
+"""What an episode is expected to take until any has come back."""
 MAX_LEASE = 2000
 
 
@@ -45,7 +48,8 @@ class WorkQueue:
             queue = _CellQueue(cell, seeds)
             self._by_task.setdefault(cell.task, []).append(queue)
             self._of[cell] = queue
-        self._workers = workers
+        self.workers = workers
+        """How many share it; may change."""
         self._max_attempts = max_attempts
         self._under_way: Counter[str] = Counter()
 
@@ -54,12 +58,20 @@ class WorkQueue:
         """Episodes that no worker holds."""
         return sum(queue.waiting for queues in self._by_task.values() for queue in queues)
 
+    @property
+    def waiting_s(self) -> float:
+        """Time that these episodes are expected to take one worker."""
+        return sum(self._expected_s().values())
+
     def lease(self, open_task: str | None) -> Lease | None:
         """The next lease for a worker that has `open_task` open, or None if nothing waits."""
         task = self._choose_task(open_task)
         if task is None:
             return None
-        queue = max(self._by_task[task], key=lambda q: (bool(q.alone), q.mean_s is None, q.waiting))
+        queue = max(
+            self._by_task[task],
+            key=lambda q: (bool(q.alone), q.mean_s is None, q.waiting * (q.mean_s or UNMEASURED_S)),
+        )
         self._under_way[task] += 1
         if queue.alone:
             seed, attempts = queue.alone.popleft()
@@ -116,17 +128,25 @@ class WorkQueue:
         return dropped
 
     def _choose_task(self, open_task: str | None) -> str | None:
-        waiting = {task: sum(queue.waiting for queue in queues) for task, queues in self._by_task.items()}
-        if open_task is not None and waiting.get(open_task):
+        if open_task is not None and any(queue.waiting for queue in self._by_task.get(open_task, ())):
             return open_task
-        return max((task for task in waiting if waiting[task]), key=lambda t: self._load(t, waiting), default=None)
+        expected = self._expected_s()
+        return max(expected, key=lambda task: expected[task] / (1 + self._under_way[task]), default=None)
 
-    def _load(self, task: str, waiting: Mapping[str, int]) -> float:
-        return waiting[task] / (1 + self._under_way[task])
+    def _expected_s(self) -> Mapping[str, float]:
+        """Task that has episodes waiting to the time that they are expected to take."""
+        known = [queue.mean_s for queues in self._by_task.values() for queue in queues if queue.mean_s is not None]
+        unknown = sum(known) / len(known) if known else UNMEASURED_S
+        expected = {
+            task: sum(queue.waiting * (unknown if queue.mean_s is None else queue.mean_s) for queue in queues)
+            for task, queues in self._by_task.items()
+            if any(queue.waiting for queue in queues)
+        }
+        return {task: max(seconds, 1e-6) for task, seconds in expected.items()}
 
     def _size(self, queue: _CellQueue) -> int:
         """Episodes to hand out at once: one until a duration is known, then `LEASE_S` worth, fewer near the end."""
         unplayed = len(queue.seeds) - queue.position
         wanted = 1.0 if queue.mean_s is None else LEASE_S / max(queue.mean_s, 1e-6)
-        fair = -(-self.waiting // (2 * self._workers))
+        fair = -(-self.waiting // (2 * self.workers))
         return int(max(1, min(wanted, fair, unplayed, MAX_LEASE)))

@@ -18,7 +18,7 @@ from adapters import catalog as simulators
 from orchestrator import provenance
 from orchestrator.adaptive import missing
 from orchestrator.choosing import worth_a_look
-from orchestrator.cluster import RayLost, ray_session
+from orchestrator.cluster import RayLost, ray_session, room_for_workers
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
@@ -136,15 +136,18 @@ class _Session:
         from orchestrator.scheduler import Scheduler, SchedulerOptions
 
         suite = self._plan.suite
-        workers = {name: suite.worker_count(name) for name in self._plan.simulators}
+        workers = _fixed_workers(self._plan)
         scheduling = SchedulerOptions(
-            workers=workers,
+            workers=workers or room_for_workers,
             episode_time_limit_s=suite.episode_time_limit_s,
             max_attempts=suite.max_attempts,
             allowed_errors=int(suite.error_tolerance * self._plan.episodes),
         )
         running = {cell.simulator for cell, _ in work}
-        with ray_session(address=self._options.address, workers=sum(workers[name] for name in running)):
+        with ray_session(address=self._options.address, workers=sum(workers.get(name, 0) for name in running)):
+            if not workers:
+                shared = {"all simulators": room_for_workers()}
+                self._document = self._document.model_copy(update={"workers": shared})
             with self._progress:
                 while work:
                     Scheduler(work, self._plan.sources, scheduling, sink=self._store.add, observer=self).run()
@@ -253,7 +256,7 @@ class _Session:
 
 def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
     """The document of a new run, or of the one in `folder` that is to be continued."""
-    workers = {name: plan.suite.worker_count(name) for name in plan.simulators if name not in plan.unavailable}
+    workers = _fixed_workers(plan)
     if (folder / RUN_FILE).exists():
         document = read_run(folder)
         check_same(plan, document, folder)
@@ -293,6 +296,13 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         skipped=dict(plan.unavailable),
         provenance=provenance.collect(distributions),
     )
+
+
+def _fixed_workers(plan: Plan) -> dict[str, int]:
+    """Simulator to its number of workers; empty if they are not counted by simulator."""
+    if plan.suite.workers == "auto":
+        return {}
+    return {name: plan.suite.worker_count(name) for name in plan.simulators if name not in plan.unavailable}
 
 
 def _without_password(url: str | None) -> str | None:

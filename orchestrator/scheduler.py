@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -15,6 +16,7 @@ from ray.exceptions import GetTimeoutError, RayActorError, RayError, RaySystemEr
 
 from adapters import catalog
 from orchestrator.cluster import RayLost, check_alive
+from orchestrator.placing import Demand, most_needed
 from orchestrator.queue import WorkQueue
 from orchestrator.runner import Lease, PolicySource, Readiness
 from orchestrator.worker import start_worker
@@ -25,6 +27,8 @@ OPEN_ALLOWANCE_S = 180.0
 """Added to the time limit while a worker starts, imports its simulator and opens a task."""
 RECYCLE_AFTER = 5000
 """Episodes after which a worker is replaced: renderers leak."""
+GROW_S = 5.0
+"""Time after which it is asked again how many workers there may be."""
 START_ATTEMPTS = 3
 """Times that a worker may die while it opens its simulator before the simulator is given up."""
 KILL_AFTER_S = 2.0
@@ -64,8 +68,8 @@ class TooManyErrors(Exception):
 class SchedulerOptions:
     """How to run."""
 
-    workers: Mapping[str, int]
-    """Simulator to number of workers."""
+    workers: Mapping[str, int] | Callable[[], int]
+    """Simulator to number of workers; or how many there may be for all simulators together, asked now and then."""
     episode_time_limit_s: float
     max_attempts: int
     allowed_errors: int
@@ -78,7 +82,10 @@ class _Slot:
     """A place for one worker, refilled when the worker dies."""
 
     simulator: str
+    """Empty until it is free to choose and has chosen."""
     number: int
+    bound: bool = True
+    """Whether it always works for the same simulator."""
     actor: Any = None
     pid: int | None = None
     node: str = ""
@@ -118,6 +125,7 @@ class Scheduler:
     _slots: list[_Slot] = field(default_factory=list, init=False)
     _unsaved: list[EpisodeResult] = field(default_factory=list, init=False)
     _saved_at: float = field(default=0.0, init=False)
+    _grown_at: float = field(default=0.0, init=False)
     _errors: int = field(default=0, init=False)
     _condemned: dict[int, float] = field(default_factory=dict, init=False)
     """Process id of an ended worker to the time at which it is killed if it still lives."""
@@ -135,6 +143,7 @@ class Scheduler:
             self._prepare()
             while self._active():
                 check_alive()
+                self._grow()
                 for slot in self._slots:
                     if slot.pending is None:
                         self._feed(slot)
@@ -167,10 +176,21 @@ class Scheduler:
                 by_simulator.setdefault(cell.simulator, []).append((cell, seeds))
         for name, work in by_simulator.items():
             episodes = sum(len(seeds) for _, seeds in work)
-            count = min(self.options.workers[name], episodes)
+            count = 1 if callable(self.options.workers) else min(self.options.workers[name], episodes)
             queue = WorkQueue(work, workers=count, max_attempts=self.options.max_attempts)
             self._simulators[name] = _Simulator(queue, work[0][0])
-            self._slots += [_Slot(name, number) for number in range(count)]
+            if not callable(self.options.workers):
+                self._slots += [_Slot(name, number) for number in range(count)]
+
+    def _grow(self) -> None:
+        """Take up places that have been added, where workers are not counted by simulator."""
+        if not callable(self.options.workers) or (self._slots and self.now() - self._grown_at < GROW_S):
+            return
+        self._grown_at = self.now()
+        for number in range(len(self._slots), max(1, self.options.workers())):
+            self._slots.append(_Slot("", number, bound=False))
+        for simulator in self._simulators.values():
+            simulator.queue.workers = len(self._slots)
 
     def _active(self) -> bool:
         return any(slot.pending is not None for slot in self._slots) or any(
@@ -179,8 +199,12 @@ class Scheduler:
 
     def _feed(self, slot: _Slot) -> None:
         """Give an idle slot something to do, if there is anything."""
-        simulator = self._simulators[slot.simulator]
-        if not simulator.queue.waiting:
+        name = self._simulator_for(slot)
+        if name != slot.simulator:
+            self._discard(slot)
+            slot.simulator = name
+        simulator = self._simulators.get(slot.simulator)
+        if simulator is None or not simulator.queue.waiting:
             self._discard(slot)  # its place may be what another simulator's worker waits for
             return
         if slot.actor is not None and slot.played >= RECYCLE_AFTER:
@@ -199,6 +223,14 @@ class Scheduler:
         if lease is not None:
             slot.lease, slot.back = lease, 0
             slot.pending = slot.actor.play.remote(lease)
+
+    def _simulator_for(self, slot: _Slot) -> str:
+        """What an idle slot should work for: the same as before as long as there is work."""
+        if slot.bound or (slot.simulator and self._simulators[slot.simulator].queue.waiting):
+            return slot.simulator
+        at_work = Counter(other.simulator for other in self._slots if other.pending is not None)
+        demands = {name: Demand(one.queue.waiting_s, at_work[name]) for name, one in self._simulators.items()}
+        return most_needed(demands) or slot.simulator
 
     def _listen(self) -> None:
         """Wait briefly for workers to say something, and take in what they say."""

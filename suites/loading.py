@@ -161,7 +161,9 @@ def _line(lines: dict[Place, int], place: Place) -> int | None:
 
 def _place(loc: Place) -> Place:
     """A pydantic location without the names of union branches."""
-    return tuple(part for i, part in enumerate(loc) if not (i and loc[0] == "workers" and part in ("int", "dict")))
+    return tuple(
+        part for i, part in enumerate(loc) if not (i and loc[0] == "workers" and part in ("int", "dict", "auto"))
+    )
 
 
 def _is_echo(error: Any) -> bool:

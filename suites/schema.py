@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
@@ -170,10 +170,12 @@ class Suite(_Model):
     """Control steps per episode, or each task's own."""
 
     workers: Annotated[
-        Annotated[Count, Tag("int")] | Annotated[dict[str, Count], Tag("dict")],
-        Discriminator(lambda value: "dict" if isinstance(value, dict) else "int"),
+        Annotated[Count, Tag("int")]
+        | Annotated[dict[str, Count], Tag("dict")]
+        | Annotated[Literal["auto"], Tag("auto")],
+        Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
     ] = 1
-    """Worker processes per simulator."""
+    """Worker processes per simulator; "auto": as many for all simulators together as fit the cores and the memory."""
     max_attempts: Count = 3
     """Times that an episode may end its worker before it is recorded as an error."""
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
@@ -201,8 +203,10 @@ class Suite(_Model):
         return self.compare
 
     def worker_count(self, simulator: str) -> int:
-        """Worker processes for that simulator."""
-        return self.workers if isinstance(self.workers, int) else self.workers.get(simulator, 1)
+        """Worker processes for that simulator; one if workers are not counted by simulator."""
+        if isinstance(self.workers, dict):
+            return self.workers.get(simulator, 1)
+        return self.workers if isinstance(self.workers, int) else 1
 
     def with_names(self, names: KnownNames) -> Suite:
         """The suite with its task patterns replaced by the tasks they stand for."""

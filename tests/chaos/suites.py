@@ -17,6 +17,6 @@ seeds: {count: 6}
 image_size: 64
 render_profile: fast
 horizon: 48
-workers: 1
+workers: auto
 """
 """Six seeds of two policies in each of the three simulators."""

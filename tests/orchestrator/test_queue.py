@@ -2,10 +2,12 @@
 
 from collections import Counter
 
-from hypothesis import given, settings
+import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator.queue import LEASE_S, WorkQueue
+from orchestrator.runner import Lease
 from results.record import EpisodeResult
 from suites.vocabulary import Cell, Protocol
 
@@ -30,7 +32,6 @@ def drain(queue, open_task=None):
     st.integers(1, 4),
     st.data(),
 )
-@settings(deadline=None)
 def test_every_episode_is_handed_out_until_it_comes_back_and_never_twice_at_once(plan, workers, data):
     work = [(cell(f"sim/{task}", policy), range(n)) for (task, policy), n in plan.items()]
     queue = WorkQueue(work, workers=workers, max_attempts=2)
@@ -61,6 +62,17 @@ def test_a_worker_keeps_its_open_task_while_that_has_work():
 def test_workers_spread_over_tasks():
     queue = WorkQueue([(cell("sim/A"), range(50)), (cell("sim/B"), range(40))], workers=2, max_attempts=3)
     assert {queue.lease(None).cell.task, queue.lease(None).cell.task} == {"sim/A", "sim/B"}
+
+
+def test_the_longest_work_comes_first_by_the_times_that_were_measured():
+    work = [(cell("sim/A", "p"), range(9)), (cell("sim/A", "q"), range(6)), (cell("sim/B"), range(9))]
+    queue = WorkQueue(work, workers=1, max_attempts=3)
+    for (one, _), seconds in zip(work, (1.0, 2.0, 0.1), strict=True):
+        queue.measured(one, took(Lease(one, (0,)), seconds))
+    assert queue.waiting_s == pytest.approx(9 * 1.0 + 6 * 2.0 + 9 * 0.1)
+    order = [(lease.cell.task, lease.cell.policy) for lease in drain(queue)]
+    assert order[0] == ("sim/A", "q")
+    assert order[-1] == ("sim/B", "p")
 
 
 def test_an_idle_worker_helps_with_a_task_that_another_has_open():

@@ -167,3 +167,20 @@ def test_more_workers_than_there_are_places_take_turns(told):
     Scheduler(items, sources, given, rows.extend, told).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 12}
     assert not told.troubles
+
+
+def test_one_place_for_all_simulators_works_for_one_after_the_other(told):
+    items = [(Cell("zero", "zero", task, Protocol(20)), range(6)) for task in ("null/Reach", "pybullet/PandaReach-v3")]
+    rows = []
+    given = options(workers=lambda: 1)
+    Scheduler(items, {"zero": PolicySource("zero")}, given, rows.extend, told).run()
+    assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 6}
+    assert [simulator for simulator, _ in told.ready] in (["null", "pybullet"], ["pybullet", "null"])
+
+
+def test_places_that_are_added_while_it_runs_are_taken_up(told, monkeypatch):
+    monkeypatch.setattr("orchestrator.scheduler.GROW_S", 0.1)
+    monkeypatch.setattr("orchestrator.placing.START_S", 0.0)
+    rows = play(told, work("null/Slow", range(80)), workers=lambda: 3 if len(told.rows) > 10 else 1)
+    assert seeds(rows) == Counter(range(80))
+    assert {row.worker for row in rows} == {"null-0", "null-1", "null-2"}

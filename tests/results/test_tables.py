@@ -165,7 +165,7 @@ def test_timing_without_any_time_has_no_shares():
 statuses = st.lists(st.sampled_from(["success", "failure", "error"]), max_size=12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(statuses, min_size=4, max_size=4), st.integers(12, 15))
 def test_nothing_is_lost_or_counted_twice(outcomes, planned):
     plan = cells(("oracle", "random"), ("maniskill/PushCube-v1", "robosuite/Lift"))

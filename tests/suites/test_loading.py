@@ -140,6 +140,7 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
         (("seeds: {start: 3, count: 4}", "seeds: {start: 3, count: many}"), "4: seeds.count: expected a valid integer, found text ('many')"),
         (("seeds: {start: 3, count: 4}", "seeds: {start: 3, count: 4, strat: 2}"), "4: unknown key 'strat'; did you mean 'start'?"),
         (("name: a-suite", "name: a-suite\nworkers: true"), "2: workers: expected a valid integer, found true/false (True)"),
+        (("name: a-suite", "name: a-suite\nworkers: all"), "2: workers: expected 'auto', found 'all'"),
         (("seeds: {start: 3, count: 4}", ""), "1: missing key 'seeds'"),
         (("policies: [oracle]", "policies: []"), "2: policies: expected at least one entry, found an empty list"),
         (("policies: [oracle]", "policies: oracle"), "2: policies: expected a valid tuple, found text ('oracle')"),

@@ -41,6 +41,7 @@ def test_the_horizon_is_the_tasks_own_unless_the_suite_sets_it():
     "changes",
     [
         {"workers": 3},
+        {"workers": "auto"},
         {"name": "t"},
         {"error_tolerance": 0.5},
         {"tasks": ["b/One", "a/One"]},

@@ -100,7 +100,7 @@ def test_shifted_slices_start_one_position_too_early():
 
 
 @given(st.integers(0, 1000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_rope_is_a_rotation_and_depends_on_distances_only(seed):
     generator = torch.Generator().manual_seed(seed)
     q, k = (torch.randn(1, 8, generator=generator).expand(12, 8) for _ in range(2))

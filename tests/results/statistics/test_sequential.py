@@ -79,7 +79,7 @@ def test_the_interval_covers_the_mean_at_every_moment(mean):
     assert missed <= 6  # 3 expected at most; 7 or more have a probability of 3 %
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.lists(st.floats(0, 1), max_size=40))
 def test_more_values_never_widen_the_interval(values):
     before, after = anytime_mean(values[:-1]), anytime_mean(values)

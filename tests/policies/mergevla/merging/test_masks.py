@@ -57,14 +57,14 @@ def test_a_task_reads_the_merged_value_where_the_mask_keeps_it_and_the_base_else
     assert merged["w"].tolist() == [1, 2]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(experts=taus(grid=True))
 def test_a_vanishing_lambda_keeps_everything_that_a_task_changed_and_nothing_else(experts):
     for expert, mask in task_masks(experts, task_arithmetic(experts), 1e-9).items():
         assert all(torch.equal(mask[name], experts[expert][name] != 0) for name in mask)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(experts=taus(), one=lambdas, other=lambdas)
 def test_masks_shrink_as_lambda_grows(experts, one, other):
     merged = task_arithmetic(experts)
@@ -73,7 +73,7 @@ def test_masks_shrink_as_lambda_grows(experts, one, other):
         assert all(torch.all(high[expert][name] <= low[expert][name]) for name in merged)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(max_experts=1), value=lambdas)
 def test_a_lone_expert_keeps_all_of_itself(experts, value):
     merged = task_arithmetic(experts)
@@ -98,7 +98,7 @@ def test_masks_leave_their_arguments_alone():
     assert all(equal(before[name], tau) for name, tau in {**experts, "merged": merged}.items())
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(mask=st.dictionaries(st.text("ab./", min_size=1), masks(), max_size=3))
 def test_a_packed_mask_unpacks_to_itself(mask):
     packed = pack_mask(mask)

@@ -35,7 +35,7 @@ def row(*entries):
 
 
 @every_operator
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(experts=taus(grid=True))
 def test_gives_fp32_of_the_same_names_and_shapes_twice_alike_and_leaves_its_arguments_alone(operator, experts):
     before = copied(experts)
@@ -52,7 +52,7 @@ def test_gives_fp32_of_the_same_names_and_shapes_twice_alike_and_leaves_its_argu
 
 
 @every_operator
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(experts=taus(max_experts=3))
 def test_zero_deltas_merge_to_zero(operator, experts):
     zeros = {expert: {n: torch.zeros_like(d) for n, d in tau.items()} for expert, tau in experts.items()}
@@ -67,7 +67,7 @@ def test_an_expert_that_changed_nothing_changes_nothing(operator):
 
 
 @pytest.mark.parametrize("operator", ORDER_FREE)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(data=st.data(), experts=taus(min_experts=2))
 def test_does_not_depend_on_the_order_of_the_experts_to_the_last_bit(operator, data, experts):
     shuffled = data.draw(st.permutations(list(experts.values())))
@@ -89,19 +89,19 @@ def test_spectral_operators_do_not_depend_on_the_order_of_the_experts_beyond_rou
 
 
 @pytest.mark.parametrize("operator", ["mean", "ta", "ties", "wudi", "emr"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(max_experts=1))
 def test_one_expert_merges_to_itself(operator, experts):
     assert equal(run(operator, experts), experts["expert0"])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(max_experts=1))
 def test_one_expert_merges_to_itself_under_tsv_but_for_rounding(experts):
     assert close(task_singular_vectors(experts), experts["expert0"], 1e-4)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(max_experts=1))
 def test_one_expert_merges_to_itself_under_knots_but_for_the_cut_off(experts):
     assert close(knots(experts, cutoff=0.0), experts["expert0"])
@@ -175,7 +175,7 @@ def test_ties_trims_the_smallest_entries_of_an_expert_over_all_its_weights():
     assert merged["v"].tolist() == [20, 33]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(grid=True), trim=st.floats(0, 0.99))
 def test_ties_sums_nothing_that_disagrees(experts, trim):
     merged = ties(experts, trim=trim)

@@ -38,14 +38,14 @@ def test_magnitudes_and_flat_rows_by_hand():
     assert flat(experts)["w"].tolist() == [[5.25, 5.25], [0.25, 0.25]]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(max_experts=1))
 def test_one_expert_is_read_as_it_is(experts):
     # Up to the rounding of magnitudes to bf16, eight bits.
     assert close(merge(experts, "magnitude", rule=MaskRule.SIGNS).of("expert0"), experts["expert0"], 2**-7)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(min_experts=2))
 def test_no_magnitudes_serve_the_experts_better(experts):
     best = distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS))
@@ -94,7 +94,7 @@ def test_signs_and_row_scales_for_another_model_are_refused_in_one_line():
         sign_readings({"a": {"w": torch.ones(3, 2)}}, shared)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(min_experts=2))
 def test_every_round_reads_what_the_rounds_before_left_over_and_brings_the_task_nearer(experts):
     distances = [distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS, rounds=n)) for n in (1, 2, 3)]

@@ -38,7 +38,7 @@ def test_spectral_operators_average_what_is_no_matrix(operator):
     assert torch.equal(operator(experts)["b"], mean(experts)["b"])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(experts=taus(min_experts=2))
 def test_knots_as_mergevla_codes_it_is_task_arithmetic_up_to_the_cut_off(experts):
     cutoff = 1e-4

@@ -26,7 +26,7 @@ def test_what_can_be_told_apart_is_routed_right(calibration):
     assert chosen == list(new.labels)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 2**16), st.floats(0.1, 100.0))
 def test_probabilities_sum_to_one(calibration, seed, scale):
     features = torch.randn(4, 12, generator=torch.Generator().manual_seed(seed)) * scale
