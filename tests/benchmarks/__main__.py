@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference", "overhead")
+BENCHMARKS = ("rendering", "bare_loop", "vector_env", "busy_share", "throughput", "oracles", "inference", "overhead")
 LONG = ("coverage", "million")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
