@@ -1,6 +1,7 @@
 """What all tests share."""
 
 import os
+import signal
 
 from hypothesis import settings
 
@@ -9,6 +10,13 @@ from adapters import catalog
 # How long an example takes says something about the machine and what else it does, nothing about the code.
 settings.register_profile("whatever the time", deadline=None)
 settings.load_profile("whatever the time")
+
+# Tables are as wide as their content, in whatever terminal or process the tests run.
+os.environ["COLUMNS"] = "200"
+
+# Tests that are started in the background ignore Ctrl-C, and so would the commands that they start and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Tests open several simulators in one process, so what each asks for must be set before the first is imported.
 for _simulator in catalog.simulators().values():

@@ -5,6 +5,7 @@ import pwd
 import shutil
 import socket
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,8 @@ def server(tmp_path_factory):
         pytest.skip("no PostgreSQL server installed: sudo apt-get install postgresql")
     who = as_postgres()
     folder = tmp_path_factory.mktemp("postgresql")
-    for path in (folder, *folder.parents[:2]):
+    temporary = Path(tempfile.gettempdir()).resolve()
+    for path in (folder, *(parent for parent in folder.parents if temporary in parent.parents)):
         path.chmod(0o755)
     if who:
         os.chown(folder, who["user"], who["group"])
