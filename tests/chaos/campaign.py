@@ -26,6 +26,9 @@ START_S = 120.0
 """Time for a run to come to its first episode, or to its end."""
 END_S = 300.0
 """Time for a run to end when nothing is done to it any more."""
+GONE_S = 60.0
+"""Time for all processes to be gone. A worker whose raylet is killed while it starts looks for it for 26 s (measured,
+Ray 2.60) and ends then."""
 STARTS = 20
 LOCK_S = 3.0
 
@@ -133,7 +136,7 @@ def campaign(suite: Path, folder: Path, seed: int, *, faults: Sequence[str], gap
             except subprocess.TimeoutExpired:
                 problems.append(f"start {starts} hangs after: {', '.join(done)}")
                 break
-            if survivors := left_after(mark, 15.0):
+            if survivors := left_after(mark, GONE_S):
                 problems.append(f"left behind after start {starts}: {', '.join(survivors)}")
             if code == 0:
                 break
