@@ -27,7 +27,7 @@ START_S = 120.0
 END_S = 300.0
 """Time for a run to end when nothing is done to it any more."""
 GONE_S = 60.0
-"""Time for all processes to be gone. A worker whose raylet is killed while it starts looks for it for 26 s (measured,
+"""Time for all processes to be gone. A worker whose raylet is killed while it starts looks for it for 26 s (by hand,
 Ray 2.60) and ends then."""
 STARTS = 20
 LOCK_S = 3.0
