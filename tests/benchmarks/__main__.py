@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = ("rendering", "bare_loop", "vector_env", "busy_share", "throughput", "oracles", "inference", "overhead")
-LONG = ("coverage", "million")
+BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference", "overhead")
+LONG = ("coverage", "million", "vector_env")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""
