@@ -157,10 +157,13 @@ class Scheduler:
             self._save(at_once=True)
             raise
         except (RayLost, RayError):
-            for slot in self._slots:
-                slot.actor = None  # nobody is left to ask to end it
             self._save(at_once=True)
-            check_alive()
+            try:
+                check_alive()
+            except RayLost:
+                for slot in self._slots:
+                    slot.actor = None  # nobody is left to ask to end it
+                raise
             raise
         finally:
             for slot in self._slots:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--gap", type=float, default=2.0, help="mean seconds between two faults")
     parser.add_argument("--real", action="store_true", help="three real simulators instead of the null one")
     given = parser.parse_args(arguments)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # else a campaign in the background cannot interrupt
     bad = 0
     with tempfile.TemporaryDirectory() as scratch:
         suite = Path(scratch) / "suite.yaml"
