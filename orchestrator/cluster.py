@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import os
 import signal
 import threading
@@ -62,7 +61,8 @@ def room_for_workers() -> int:
     import ray
 
     resources = ray.cluster_resources()
-    return max(1, min(int(resources.get("CPU", 1)), int(resources.get("memory", math.inf) // WORKER_BYTES)))
+    cores = int(resources.get("CPU", 1))
+    return max(1, min(cores, int(resources.get("memory", cores * WORKER_BYTES) // WORKER_BYTES)))
 
 
 def check_alive() -> None:
