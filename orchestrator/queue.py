@@ -9,9 +9,13 @@ none came back is begun first, then the one that will take longest. Episodes are
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
+import contextlib
+from array import array
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from orchestrator.runner import Lease
 from results.record import EpisodeResult
@@ -21,12 +25,15 @@ LEASE_S = 2.0
 UNMEASURED_S = 1.0
 """What an episode is expected to take until any has come back."""
 MAX_LEASE = 2000
+_BEFORE_ALL_MEASURED = 1e15
 
 
 @dataclass
 class _CellQueue:
     cell: Cell
     seeds: Sequence[int]
+    place: int
+    """Among the cells of its task."""
     position: int = 0
     alone: deque[tuple[int, int]] = field(default_factory=deque)
     """(seed, attempts so far) of episodes that were under way when a worker died: played one by one."""
@@ -36,60 +43,113 @@ class _CellQueue:
     def waiting(self) -> int:
         return len(self.seeds) - self.position + len(self.alone)
 
+    @property
+    def urgency(self) -> float:
+        """The cell with the most is played next."""
+        if self.alone:
+            return 2 * _BEFORE_ALL_MEASURED
+        if not self.waiting:
+            return -1.0
+        return self.waiting * self.mean_s if self.mean_s is not None else _BEFORE_ALL_MEASURED + self.waiting
+
+
+class _TaskQueue:
+    """The cells of one task, with sums over them that every change keeps, so that a choice costs no walk over cells."""
+
+    def __init__(self) -> None:
+        self.cells: list[_CellQueue] = []
+        self.urgencies = array("d")
+        self.waiting = 0
+        self.unmeasured = 0
+        """Waiting episodes of cells of which none has come back."""
+        self.measured_s = 0.0
+        """Expected time of the others."""
+        self.under_way = 0
+        """Leases that workers hold."""
+
+    def add(self, cell: Cell, seeds: Sequence[int]) -> _CellQueue:
+        queue = _CellQueue(cell, seeds, len(self.cells))
+        self.cells.append(queue)
+        self.urgencies.append(-1.0)
+        self._count(queue, 1)
+        return queue
+
+    @contextlib.contextmanager
+    def changing(self, queue: _CellQueue) -> Iterator[None]:
+        """Whatever changes in a cell, changes in here."""
+        self._count(queue, -1)
+        try:
+            yield
+        finally:
+            self._count(queue, 1)
+
+    def most_urgent(self) -> _CellQueue:
+        return self.cells[int(np.argmax(np.frombuffer(self.urgencies)))]
+
+    def _count(self, queue: _CellQueue, sign: int) -> None:
+        waiting = queue.waiting
+        self.waiting += sign * waiting
+        if queue.mean_s is None:
+            self.unmeasured += sign * waiting
+        else:
+            self.measured_s += sign * waiting * queue.mean_s
+        if sign > 0:
+            self.urgencies[queue.place] = queue.urgency
+
 
 class WorkQueue:
-    """The episodes of one simulator that are still to be played."""
+    """The episodes of one simulator that are still to be played. What it does costs the same however many they are."""
 
     def __init__(self, work: Iterable[tuple[Cell, Sequence[int]]], *, workers: int, max_attempts: int) -> None:
         """Args: work: cells with their missing seeds; workers: how many share it; max_attempts: see `Suite`."""
-        self._by_task: dict[str, list[_CellQueue]] = {}
-        self._of: dict[Cell, _CellQueue] = {}
+        self._tasks: dict[str, _TaskQueue] = {}
+        self._cells: dict[Cell, _CellQueue] = {}
         for cell, seeds in work:
-            queue = _CellQueue(cell, seeds)
-            self._by_task.setdefault(cell.task, []).append(queue)
-            self._of[cell] = queue
+            self._cells[cell] = self._tasks.setdefault(cell.task, _TaskQueue()).add(cell, seeds)
         self.workers = workers
         """How many share it; may change."""
-        self._max_attempts = max_attempts
-        self._under_way: Counter[str] = Counter()
-
-    @property
-    def waiting(self) -> int:
+        self.waiting = sum(task.waiting for task in self._tasks.values())
         """Episodes that no worker holds."""
-        return sum(queue.waiting for queues in self._by_task.values() for queue in queues)
+        self._max_attempts = max_attempts
+        self._means = self._measured_cells = 0.0
+        """Sum of the cells' mean durations, and number of cells that have one."""
 
     @property
     def waiting_s(self) -> float:
         """Time that these episodes are expected to take one worker."""
-        return sum(self._expected_s().values())
+        return sum(map(self._expected_s, self._tasks.values()))
 
     def lease(self, open_task: str | None) -> Lease | None:
         """The next lease for a worker that has `open_task` open, or None if nothing waits."""
         task = self._choose_task(open_task)
         if task is None:
             return None
-        queue = max(
-            self._by_task[task],
-            key=lambda q: (bool(q.alone), q.mean_s is None, q.waiting * (q.mean_s or UNMEASURED_S)),
-        )
-        self._under_way[task] += 1
-        if queue.alone:
-            seed, attempts = queue.alone.popleft()
-            return Lease(queue.cell, (seed,), attempts + 1)
+        queue = task.most_urgent()
+        task.under_way += 1
         size = self._size(queue)
-        seeds = tuple(queue.seeds[queue.position : queue.position + size])
-        queue.position += size
+        with task.changing(queue):
+            if queue.alone:
+                seed, attempts = queue.alone.popleft()
+                self.waiting -= 1
+                return Lease(queue.cell, (seed,), attempts + 1)
+            seeds = tuple(queue.seeds[queue.position : queue.position + size])
+            queue.position += size
+        self.waiting -= len(seeds)
         return Lease(queue.cell, seeds)
 
     def finished(self, lease: Lease) -> None:
         """All of the lease's episodes have come back."""
-        self._under_way[lease.cell.task] -= 1
+        self._tasks[lease.cell.task].under_way -= 1
 
     def measured(self, cell: Cell, results: Sequence[EpisodeResult]) -> None:
         """Learn from results how long this cell's episodes take."""
-        queue = self._of[cell]
+        queue = self._cells[cell]
         mean = sum(result.wall_s for result in results) / len(results)
-        queue.mean_s = mean if queue.mean_s is None else 0.7 * queue.mean_s + 0.3 * mean
+        before = queue.mean_s
+        with self._tasks[cell.task].changing(queue):
+            queue.mean_s = mean if before is None else 0.7 * before + 0.3 * mean
+        self._means += queue.mean_s - (before or 0.0)
+        self._measured_cells += before is None
 
     def lost(self, lease: Lease, seeds: Sequence[int], reason: str) -> list[EpisodeResult]:
         """A worker died holding these seeds of its lease. Puts them back, or gives them up.
@@ -105,7 +165,8 @@ class WorkQueue:
         Returns:
             Records of the episodes that are given up.
         """
-        self._under_way[lease.cell.task] -= 1
+        task, queue = self._tasks[lease.cell.task], self._cells[lease.cell]
+        task.under_way -= 1
         given_up: list[EpisodeResult] = []
         was_alone = len(lease.seeds) == 1
         for seed in seeds:
@@ -115,34 +176,31 @@ class WorkQueue:
                 error = f"WorkerDied: {reason} (attempts: {attempts})"
                 given_up.append(EpisodeResult.failed_to_run(episode, error, attempts=attempts))
             else:
-                self._of[lease.cell].alone.append((seed, attempts))
+                with task.changing(queue):
+                    queue.alone.append((seed, attempts))
+                self.waiting += 1
         return given_up
 
     def drop(self) -> int:
         """Forget everything that waits; return how many episodes that was."""
-        dropped = self.waiting
-        for queues in self._by_task.values():
-            for queue in queues:
+        dropped, self.waiting = self.waiting, 0
+        for queue in self._cells.values():
+            with self._tasks[queue.cell.task].changing(queue):
                 queue.position = len(queue.seeds)
                 queue.alone.clear()
         return dropped
 
-    def _choose_task(self, open_task: str | None) -> str | None:
-        if open_task is not None and any(queue.waiting for queue in self._by_task.get(open_task, ())):
-            return open_task
-        expected = self._expected_s()
-        return max(expected, key=lambda task: expected[task] / (1 + self._under_way[task]), default=None)
+    def _choose_task(self, open_task: str | None) -> _TaskQueue | None:
+        opened = self._tasks.get(open_task or "")
+        if opened is not None and opened.waiting:
+            return opened
+        waiting = (task for task in self._tasks.values() if task.waiting)
+        return max(waiting, key=lambda task: self._expected_s(task) / (1 + task.under_way), default=None)
 
-    def _expected_s(self) -> Mapping[str, float]:
-        """Task that has episodes waiting to the time that they are expected to take."""
-        known = [queue.mean_s for queues in self._by_task.values() for queue in queues if queue.mean_s is not None]
-        unknown = sum(known) / len(known) if known else UNMEASURED_S
-        expected = {
-            task: sum(queue.waiting * (unknown if queue.mean_s is None else queue.mean_s) for queue in queues)
-            for task, queues in self._by_task.items()
-            if any(queue.waiting for queue in queues)
-        }
-        return {task: max(seconds, 1e-6) for task, seconds in expected.items()}
+    def _expected_s(self, task: _TaskQueue) -> float:
+        """Time that a task's waiting episodes are expected to take."""
+        unknown = self._means / self._measured_cells if self._measured_cells else UNMEASURED_S
+        return max(task.measured_s + task.unmeasured * unknown, 1e-6 if task.waiting else 0.0)
 
     def _size(self, queue: _CellQueue) -> int:
         """Episodes to hand out at once: one until a duration is known, then `LEASE_S` worth, fewer near the end."""

@@ -127,3 +127,25 @@ def test_dropped_work_is_counted_and_gone():
     queue = WorkQueue([(cell("sim/A"), range(5)), (cell("sim/B"), range(6))], workers=1, max_attempts=3)
     assert queue.drop() == 11
     assert queue.lease(None) is None
+
+
+def test_a_lease_is_never_empty_though_its_cell_has_not_been_measured_yet():
+    queue = WorkQueue([(cell("sim/A", "p"), range(1)), (cell("sim/A", "q"), range(3))], workers=4, max_attempts=3)
+    queue.measured(cell("sim/A", "q"), took(Lease(cell("sim/A", "q"), (0,)), 1.0))
+    assert [len(lease.seeds) for lease in drain(queue)] == [1, 1, 1, 1]
+
+
+@given(st.lists(st.tuples(st.sampled_from("ABC"), st.integers(1, 30), st.floats(1e-3, 100)), min_size=1, max_size=8))
+def test_what_waits_is_what_was_given_less_what_was_handed_out(plan):
+    work = [(cell(f"sim/{task}", f"p{i}"), range(n)) for i, (task, n, _) in enumerate(plan)]
+    seconds = {one: s for (one, _), (_, _, s) in zip(work, plan, strict=True)}
+    queue = WorkQueue(work, workers=2, max_attempts=3)
+    left = {one: len(seeds) for one, seeds in work}
+    known = {}
+    for lease in drain(queue):
+        left[lease.cell] -= len(lease.seeds)
+        queue.measured(lease.cell, took(lease, seconds[lease.cell]))
+        known[lease.cell] = seconds[lease.cell]
+        mean = sum(known.values()) / len(known)
+        assert queue.waiting == sum(left.values())
+        assert queue.waiting_s == pytest.approx(sum(n * known.get(one, mean) for one, n in left.items()), abs=1e-6)
