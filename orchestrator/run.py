@@ -102,6 +102,7 @@ class _Session:
 
     def play(self) -> None:
         """Play what is missing; never raises what a run must survive."""
+        from orchestrator.crew import CrewError
         from orchestrator.scheduler import TooManyErrors
 
         work = self._work()
@@ -122,7 +123,7 @@ class _Session:
                     work = self._work()
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
-        except (TooManyErrors, RayLost) as error:
+        except (TooManyErrors, RayLost, CrewError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
         except (StoreError, OSError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
@@ -133,6 +134,7 @@ class _Session:
         Raises:
             Exception: See `Scheduler.run`.
         """
+        from orchestrator.ray_crew import RayCrew
         from orchestrator.scheduler import Scheduler, SchedulerOptions
 
         suite = self._plan.suite
@@ -150,7 +152,8 @@ class _Session:
                 self._document = self._document.model_copy(update={"workers": shared})
             with self._progress:
                 while work:
-                    Scheduler(work, self._plan.sources, scheduling, sink=self._store.add, observer=self).run()
+                    crew = RayCrew(self._plan.sources)
+                    Scheduler(work, crew, scheduling, sink=self._store.add, observer=self).run()
                     before, work = work, self._work() if suite.adaptive else []
                     if work == before:  # what is missing cannot be played here
                         break

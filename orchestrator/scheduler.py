@@ -1,25 +1,21 @@
-"""Fans episodes over Ray workers and brings every row home once, whatever dies on the way."""
+"""Fans episodes over workers and brings every row home once, whatever dies on the way.
+
+What carries the workers is the crew's business (`crew`): Ray, or in tests a simulation of a thousand of them.
+"""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
-import ray
-from ray.exceptions import GetTimeoutError, RayActorError, RayError, RaySystemError, RayTaskError
-
-from adapters import catalog
-from orchestrator.cluster import RayLost, check_alive
+from orchestrator.cluster import RayLost
+from orchestrator.crew import Crew, CrewError, Finished, Returned, Started, Unavailable, Word, Worker, WorkerLost
 from orchestrator.placing import Demand, most_needed
 from orchestrator.queue import WorkQueue
-from orchestrator.runner import Lease, PolicySource, Readiness
-from orchestrator.worker import start_worker
+from orchestrator.runner import Lease, Readiness
 from results.record import EpisodeResult, Status
 from suites.vocabulary import Cell
 
@@ -31,8 +27,10 @@ GROW_S = 5.0
 """Time after which it is asked again how many workers there may be."""
 START_ATTEMPTS = 3
 """Times that a worker may die while it opens its simulator before the simulator is given up."""
-KILL_AFTER_S = 2.0
-"""Time that Ray has to end a worker's process before it is killed."""
+PATROL_S = 0.5
+"""Time after which silent workers are looked for again."""
+LISTEN_S = 0.2
+"""Longest time for which the scheduler waits for a word."""
 FLUSH_S = 1.0
 FLUSH_ROWS = 2000
 
@@ -74,7 +72,8 @@ class SchedulerOptions:
     max_attempts: int
     allowed_errors: int
     """Errors in one session beyond which the run stops."""
-    num_cpus_per_worker: float = 1.0
+    worker_memory_bytes: int | None = None
+    """Memory at which a worker is replaced once its lease is finished."""
 
 
 @dataclass
@@ -86,17 +85,16 @@ class _Slot:
     number: int
     bound: bool = True
     """Whether it always works for the same simulator."""
-    actor: Any = None
-    pid: int | None = None
-    node: str = ""
-    pending: Any = None
-    """The reference (preparing) or generator (playing) that is awaited, or None when idle."""
+    worker: Worker | None = None
+    running: bool = False
+    """Whether its worker has a process, and not only asked for a place."""
     lease: Lease | None = None
     back: int = 0
     """Episodes of the lease that have come back."""
     heard: float = 0.0
     open_task: str | None = None
     played: int = 0
+    memory_bytes: int = 0
 
     @property
     def name(self) -> str:
@@ -115,7 +113,7 @@ class Scheduler:
     """Plays all given work. One instance plays once."""
 
     work: Sequence[tuple[Cell, Sequence[int]]]
-    sources: Mapping[str, PolicySource]
+    crew: Crew
     options: SchedulerOptions
     sink: Sink
     observer: Observer
@@ -123,54 +121,46 @@ class Scheduler:
 
     _simulators: dict[str, _Simulator] = field(default_factory=dict, init=False)
     _slots: list[_Slot] = field(default_factory=list, init=False)
+    _idle: list[_Slot] = field(default_factory=list, init=False)
+    _busy: dict[int, _Slot] = field(default_factory=dict, init=False)
+    """By the id of its worker, a slot whose worker is to say something: it starts, or plays."""
+    _at_work: Counter[str] = field(default_factory=Counter, init=False)
+    """Simulator to its number of busy slots."""
     _unsaved: list[EpisodeResult] = field(default_factory=list, init=False)
     _saved_at: float = field(default=0.0, init=False)
     _grown_at: float = field(default=0.0, init=False)
     _errors: int = field(default=0, init=False)
-    _condemned: dict[int, float] = field(default_factory=dict, init=False)
-    """Process id of an ended worker to the time at which it is killed if it still lives."""
+    _patrolled_at: float = field(default=0.0, init=False)
 
     def run(self) -> None:
         """Play everything. Rows that came back are in the sink when this returns or raises.
 
         Raises:
             TooManyErrors: The suite's error tolerance is used up.
-            RayLost: Ray itself has died.
+            RayLost: What carries the workers has died.
+            CrewError: Nobody can be heard.
             KeyboardInterrupt: Stopped from outside.
             Exception: Whatever the sink raises (a full disk, a lost database).
         """
         try:
             self._prepare()
             while self._active():
-                check_alive()
+                self.crew.check()
                 self._grow()
-                for slot in self._slots:
-                    if slot.pending is None:
-                        self._feed(slot)
+                self._feed_the_idle()
                 self._listen()
                 self._end_the_silent()
-                self._execute_the_condemned()
+                self.crew.sweep()
                 self._save()
                 self.observer.tick()
             self._save(at_once=True)
-        except (KeyboardInterrupt, TooManyErrors):
+        except (KeyboardInterrupt, TooManyErrors, RayLost, CrewError):
             self._save(at_once=True)
-            raise
-        except (RayLost, RayError):
-            self._save(at_once=True)
-            try:
-                check_alive()
-            except RayLost:
-                for slot in self._slots:
-                    slot.actor = None  # nobody is left to ask to end it
-                raise
             raise
         finally:
             for slot in self._slots:
                 self._discard(slot)
-            while self._condemned:
-                self._execute_the_condemned()
-                time.sleep(0.02)
+            self.crew.close()
 
     def _prepare(self) -> None:
         by_simulator: dict[str, list[tuple[Cell, Sequence[int]]]] = {}
@@ -183,22 +173,37 @@ class Scheduler:
             queue = WorkQueue(work, workers=count, max_attempts=self.options.max_attempts)
             self._simulators[name] = _Simulator(queue, work[0][0])
             if not callable(self.options.workers):
-                self._slots += [_Slot(name, number) for number in range(count)]
+                self._add([_Slot(name, number) for number in range(count)])
 
     def _grow(self) -> None:
         """Take up places that have been added, where workers are not counted by simulator."""
         if not callable(self.options.workers) or (self._slots and self.now() - self._grown_at < GROW_S):
             return
         self._grown_at = self.now()
-        for number in range(len(self._slots), max(1, self.options.workers())):
-            self._slots.append(_Slot("", number, bound=False))
+        numbers = range(len(self._slots), max(1, self.options.workers()))
+        self._add([_Slot("", number, bound=False) for number in numbers])
         for simulator in self._simulators.values():
             simulator.queue.workers = len(self._slots)
 
+    def _add(self, slots: Sequence[_Slot]) -> None:
+        self._slots += slots
+        self._idle += slots
+
     def _active(self) -> bool:
-        return any(slot.pending is not None for slot in self._slots) or any(
-            s.queue.waiting for s in self._simulators.values()
-        )
+        return bool(self._busy) or self._waiting
+
+    @property
+    def _waiting(self) -> bool:
+        """Whether there are episodes that no worker holds."""
+        return any(simulator.queue.waiting for simulator in self._simulators.values())
+
+    def _feed_the_idle(self) -> None:
+        idle, self._idle = self._idle, []
+        for slot in idle:
+            if slot.worker is not None or self._waiting:
+                self._feed(slot)
+            if id(slot.worker) not in self._busy:
+                self._idle.append(slot)
 
     def _feed(self, slot: _Slot) -> None:
         """Give an idle slot something to do, if there is anything."""
@@ -210,81 +215,77 @@ class Scheduler:
         if simulator is None or not simulator.queue.waiting:
             self._discard(slot)  # its place may be what another simulator's worker waits for
             return
-        if slot.actor is not None and slot.played >= RECYCLE_AFTER:
+        if slot.worker is not None and self._worn_out(slot):
             self._discard(slot)
         slot.heard = self.now()
-        if slot.actor is None:
-            slot.actor = start_worker(
-                slot.name,
-                catalog.find(slot.simulator),
-                self.sources,
-                num_cpus=self.options.num_cpus_per_worker,
-            )
-            slot.pending = slot.actor.hello.remote()
+        if slot.worker is None:
+            slot.worker = self.crew.start(slot.name, slot.simulator, simulator.first)
+            self._await(slot, slot.worker)
             return
-        lease = simulator.queue.lease(slot.open_task)
-        if lease is not None:
-            slot.lease, slot.back = lease, 0
-            slot.pending = slot.actor.play.remote(lease)
+        slot.lease, slot.back = simulator.queue.lease(slot.open_task), 0
+        if slot.lease is not None:
+            slot.worker.play(slot.lease)
+            self._await(slot, slot.worker)
+
+    def _await(self, slot: _Slot, worker: Worker) -> None:
+        self._busy[id(worker)] = slot
+        self._at_work[slot.simulator] += 1
+
+    def _rest(self, slot: _Slot) -> None:
+        """A slot has nothing more to wait for."""
+        if self._busy.pop(id(slot.worker), None) is not None:
+            self._at_work[slot.simulator] -= 1
+            self._idle.append(slot)
+
+    def _worn_out(self, slot: _Slot) -> bool:
+        limit = self.options.worker_memory_bytes
+        return slot.played >= RECYCLE_AFTER or (limit is not None and slot.memory_bytes > limit)
 
     def _simulator_for(self, slot: _Slot) -> str:
         """What an idle slot should work for: the same as before as long as there is work."""
-        if slot.bound or (slot.simulator and self._simulators[slot.simulator].queue.waiting):
+        if slot.bound or (slot.simulator and self._simulators[slot.simulator].queue.waiting) or not self._waiting:
             return slot.simulator
-        at_work = Counter(other.simulator for other in self._slots if other.pending is not None)
-        demands = {name: Demand(one.queue.waiting_s, at_work[name]) for name, one in self._simulators.items()}
+        demands = {name: Demand(one.queue.waiting_s, self._at_work[name]) for name, one in self._simulators.items()}
         return most_needed(demands) or slot.simulator
 
     def _listen(self) -> None:
         """Wait briefly for workers to say something, and take in what they say."""
-        pending = {id(slot.pending): slot for slot in self._slots if slot.pending is not None}
-        if not pending:
+        if not self._busy:
             return
-        waiting = [slot.pending for slot in pending.values()]
-        ready, _ = ray.wait(waiting, num_returns=1, timeout=0.2, fetch_local=False)
-        if ready and len(waiting) > 1:
-            ready, _ = ray.wait(waiting, num_returns=len(waiting), timeout=0, fetch_local=False)
-        for item in ready:
-            slot = pending[id(item)]
+        for worker in self.crew.wait(LISTEN_S):
+            slot = self._busy[id(worker)]
             try:
-                self._hear(slot)
-            except RayActorError:
-                self._buried(slot, "the worker process died")
-            except (RaySystemError, RayTaskError, GetTimeoutError) as error:
-                self._buried(slot, str(error).strip().splitlines()[0])
+                word = worker.hear()
+            except WorkerLost as loss:
+                self._buried(slot, str(loss))
+            else:
+                self._heard(slot, word)
 
-    def _hear(self, slot: _Slot) -> None:
+    def _heard(self, slot: _Slot, word: Word) -> None:
         slot.heard = self.now()
-        if slot.pid is None:
-            first = self._simulators[slot.simulator].first
-            slot.pid, slot.node = ray.get(slot.pending)
-            slot.pending = slot.actor.prepare.remote(first.task, first.protocol.view)
-            return
-        if slot.lease is None:
-            self._ready(slot, ray.get(slot.pending))
-            return
-        try:
-            results: list[EpisodeResult] = ray.get(next(slot.pending))
-        except StopIteration:
-            self._simulators[slot.simulator].queue.finished(slot.lease)
-            slot.pending = slot.lease = None
-            return
-        slot.back += len(results)
-        slot.played += len(results)
-        slot.open_task = slot.lease.cell.task
-        self._simulators[slot.simulator].queue.measured(slot.lease.cell, results)
-        self._take(results)
-
-    def _ready(self, slot: _Slot, answer: Readiness | str) -> None:
         simulator = self._simulators[slot.simulator]
-        slot.pending = None
-        if isinstance(answer, str):
-            self._discard(slot)
-            self._give_up(slot.simulator, answer)
-            return
-        slot.open_task = simulator.first.task
-        simulator.failed_starts = 0
-        self.observer.started(slot.simulator, answer)
+        match word:
+            case Started():
+                slot.running = True
+            case Readiness():
+                self._rest(slot)
+                slot.open_task = simulator.first.task
+                simulator.failed_starts = 0
+                self.observer.started(slot.simulator, word)
+            case Unavailable(reason):
+                self._discard(slot)
+                self._give_up(slot.simulator, reason)
+            case Returned(results, memory_bytes) if slot.lease is not None:
+                slot.back += len(results)
+                slot.played += len(results)
+                slot.memory_bytes = memory_bytes
+                slot.open_task = slot.lease.cell.task
+                simulator.queue.measured(slot.lease.cell, results)
+                self._take(results)
+            case Finished() if slot.lease is not None:
+                simulator.queue.finished(slot.lease)
+                slot.lease = None
+                self._rest(slot)
 
     def _give_up(self, name: str, reason: str) -> None:
         """Leave out what is left for a simulator that cannot be opened."""
@@ -296,7 +297,6 @@ class Scheduler:
         """A worker has died or was ended. Put its work back."""
         simulator = self._simulators[slot.simulator]
         lease, back = slot.lease, slot.back
-        slot.pending = slot.lease = None
         self._discard(slot)
         if lease is not None:
             self.observer.trouble(slot.simulator, f"{slot.name}: {reason}; its episodes go back into the queue")
@@ -312,8 +312,11 @@ class Scheduler:
 
         One that has not said hello is no process yet: Ray has no place for it until another worker ends.
         """
-        for slot in self._slots:
-            if slot.pending is None or slot.pid is None:
+        if self.now() - self._patrolled_at < PATROL_S:
+            return
+        self._patrolled_at = self.now()
+        for slot in list(self._busy.values()):
+            if not slot.running:
                 continue
             opening = slot.lease is None or slot.open_task != slot.lease.cell.task
             limit = self.options.episode_time_limit_s + (OPEN_ALLOWANCE_S if opening else 0.0)
@@ -341,22 +344,10 @@ class Scheduler:
             self._saved_at = self.now()
 
     def _discard(self, slot: _Slot) -> None:
-        """End a slot's process. Ray's kill does not end a process that is stopped, so its id is remembered."""
-        if slot.actor is not None:
-            with contextlib.suppress(RayError, ValueError):
-                ray.kill(slot.actor)
-        if slot.pid is not None and slot.node == os.uname().nodename:
-            self._condemned[slot.pid] = self.now() + KILL_AFTER_S
-        slot.actor = slot.pid = slot.open_task = None
-        slot.played = 0
-
-    def _execute_the_condemned(self) -> None:
-        for pid, deadline in list(self._condemned.items()):
-            late = self.now() - deadline
-            try:
-                os.kill(pid, signal.SIGKILL if late > 0 else 0)
-            except (ProcessLookupError, PermissionError):
-                del self._condemned[pid]
-            else:
-                if late > KILL_AFTER_S:
-                    del self._condemned[pid]  # dead, and its parent has not taken notice
+        """End a slot's worker, if it has one."""
+        if slot.worker is not None:
+            self._rest(slot)
+            self.crew.end(slot.worker)
+        slot.worker = slot.lease = slot.open_task = None
+        slot.running = False
+        slot.played = slot.memory_bytes = 0

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+import psutil
 import ray
 
 from adapters.contract import AdapterError, Simulator
@@ -30,6 +31,7 @@ class Worker:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         self._runner = EpisodeRunner(sources, name)
         self._idle_since: float | None = None
+        self._process = psutil.Process()
 
     def hello(self) -> tuple[int, str]:
         """Process id and node: the first word of a worker that has been given a place."""
@@ -46,8 +48,8 @@ class Worker:
             return f"{type(error).__name__}: {lines[0] if lines else '(no message)'}"
 
     @ray.method(num_returns="streaming")
-    def play(self, lease: Lease) -> Iterator[list[EpisodeResult]]:
-        """Play a lease; yield its results in order, those of short episodes together."""
+    def play(self, lease: Lease) -> Iterator[tuple[list[EpisodeResult], int]]:
+        """Play a lease; yield its results in order, those of short episodes together, and the memory held (bytes)."""
         waited = 0.0 if self._idle_since is None else time.perf_counter() - self._idle_since
         batch: list[EpisodeResult] = []
         sent = time.perf_counter()
@@ -56,10 +58,10 @@ class Worker:
                 result, waited = replace(result, wait_s=waited), 0.0
             batch.append(result)
             if time.perf_counter() - sent >= FLUSH_S:
-                yield batch
+                yield batch, self._process.memory_info().rss
                 batch, sent = [], time.perf_counter()
         if batch:
-            yield batch
+            yield batch, self._process.memory_info().rss
         self._idle_since = time.perf_counter()
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 
 import pytest
 
+from orchestrator.ray_crew import RayCrew
 from orchestrator.runner import PolicySource
 from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
 from results.record import outcome_row, rows_hash
@@ -26,7 +27,7 @@ def options(**changes):
 
 def play(told, items, **changes):
     rows = []
-    Scheduler(items, SOURCES, options(**changes), rows.extend, told).run()
+    Scheduler(items, RayCrew(SOURCES), options(**changes), rows.extend, told).run()
     return rows
 
 
@@ -104,7 +105,8 @@ def test_a_stopped_process_is_ended_too(told):
 
 def test_too_many_errors_end_the_run_and_keep_what_came(told):
     rows = []
-    scheduler = Scheduler(work("null/Raise", range(100)), SOURCES, options(allowed_errors=3), rows.extend, told)
+    crew = RayCrew(SOURCES)
+    scheduler = Scheduler(work("null/Raise", range(100)), crew, options(allowed_errors=3), rows.extend, told)
     with pytest.raises(TooManyErrors, match="4 episodes ended in errors, the suite tolerates 3; latest: RuntimeError"):
         scheduler.run()
     assert 4 <= len(rows) < 100
@@ -120,7 +122,7 @@ def test_an_interruption_keeps_what_came_and_leaves_no_process(told):
 
     told.on_rows = interrupt
     with pytest.raises(KeyboardInterrupt):
-        Scheduler(work("null/Slow", range(100)), SOURCES, options(), rows.extend, told).run()
+        Scheduler(work("null/Slow", range(100)), RayCrew(SOURCES), options(), rows.extend, told).run()
     assert 5 <= len(rows) < 100
     for _, ready in told.ready:
         with pytest.raises(ProcessLookupError):
@@ -132,7 +134,7 @@ def test_a_sink_that_fails_ends_the_run(told):
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OSError, match="No space left"):
-        Scheduler(work(), SOURCES, options(), full, told).run()
+        Scheduler(work(), RayCrew(SOURCES), options(), full, told).run()
 
 
 def test_a_simulator_that_cannot_be_opened_is_left_out_with_its_reason(told, monkeypatch):
@@ -163,8 +165,8 @@ def test_more_workers_than_there_are_places_take_turns(told):
     ]
     rows = []
     sources = {"zero": PolicySource("zero")}
-    given = options(workers={"null": 2, "pybullet": 2}, num_cpus_per_worker=3.0)
-    Scheduler(items, sources, given, rows.extend, told).run()
+    given = options(workers={"null": 2, "pybullet": 2})
+    Scheduler(items, RayCrew(sources, num_cpus=3.0), given, rows.extend, told).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 12}
     assert not told.troubles
 
@@ -173,7 +175,7 @@ def test_one_place_for_all_simulators_works_for_one_after_the_other(told):
     items = [(Cell("zero", "zero", task, Protocol(20)), range(6)) for task in ("null/Reach", "pybullet/PandaReach-v3")]
     rows = []
     given = options(workers=lambda: 1)
-    Scheduler(items, {"zero": PolicySource("zero")}, given, rows.extend, told).run()
+    Scheduler(items, RayCrew({"zero": PolicySource("zero")}), given, rows.extend, told).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 6}
     assert [simulator for simulator, _ in told.ready] in (["null", "pybullet"], ["pybullet", "null"])
 

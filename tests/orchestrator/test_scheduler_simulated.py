@@ -1,0 +1,78 @@
+"""The scheduler over simulated workers: many of them, and whatever happens to them, in no time."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from orchestrator.scheduler import Scheduler, SchedulerOptions
+from suites.vocabulary import Cell, Protocol
+from tests.orchestrator.conftest import Told
+from tests.simulated_crew import Clock, SimulatedCrew
+
+
+def work(plan):
+    return [(Cell(policy, policy, task, Protocol(60)), range(n)) for (task, policy), n in plan.items()]
+
+
+def play(items, crew, workers, **changes):
+    told, rows = Told(), []
+    given = {"workers": workers, "episode_time_limit_s": 30.0, "max_attempts": 3, "allowed_errors": 10**6}
+    Scheduler(items, crew, SchedulerOptions(**{**given, **changes}), rows.extend, told, now=crew.clock).run()
+    return rows, told
+
+
+@given(
+    st.dictionaries(st.tuples(st.sampled_from(["a/1", "a/2", "b/1"]), st.sampled_from("pq")), st.integers(1, 30)),
+    st.integers(1, 5),
+    st.booleans(),
+    st.randoms(use_true_random=False),
+)
+@settings(max_examples=200)
+def test_every_episode_comes_home_once_whoever_dies_or_hangs(plan, count, shared, random):
+    """Of each fate a few percent; an episode is given up as an error after three in a row when alone."""
+    crew = SimulatedCrew(
+        lambda episode: random.uniform(0.01, 3.0),
+        Clock(),
+        fate=lambda episode: random.choices(["plays", "dies", "hangs"], [0.94, 0.04, 0.02])[0],
+    )
+    workers = (lambda: count) if shared else {"a": count, "b": count}
+    rows, _ = play(work(plan), crew, workers)
+    wanted = {cell.episode(seed).id for cell, seeds in work(plan) for seed in seeds}
+    assert Counter(row.episode_id for row in rows) == Counter(wanted)
+
+
+def test_a_hanging_worker_is_ended_after_the_time_limit():
+    crew = SimulatedCrew(lambda episode: 1.0, Clock(), fate=lambda episode: "hangs" if crew.clock() < 10.0 else "plays")
+    rows, told = play(work({("a/1", "p"): 5}), crew, {"a": 1})
+    assert Counter(row.seed for row in rows) == Counter(range(5))
+    assert told.troubles == ["a-0: an episode took longer than 30 s; its episodes go back into the queue"]
+    assert 30.0 < crew.clock() < 60.0
+
+
+def test_a_simulator_that_cannot_be_opened_leaves_the_others_alone():
+    crew = SimulatedCrew(lambda episode: 1.0, Clock(), unavailable=["b"])
+    rows, told = play(work({("a/1", "p"): 5, ("b/1", "p"): 7}), crew, lambda: 2)
+    assert Counter(row.simulator for row in rows) == {"a": 5}
+    assert told.left_out == [("b", "not here", 7)]
+
+
+def test_a_worker_that_holds_too_much_memory_is_replaced_after_its_lease():
+    crew = SimulatedCrew(lambda episode: 1.0, Clock(), memory_bytes=lambda played: 100 * played)
+    rows, told = play(work({("a/1", "p"): 40}), crew, {"a": 1}, worker_memory_bytes=950)
+    assert Counter(row.seed for row in rows) == Counter(range(40))
+    assert len(told.ready) == 4
+    assert not told.troubles
+
+
+@pytest.mark.parametrize("workers", [10, 300])
+def test_workers_are_busy_whatever_episodes_take(workers):
+    """Durations over two decades, some tasks short and some long: idle for less than 2 % of the time between leases."""
+    rng = np.random.default_rng(0)
+    typical = {f"a/{i}": seconds for i, seconds in enumerate(np.geomspace(0.1, 10.0, 9))}
+    crew = SimulatedCrew(lambda episode: typical[episode.task] * rng.lognormal(0.0, 0.3), Clock())
+    rows, _ = play(work({(task, "p"): 20 * workers for task in typical}), crew, lambda: workers)
+    assert len(rows) == 180 * workers
+    assert crew.idle_s / (crew.idle_s + crew.busy_s) < 0.02
