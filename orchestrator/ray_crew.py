@@ -18,6 +18,7 @@ from orchestrator.cluster import RayLost, check_alive
 from orchestrator.crew import CrewError, Finished, Returned, Started, Unavailable, WorkerLost
 from orchestrator.runner import Lease, PolicySource, Readiness
 from orchestrator.worker import start_worker
+from suites.placement import Resources
 from suites.vocabulary import Cell
 
 KILL_AFTER_S = 2.0
@@ -68,9 +69,26 @@ class RayWorker:
 class RayCrew:
     """The crew on the Ray that is running."""
 
-    def __init__(self, sources: Mapping[str, PolicySource], *, num_cpus: float = 1.0) -> None:
-        """Args: sources: policy name to what it is built from; num_cpus: cores that each worker asks for."""
-        self._sources, self._num_cpus = sources, num_cpus
+    def __init__(
+        self,
+        sources: Mapping[str, PolicySource],
+        resources: Mapping[str, Resources] | None = None,
+        servers: Sequence[Any] = (),
+    ) -> None:
+        """Prepare to start workers.
+
+        Args:
+            sources: Policy name to what it is built from.
+            resources: Simulator to what each of its workers needs.
+            servers: Answer for the policies that look at images (`serving`), if there are any.
+
+        Raises:
+            CrewError: No node has what a worker needs.
+        """
+        self._sources, self._resources, self._servers = sources, resources or {}, servers
+        self._started = 0
+        for simulator, asked in self._resources.items():
+            _check_room(simulator, asked)
         self._condemned: dict[int, float] = {}
         """Process id of an ended worker to the time at which it is killed if it still lives."""
         self._workers: dict[RayWorker, None] = {}
@@ -88,7 +106,10 @@ class RayCrew:
     def start(self, name: str, simulator: str, first: Cell) -> RayWorker:
         """See `crew.Crew`."""
         with self._explained():
-            actor = start_worker(name, catalog.find(simulator), self._sources, num_cpus=self._num_cpus)
+            asked = self._resources.get(simulator, Resources())
+            server = self._servers[self._started % len(self._servers)] if self._servers else None
+            self._started += 1
+            actor = start_worker(name, catalog.find(simulator), self._sources, asked, server)
             worker = RayWorker(actor, first)
         self._workers[worker] = None
         return worker
@@ -138,3 +159,21 @@ class RayCrew:
         except RayError as error:
             self.check()
             raise CrewError(f"Ray: {str(error).strip().splitlines()[0]}") from error
+
+
+def _check_room(simulator: str, asked: Resources) -> None:
+    """Refuse what Ray would wait for without end.
+
+    Raises:
+        CrewError: No node has as much.
+    """
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    for name, key in (("num_cpus", "CPU"), ("num_gpus", "GPU"), ("memory", "memory")):
+        wanted = asked.for_ray().get(name, 0.0)
+        most = max((node.get(key, 0.0) for node in nodes), default=0.0)
+        if wanted > most:
+            unit, what = (1024**3, "memory_gb") if name == "memory" else (1, name)
+            raise CrewError(
+                f"resources.{simulator}.{what}: expected at most what one node has, {most / unit:g}; "
+                f"got {wanted / unit:g}"
+            )

@@ -27,6 +27,7 @@ from results.run import RUN_FILE, RunDocument, RunStatus, read_run, store_url, w
 from results.store import Store, StoreError
 from suites.vocabulary import Cell
 
+WORDS = {"worker": "in the workers", "served": "in processes of their own"}
 RAY_STARTS = 5
 """Times that Ray is started for one run before its dying ends the run."""
 
@@ -144,20 +145,37 @@ class _Session:
             episode_time_limit_s=suite.episode_time_limit_s,
             max_attempts=suite.max_attempts,
             allowed_errors=int(suite.error_tolerance * self._plan.episodes),
+            memory_bytes={name: asked.memory_bytes for name, asked in suite.resources.items()},
         )
         running = {cell.simulator for cell, _ in work}
         with ray_session(address=self._options.address, workers=sum(workers.get(name, 0) for name in running)):
             if not workers:
                 shared = {"all simulators": room_for_workers()}
                 self._document = self._document.model_copy(update={"workers": shared})
+            count = sum(workers.get(name, 0) for name in running) or room_for_workers()
+            servers = self._servers(count)
             with self._progress:
                 while work:
-                    crew = RayCrew(self._plan.sources)
+                    crew = RayCrew(self._plan.sources, suite.resources, servers)
                     Scheduler(work, crew, scheduling, sink=self._store.add, observer=self).run()
                     before, work = work, self._work() if suite.adaptive else []
                     if work == before:  # what is missing cannot be played here
                         break
             self._film()
+
+    def _servers(self, workers: int) -> list[Any]:
+        """Processes that answer for the policies, if the suite wants them or they answer sooner."""
+        from orchestrator.serving import measure, start_servers
+
+        inference, sources = self._plan.suite.inference, self._plan.sources
+        place: str = inference.place
+        if place == "auto":
+            self._progress.say("measuring where policies answer sooner")
+            times = measure(sources, self._plan.cells, inference, workers)
+            place = times.place if times else "worker"
+            self._progress.say(f"policies compute {WORDS[place]}: {times}" if times else "no policy looks at images")
+        self._document = self._document.model_copy(update={"inference": place})
+        return start_servers(sources, inference) if place == "served" else []
 
     def _work(self) -> list[tuple[Cell, Sequence[int]]]:
         """What is still to be played; with an adaptive suite, of the round that is under way."""

@@ -27,6 +27,15 @@ class PolicySource:
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
+def build(source: PolicySource) -> Policy:
+    """The policy itself.
+
+    Raises:
+        PolicyError: It cannot be built.
+    """
+    return policies.load(source.kind, source.options)
+
+
 @dataclass(frozen=True)
 class Lease:
     """Episodes of one cell that one worker is to play, in order."""
@@ -54,11 +63,22 @@ class Readiness:
 class EpisodeRunner:
     """Plays episodes in this process, one at a time."""
 
-    def __init__(self, sources: Mapping[str, PolicySource], worker: str = "local") -> None:
-        """Args: sources: policy name to what it is built from; worker: name written into the records."""
+    def __init__(
+        self,
+        sources: Mapping[str, PolicySource],
+        worker: str = "local",
+        elsewhere: Mapping[str, Policy] | None = None,
+    ) -> None:
+        """Prepare for episodes of these policies.
+
+        Args:
+            sources: Policy name to what it is built from.
+            worker: Name written into the records.
+            elsewhere: Policies that need not be built, since they compute in another process.
+        """
         self._sources = sources
         self._worker = worker
-        self._policies: dict[str, Policy] = {}
+        self._policies: dict[str, Policy] = dict(elsewhere or {})
         self._simulation: Simulation | None = None
         self._opened: tuple[str, View] | None = None
         self._references = ReferenceLooks()
@@ -140,8 +160,7 @@ class EpisodeRunner:
     def _policy(self, name: str) -> Policy:
         if name not in self._policies:
             start = time.perf_counter()
-            source = self._sources[name]
-            self._policies[name] = policies.load(source.kind, source.options)
+            self._policies[name] = build(self._sources[name])
             self._load_s += time.perf_counter() - start
         return self._policies[name]
 

@@ -72,8 +72,8 @@ class SchedulerOptions:
     max_attempts: int
     allowed_errors: int
     """Errors in one session beyond which the run stops."""
-    worker_memory_bytes: int | None = None
-    """Memory at which a worker is replaced once its lease is finished."""
+    memory_bytes: Mapping[str, int | None] = field(default_factory=dict)
+    """Simulator to the memory beyond which a worker is replaced once its lease is finished."""
 
 
 @dataclass
@@ -238,7 +238,7 @@ class Scheduler:
             self._idle.append(slot)
 
     def _worn_out(self, slot: _Slot) -> bool:
-        limit = self.options.worker_memory_bytes
+        limit = self.options.memory_bytes.get(slot.simulator)
         return slot.played >= RECYCLE_AFTER or (limit is not None and slot.memory_bytes > limit)
 
     def _simulator_for(self, slot: _Slot) -> str:

@@ -14,8 +14,10 @@ import ray
 
 from adapters.contract import AdapterError, Simulator
 from orchestrator.runner import EpisodeRunner, Lease, PolicySource, Readiness
+from orchestrator.serving import served_policies
 from orchestrator.worker_environment import worker_environment
 from results.record import EpisodeResult
+from suites.placement import Resources
 from suites.vocabulary import View
 
 FLUSH_S = 0.1
@@ -26,10 +28,10 @@ FLUSH_S = 0.1
 class Worker:
     """Plays leases. Leases run one after the other; their results stream back while they run."""
 
-    def __init__(self, name: str, sources: Mapping[str, PolicySource]) -> None:
+    def __init__(self, name: str, sources: Mapping[str, PolicySource], server: Any = None) -> None:
         # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        self._runner = EpisodeRunner(sources, name)
+        self._runner = EpisodeRunner(sources, name, served_policies(server, sources) if server else None)
         self._idle_since: float | None = None
         self._process = psutil.Process()
 
@@ -65,9 +67,19 @@ class Worker:
         self._idle_since = time.perf_counter()
 
 
-def start_worker(name: str, simulator: Simulator, sources: Mapping[str, PolicySource], *, num_cpus: float) -> Any:
-    """Start an actor; returns its handle at once, while it is still starting."""
+def start_worker(
+    name: str, simulator: Simulator, sources: Mapping[str, PolicySource], resources: Resources, server: Any = None
+) -> Any:
+    """Start an actor; returns its handle at once, while it is still starting.
+
+    Args:
+        name: Of the worker.
+        simulator: Whose tasks it opens.
+        sources: Policy name to what it is built from.
+        resources: What it needs.
+        server: Answers for the policies that look at images (`orchestrator.serving`), or None.
+    """
     actor: Any = Worker
     environment = {"env_vars": worker_environment(simulator)}
-    actor = actor.options(num_cpus=num_cpus, max_restarts=0, max_task_retries=0, runtime_env=environment)
-    return actor.remote(name, dict(sources))
+    actor = actor.options(max_restarts=0, max_task_retries=0, runtime_env=environment, **resources.for_ray())
+    return actor.remote(name, dict(sources), server)

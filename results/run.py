@@ -124,6 +124,8 @@ class RunDocument(_Model):
     decided: tuple[Decided, ...] = ()
     workers: dict[str, int] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session."""
+    inference: str = "worker"
+    """Where policies that look at images computed in the last session: "worker" or "served"."""
     skipped: dict[str, str] = Field(default_factory=dict)
     """Simulator to the reason why it could not run here."""
     render_devices: dict[str, str] = Field(default_factory=dict)

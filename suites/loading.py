@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from suites.placement import Inference, Resources
 from suites.schema import (
     AdaptiveEntry,
     CompareEntry,
@@ -205,6 +206,8 @@ def _fields(place: Place) -> list[str]:
         "merging": MergingEntry,
         "compare": CompareEntry,
         "adaptive": AdaptiveEntry,
+        "resources": Resources,
+        "inference": Inference,
     }
     model = models.get(str(place[0]), Suite) if len(place) > 1 else Suite
     return list(model.model_fields)

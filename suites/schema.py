@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from suites.placement import Inference, Resources
 from suites.plugins import nearest
 from suites.vocabulary import CAMERAS, CLEAN, CONTROLS, Cell, Condition, Protocol, RenderProfile, View, content_hash
 
@@ -176,6 +177,9 @@ class Suite(_Model):
         Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
     ] = 1
     """Worker processes per simulator; "auto": as many for all simulators together as fit the cores and the memory."""
+    resources: dict[str, Resources] = Field(default_factory=dict)
+    """Simulator to what each of its workers needs; one core if nothing is said."""
+    inference: Inference = Inference()
     max_attempts: Count = 3
     """Times that an episode may end its worker before it is recorded as an error."""
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
@@ -322,10 +326,13 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
             add((("cameras", i), f"unknown camera '{camera}'{nearest(camera, CAMERAS)}"))
         elif camera in suite.cameras[:i]:
             add((("cameras", i), f"duplicate camera '{camera}'"))
-    if isinstance(suite.workers, dict):
-        for simulator in suite.workers:
-            if simulator not in names.simulators:
-                add((("workers", simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
+    counted = suite.workers if isinstance(suite.workers, dict) else {}
+    for key, simulator in [
+        *(("workers", name) for name in counted),
+        *(("resources", name) for name in suite.resources),
+    ]:
+        if simulator not in names.simulators:
+            add(((key, simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
     if suite.gate is not None and suite.gate not in seen_policies:
         message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
         add((("gate",), message))

@@ -127,6 +127,7 @@ def provenance(document: RunDocument, tables: Tables) -> list[tuple[str, str]]:
         ("store", document.store_url or "file in the run folder"),
         *((f"{name} drawn by", device) for name, device in document.render_devices.items()),
         *((f"{name} workers", str(count)) for name, count in document.workers.items()),
+        *([("policies", "computed in processes of their own, in batches")] if document.inference == "served" else []),
         (
             "machine",
             ", ".join(filter(None, (made.processor, f"{made.cores} cores" if made.cores else "", made.platform))),

@@ -298,3 +298,23 @@ def test_rows_are_the_same_for_one_and_two_workers(suite, tmp_path):
         hashes.add(read_run(run.folder).rows_hash)
         assert len({outcome_row(row) for row in run.rows()}) == 40
     assert len(hashes) == 1
+
+
+def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
+    text = SUITE.replace("[oracle, random]", "[untrained]").replace("count: 20", "count: 4")
+    served = run(suite(text, inference="served"))
+    assert served.document.inference == "served"
+    assert "computed in processes of their own" in (run.folder / "report.md").read_text()
+    run.folder = run.folder.parent / "auto"
+    chosen = run(suite(text, inference="auto")).document.inference
+    assert chosen in ("worker", "served")
+    assert "measuring where policies answer sooner" in run.said.getvalue()
+    words = {"worker": "in the workers: ", "served": "in processes of their own: "}[chosen]
+    assert f"policies compute {words}" in run.said.getvalue()
+    assert served.document.rows_hash == read_run(run.folder).rows_hash
+
+
+def test_what_no_machine_has_stops_the_run_before_anything_is_played(run, suite):
+    outcome = run(suite(resources="{'null': {num_gpus: 60}}"))
+    assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, 0)
+    assert outcome.document.reason.startswith("resources.null.num_gpus: expected at most what one node has, ")

@@ -6,10 +6,12 @@ from collections import Counter
 
 import pytest
 
+from orchestrator.crew import CrewError
 from orchestrator.ray_crew import RayCrew
 from orchestrator.runner import PolicySource
 from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
 from results.record import outcome_row, rows_hash
+from suites.placement import Resources
 from suites.vocabulary import Cell, Protocol
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
@@ -166,7 +168,9 @@ def test_more_workers_than_there_are_places_take_turns(told):
     rows = []
     sources = {"zero": PolicySource("zero")}
     given = options(workers={"null": 2, "pybullet": 2})
-    Scheduler(items, RayCrew(sources, num_cpus=3.0), given, rows.extend, told).run()
+    Scheduler(
+        items, RayCrew(sources, dict.fromkeys(("null", "pybullet"), Resources(num_cpus=3.0))), given, rows.extend, told
+    ).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 12}
     assert not told.troubles
 
@@ -186,3 +190,23 @@ def test_places_that_are_added_while_it_runs_are_taken_up(told, monkeypatch):
     rows = play(told, work("null/Slow", range(80)), workers=lambda: 3 if len(told.rows) > 10 else 1)
     assert seeds(rows) == Counter(range(80))
     assert {row.worker for row in rows} == {"null-0", "null-1", "null-2"}
+
+
+def test_a_worker_that_holds_more_memory_than_it_may_is_replaced(told):
+    rows = play(told, work(seeds=range(60)), workers={"null": 1}, memory_bytes={"null": 1})
+    assert seeds(rows) == Counter(range(60))
+    assert len({ready.pid for _, ready in told.ready}) >= 3
+    assert not told.troubles
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"num_gpus": 0.5}, "resources.null.num_gpus: expected at most what one node has, 0; got 0.5"),
+        ({"num_cpus": 500}, "resources.null.num_cpus: expected at most what one node has, 6; got 500"),
+        ({"memory_gb": 9999}, r"resources.null.memory_gb: expected at most what one node has, .*; got 9999"),
+    ],
+)
+def test_what_no_node_has_is_refused_instead_of_waited_for(asked, message):
+    with pytest.raises(CrewError, match=message):
+        RayCrew(SOURCES, {"null": Resources(**asked)})
