@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference", "overhead")
-LONG = ("coverage", "million")
+BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference", "overhead", "vector_env")
+LONG = ("coverage", "million", "scale")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""

@@ -1,0 +1,157 @@
+"""The same episodes by the same expert through two workers and through a gymnasium vector environment of two processes.
+
+The vector environment is used as evaluation loops commonly do (LeRobot's, for one): every step returns the images, the
+policy answers for the whole batch, and a batch is stepped until the last of its episodes has ended.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+
+from adapters import catalog
+from adapters.contract import Observation
+from orchestrator.worker_environment import worker_environment
+from policies.catalog import load
+from policies.contract import Query
+from results.run import read_run
+from results.store import Store
+from suites.vocabulary import SUCCESS_HOLD, Condition, RenderProfile, View
+from tests.benchmarks.shared import episodes, open_task, table
+
+TASKS = ("pybullet/PandaPickAndPlace-v3", "robosuite/Lift")
+"""Their experts execute chunks of 8 whole."""
+PROCESSES, EPISODES, CHUNK = 2, 24, 8
+VIEW = View(render_profile=RenderProfile.FAST)
+EXPERTS = ("mergevla-experts", {"folder": "zoo:experts"})
+SUITE = """
+name: vector-env
+policies: [{{kind: mergevla-experts, options: {{folder: "zoo:experts"}}}}]
+tasks: [{task}]
+seeds: {{count: {episodes}}}
+render_profile: fast
+workers: {processes}
+"""
+
+
+class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
+    """A task as an environment with image observations."""
+
+    def __init__(self, task: str) -> None:
+        self._simulation, self._steps, self._held = open_task(task, VIEW), 0, 0
+        self._horizon = catalog.task_cards()[task].horizon
+        spec = self._simulation.action_spec
+        frame = spaces.Box(0, 255, (VIEW.image_size, VIEW.image_size, 3), np.uint8)
+        state = spaces.Box(-np.inf, np.inf, (8,), np.float64)
+        self.observation_space = spaces.Dict({"state": state} | dict.fromkeys(VIEW.cameras, frame))
+        self.action_space = spaces.Box(spec.low, spec.high, dtype=np.float64)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], Any]:
+        """Start the seed's episode."""
+        assert seed is not None
+        self._simulation.reset(seed, Condition())
+        self._steps = self._held = 0
+        return self._seen(), {}
+
+    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Step and look."""
+        outcome = self._simulation.step(action)
+        self._steps += 1
+        self._held = self._held + 1 if outcome.success else 0
+        return self._seen(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
+
+    def _seen(self) -> dict[str, Any]:
+        observation = self._simulation.observe()
+        return {"state": observation.proprioception, **observation.images}
+
+
+def plain(task: str) -> tuple[float, list[bool]]:
+    """Seconds for all episodes in batches, after start-up, and which succeeded."""
+    make = partial(ToGymnasium, task)
+    batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
+    policy, succeeded = load(*EXPERTS), list[bool]()
+    instruction = catalog.task_cards()[task].instruction
+    low, high = batch.single_action_space.low, batch.single_action_space.high  # type: ignore[attr-defined]
+    everything = list(episodes(task, "experts", VIEW, EPISODES))
+
+    def look(seen: Any, own: Any, step: int) -> Any:
+        shown = ({camera: seen[camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
+        looks = [Observation(images, seen["state"][i], instruction) for i, images in enumerate(shown)]
+        queries = [Query(episode, step, observation=one) for episode, one in zip(own, looks, strict=True)]
+        return np.stack([decision.actions for decision in policy.act(queries)])
+
+    seen, _ = batch.reset(seed=list(range(PROCESSES)))
+    look(seen, everything[:PROCESSES], 0)  # the expert is loaded before the clock starts; in our workers it is not
+    start = time.perf_counter()
+    for first in range(0, EPISODES, PROCESSES):
+        own = everything[first : first + PROCESSES]
+        seen, _ = batch.reset(seed=[episode.seed for episode in own])
+        policy.reset(own)
+        won, over, step = np.zeros(PROCESSES, bool), np.zeros(PROCESSES, bool), 0
+        chunks: Any = None
+        while not over.all():
+            if step % CHUNK == 0:
+                chunks = look(seen, own, step)
+            seen, _, terminated, truncated, _ = batch.step(np.clip(chunks[:, step % CHUNK], low, high))
+            won |= terminated & ~over
+            over |= terminated | truncated
+            step += 1
+        succeeded += won.tolist()
+        policy.finish(own)
+    seconds = time.perf_counter() - start
+    batch.close()
+    return seconds, succeeded
+
+
+def ours(task: str) -> tuple[float, list[bool]]:
+    """Seconds from the first episode's start to the last one's end in a user's run, and which succeeded."""
+    with tempfile.TemporaryDirectory() as folder:
+        suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
+        suite.write_text(SUITE.format(task=task, episodes=EPISODES, processes=PROCESSES), encoding="utf-8")
+        command = [sys.executable, "-c", "from orchestrator.cli import main; main()", "run", str(suite)]
+        subprocess.run([*command, "--out", str(run), "--no-media"], check=True, capture_output=True)
+        store = Store.open_file(run / "episodes.sqlite", read_run(run).run_id)
+        rows = sorted(store.results(), key=lambda row: row.seed)
+        store.close()
+    seconds = max(row.started_at + row.wall_s for row in rows) - min(row.started_at for row in rows)
+    return seconds, [row.status == "success" for row in rows]
+
+
+def measure() -> list[dict[str, object]]:
+    """Episodes per hour of both on two processes each, one after the other."""
+    found = []
+    for task in TASKS:
+        os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
+        (worker_s, won), (plain_s, plain_won) = ours(task), plain(task)
+        found.append(
+            {
+                "task": task,
+                "workers_per_hour": 3600 * EPISODES / worker_s,
+                "vector_env_per_hour": 3600 * EPISODES / plain_s,
+                "ratio": plain_s / worker_s,
+                "same_outcomes": sum(a == b for a, b in zip(won, plain_won, strict=True)),
+            }
+        )
+    table(
+        ("task", "workers, episodes/h", "gymnasium vector environment, episodes/h", "ratio", "same outcomes"),
+        [
+            (
+                f["task"],
+                f"{f['workers_per_hour']:.0f}",
+                f"{f['vector_env_per_hour']:.0f}",
+                f"{f['ratio']:.2f}",
+                f"{f['same_outcomes']} of {EPISODES}",
+            )
+            for f in found
+        ],
+    )
+    return found
