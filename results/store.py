@@ -6,6 +6,7 @@ import dataclasses
 import json
 import sqlite3
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,11 @@ _episodes = sa.Table(
         for name, (kind, nullable, _) in describe_fields().items()
     ),
 )
+_what_is_there = sa.Index(
+    "robogauntlet_what_is_there",
+    *(_episodes.c[name] for name in ("run_id", "policy_digest", "task", "axis", "severity", "seed", "status")),
+)
+"""Answers what a run still lacks without reading its rows."""
 
 
 class StoreError(Exception):
@@ -110,6 +116,7 @@ class Store:
     def begin_run(self, document: dict[str, Any]) -> None:
         """Record the run itself, unless it is there already."""
         with self._explained(), self._engine.begin() as connection:
+            connection.execute(sa.schema.CreateIndex(_what_is_there, if_not_exists=True))
             row = {"run_id": self._run_id, "started_at": time.time(), "document": json.dumps(document)}
             connection.execute(self._insert(_runs), [row])
 
@@ -141,13 +148,12 @@ class Store:
     def status_counts(self) -> dict[tuple[str, str], int]:
         """Stored rows by (simulator, status)."""
         e = _episodes.c
-        query = (
-            sa.select(e.simulator, e.status, sa.func.count())
-            .where(e.run_id == self._run_id)
-            .group_by(e.simulator, e.status)
-        )
+        query = sa.select(e.task, e.status, sa.func.count()).where(e.run_id == self._run_id).group_by(e.task, e.status)
+        counts: Counter[tuple[str, str]] = Counter()
         with self._explained(), self._engine.connect() as connection:
-            return {(simulator, status): count for simulator, status, count in connection.execute(query)}
+            for task, status, count in connection.execute(query):
+                counts[task.partition("/")[0], status] += count
+        return dict(counts)
 
     def results(self) -> Iterator[EpisodeResult]:
         """Every row, ordered by simulator, task, policy, condition and seed."""

@@ -6,6 +6,7 @@ import sqlite3
 import threading
 
 import pytest
+import sqlalchemy as sa
 
 from results.record import FIELDS
 from results.store import Store, StoreError, file_url
@@ -93,6 +94,18 @@ def test_outcomes_and_status_counts_say_what_is_there(store):
     found = store.outcomes()[cell.policy_digest, cell.task, "clean", 0]
     assert set(found) == {0, 2, 5}
     assert store.status_counts() == {("maniskill", s): 1 for s in ("success", "failure", "error")}
+
+
+@pytest.mark.parametrize("question", ["outcomes", "status_counts"])
+def test_what_is_there_is_found_without_reading_rows(store, path, question):
+    """A row takes 340 bytes: of a million, that is what continuing a run would spend its time on."""
+    asked = []
+    sa.event.listen(store._engine, "before_cursor_execute", lambda *call: asked.append(call[2:4]))
+    getattr(store, question)()
+    ((statement, values),) = asked
+    with sqlite3.connect(path) as connection:
+        plan = connection.execute(f"EXPLAIN QUERY PLAN {statement}", values).fetchall()
+    assert any("COVERING INDEX robogauntlet_what_is_there" in step[3] for step in plan)
 
 
 def test_errors_can_be_forgotten_and_nothing_else(store):
