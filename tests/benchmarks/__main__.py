@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference", "overhead", "vector_env")
-LONG = ("coverage", "million", "scale")
+LONG = ("coverage", "million", "resume", "scale")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""

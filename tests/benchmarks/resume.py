@@ -1,0 +1,84 @@
+"""Seconds from the command to the first new episode of a run that is continued with almost 1,000,000 rows there."""
+
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.benchmarks.shared import table
+
+PLANNED, MISSING = 1_000_000, 100
+SUITE = f"""
+name: resume
+policies: [oracle, zero]
+tasks: [null/Reach]
+seeds: {{count: {PLANNED // 2}}}
+horizon: 20
+"""
+RUN = [sys.executable, "-c", "from orchestrator.cli import main; main()", "run"]
+PATIENCE_S = 300.0
+
+
+def measure() -> list[dict[str, object]]:
+    """Begin a run, fill its store but for a few episodes, continue, and end it once a new row is there."""
+    with tempfile.TemporaryDirectory() as name:
+        suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
+        suite.write_text(SUITE, encoding="utf-8")
+        begun = _until_a_row(suite, folder)
+        _fill(suite, folder)
+        continued = _until_a_row(suite, folder)
+    table(
+        ("rows there", "a new run's first episode", "the continued run's first new episode"),
+        [(f"{PLANNED - MISSING:,}", f"{begun:.1f} s", f"{continued:.1f} s")],
+    )
+    return [{"rows": PLANNED - MISSING, "new_run_s": begun, "continued_s": continued}]
+
+
+def _until_a_row(suite: Path, folder: Path) -> float:
+    """Seconds from the start of `gauntlet run` to that of its first episode; then it is interrupted."""
+    start = time.time()
+    process = subprocess.Popen(
+        [*RUN, str(suite), "--out", str(folder), "--no-media"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        while not (began := _starts(folder, since=start)):
+            if time.time() - start > PATIENCE_S or process.poll() is not None:
+                raise RuntimeError("the run did not begin")
+            time.sleep(0.5)
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait()
+    return min(began) - start
+
+
+def _starts(folder: Path, since: float) -> list[float]:
+    """When the episodes of this session started."""
+    try:
+        connection = sqlite3.connect(f"file:{folder / 'episodes.sqlite'}?mode=ro", uri=True)
+    except sqlite3.OperationalError:
+        return []
+    try:
+        newest = "SELECT started_at FROM episodes ORDER BY rowid DESC LIMIT 1000"
+        return [moment for (moment,) in connection.execute(newest) if moment >= since]
+    except sqlite3.OperationalError:
+        return []  # it is being made
+    finally:
+        connection.close()
+
+
+def _fill(suite: Path, folder: Path) -> None:
+    from orchestrator.plan import make_plan
+    from results.run import read_run
+    from results.store import Store
+    from tests.results.synthetic import row
+
+    store = Store.open_file(folder / "episodes.sqlite", read_run(folder).run_id)
+    plan = make_plan(suite)
+    for cell in plan.cells:
+        seeds = list(plan.suite.seeds)[: -MISSING // len(plan.cells)]
+        for first in range(0, len(seeds), 10_000):
+            store.add([row(cell, seed, started_at=0.0) for seed in seeds[first : first + 10_000]])
+    store.close()
