@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
 
 from orchestrator.cli.shared import fail, out
-from results.report import read_merging, read_tables
+from results.report import read_findings, read_merging, read_tables
 from results.report.merging import compact_table, overall_table
 from results.report.text import NOTHING, TextTable, rate_text, summary_table
 from results.run import RunError
 from results.tables import Tables
+from suites.vocabulary import Condition
+
+MOST_CONDITIONS = 4
+"""With more of them, their lines are not printed for every task and simulator: the report has them."""
 
 
 def print_summary(folder: Path) -> None:
-    """Print success per task and policy, per policy and simulator, and what merging cost, as the report has it."""
+    """Print success per task, simulator and condition, what was found, and what merging cost, as the report has it."""
     try:
-        tables, merging = read_tables(folder), read_merging(folder)
+        tables, merging, findings = read_tables(folder), read_merging(folder), read_findings(folder)
     except RunError as error:
         fail(str(error))
         return
@@ -25,10 +30,20 @@ def print_summary(folder: Path) -> None:
         out.print("no episode has been played yet")
         return
     out.print()
-    out.print(rich_table(_per_task(tables), title="Success rate with 95 % Wilson interval, per task"))
+    many = len(tables.conditions) > MOST_CONDITIONS
+    shown = tables.conditions[:1] if many else tables.conditions
+    where = f", {shown[0]}" if many else ""
+    out.print(rich_table(_per_task(tables, shown), title=f"Success rate with 95 % Wilson interval, per task{where}"))
     out.print()
-    out.print(rich_table(_fitting(summary_table(tables)), title="Per simulator"))
+    if many:
+        out.print(rich_table(_per_condition(tables), title="Per condition, over all tasks and simulators"))
+    else:
+        out.print(rich_table(_fitting(summary_table(tables)), title="Per simulator"))
     out.print()
+    for finding in findings:
+        out.print(f"- {finding}", markup=False)
+    if findings:
+        out.print()
     if merging is None:
         return
     for comparison in merging.routed:
@@ -39,11 +54,11 @@ def print_summary(folder: Path) -> None:
     out.print()
 
 
-def _per_task(tables: Tables) -> TextTable:
+def _per_task(tables: Tables, conditions: Sequence[Condition]) -> TextTable:
     """Tasks x policies; a line per condition if there are several."""
-    several = len(tables.conditions) > 1
+    several = len(conditions) > 1
     found = {(cell.task, cell.condition, cell.policy): cell for cell in tables.cells}
-    lines = dict.fromkeys((cell.task, cell.condition) for cell in tables.cells)
+    lines = dict.fromkeys((cell.task, cell.condition) for cell in tables.cells if cell.condition in conditions)
     rows = []
     for task, condition in lines:
         cells = [found.get((task, condition, policy)) for policy in tables.policies]
@@ -59,6 +74,16 @@ def _per_task(tables: Tables) -> TextTable:
         )
     header = ("task", *(("condition",) if several else ()), *tables.policies, "n", "errors")
     return TextTable(header, tuple(rows), 2 if several else 1)
+
+
+def _per_condition(tables: Tables) -> TextTable:
+    """Conditions x policies, all tasks together."""
+    found = {(total.condition, total.policy): total for total in tables.by_policy}
+    rows = []
+    for condition in tables.conditions:
+        totals = [found.get((condition, policy)) for policy in tables.policies]
+        rows.append((str(condition), *(NOTHING if one is None else rate_text(one.tally) for one in totals)))
+    return TextTable(("condition", *tables.policies), tuple(rows), 1)
 
 
 def _fitting(table: TextTable) -> TextTable:

@@ -2,6 +2,15 @@
 
 from results.report.summary import Summary
 from results.report.text import TextTable, summary_table
-from results.report.writing import ReportPaths, read_merging, read_tables, write_report
+from results.report.writing import ReportPaths, read_findings, read_merging, read_tables, write_report
 
-__all__ = ["ReportPaths", "Summary", "TextTable", "read_merging", "read_tables", "summary_table", "write_report"]
+__all__ = [
+    "ReportPaths",
+    "Summary",
+    "TextTable",
+    "read_findings",
+    "read_merging",
+    "read_tables",
+    "summary_table",
+    "write_report",
+]

@@ -21,7 +21,7 @@ SEES_NOTHING, TOLD_OTHERWISE = "blind", "wrong-goal"
 
 def findings(robustness: Robustness) -> tuple[str, ...]:
     """Sentences, the most important first. What was tested and not shown is said to be just that."""
-    policies = tuple(dict.fromkeys(curve.policy for curve in robustness.curves))
+    policies = dict.fromkeys(curve.policy for curve in robustness.curves if curve.policy not in robustness.floors)
     said = [sentence for policy in policies for sentence in _falls(robustness, policy)]
     if robustness.shift is not None:
         said += _merging(robustness.shift)
@@ -108,7 +108,7 @@ def _routers(shift: Shift) -> list[str]:
 
 def _controls(robustness: Robustness) -> list[str]:
     said = []
-    for row in robustness.controls:
+    for row in (row for row in robustness.controls if row.policy not in robustness.floors):
         whole = row.simulator is None or not any(r.simulator is None for r in robustness.controls)
         if not whole or row.control not in (SEES_NOTHING, TOLD_OTHERWISE):
             continue

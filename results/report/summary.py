@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from results.merging import Merging
+from results.report.findings import findings
 from results.robustness import Robustness
 from results.run import Provenance, RunDocument, RunStatus
 from results.statistics.rates import CONFIDENCE
@@ -66,6 +67,8 @@ class Summary(BaseModel):
     """What merging and routing cost, if the suite asks for it."""
     robustness: Robustness | None = None
     """How success falls with severity, if anything was perturbed. Numbers beyond every level are "Infinity"."""
+    findings: tuple[str, ...] = ()
+    """What the tests of `robustness` show, in sentences."""
 
 
 def build_summary(
@@ -98,4 +101,5 @@ def build_summary(
         provenance=document.provenance,
         merging=merging,
         robustness=robustness,
+        findings=findings(robustness) if robustness else (),
     )

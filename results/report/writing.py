@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -93,6 +94,17 @@ def read_merging(folder: Path) -> Merging | None:
         RunError: The folder is no run, or has no report yet.
     """
     return _compare(read_run(folder), _written(folder))
+
+
+def read_findings(folder: Path) -> tuple[str, ...]:
+    """What a report that was written before found under perturbations, in sentences.
+
+    Raises:
+        RunError: The folder is no run, or has no report yet.
+    """
+    _written(folder)
+    summary = json.loads(ReportPaths.of(folder).summary.read_text(encoding="utf-8"))
+    return tuple(map(str, summary.get("findings", ())))
 
 
 def _written(folder: Path) -> Path:

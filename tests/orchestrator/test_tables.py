@@ -4,8 +4,9 @@ import pytest
 
 from orchestrator.cli import tables
 from results.report import write_report
+from suites.vocabulary import Condition
 from tests.results.routed import routed_document, routed_rows
-from tests.results.synthetic import run_folder
+from tests.results.synthetic import cells, document, rows, run_folder
 
 
 @pytest.fixture
@@ -39,3 +40,18 @@ def test_nothing_of_it_is_cut_off_in_a_terminal_of_80_columns(said, monkeypatch)
 
 def test_any_other_suite_does_not(said):
     assert not any(line[:3] == ["task", "expert", "told"] for line in said(merging=None))
+
+
+def test_a_suite_of_many_conditions_gets_a_line_for_each_and_the_findings(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(tables.out, "_width", 200)
+    conditions = (Condition(), *(Condition(axis, level) for axis in ("noise", "blur") for level in (1, 2, 3)))
+    plan = cells(("experts", "merged"), conditions=conditions)
+    folder = run_folder(tmp_path / "run", document(20, of=plan), rows(plan, 20))
+    write_report(folder)
+    tables.print_summary(folder)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines if line.startswith(("clean", "noise@", "blur@"))] == [
+        str(condition) for condition in conditions
+    ]
+    assert len([line for line in lines if line.startswith("robosuite/")]) == 1
+    assert any(line.startswith("- experts: ") for line in lines)

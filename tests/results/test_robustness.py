@@ -29,9 +29,9 @@ def rows(**changes):
     return found
 
 
-def built(results=None, plan=PLAN):
+def built(results=None, plan=PLAN, **changes):
     frame = pd.DataFrame([dataclasses.asdict(result) for result in (rows() if results is None else results)])
-    return build_robustness(document(SEEDS, of=plan), frame[list(COLUMNS)])
+    return build_robustness(document(SEEDS, of=plan, **changes), frame[list(COLUMNS)])
 
 
 def curve(robustness, policy, simulator, axis):

@@ -6,8 +6,9 @@ import re
 
 import pytest
 
+from results.report import read_findings, write_report
 from results.report import robustness as words
-from results.report import write_report
+from results.report.findings import findings
 from results.statistics.rates import Estimate, Interval
 from suites.vocabulary import Condition
 from tests.results.synthetic import cells, document, row, run_folder
@@ -60,6 +61,18 @@ def test_the_summary_has_it_too(paths):
     found = json.loads(paths.summary.read_text())["robustness"]
     assert found["axes"] == ["noise", "blur"]
     assert found["worlds"] == {"compared": 240, "differing": 0}
+
+
+def test_programs_and_the_terminal_are_told_the_same_findings_as_readers(paths):
+    found = read_findings(paths.summary.parent)
+    assert found
+    text = paths.markdown.read_text().replace("\\", "")
+    assert all(f"- {sentence}" in text for sentence in found)
+
+
+def test_nothing_is_found_about_a_floor_since_it_has_no_skill_to_lose():
+    assert any(sentence.startswith("merged: ") for sentence in findings(built()))
+    assert not any(sentence.startswith("merged: ") for sentence in findings(built(floors=("merged",))))
 
 
 def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
