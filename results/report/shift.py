@@ -53,6 +53,20 @@ def heat_maps(robustness: Robustness) -> tuple[HeatMap, ...]:
     return tuple(_heat_map(robustness, policy) for policy in policies)
 
 
+def beside(robustness: Robustness, *, floors: bool) -> tuple[tuple[HeatMap, ...], ...]:
+    """The heat maps in groups that share their rows, so that a group can be drawn as one.
+
+    Args:
+        robustness: Of the run.
+        floors: Those of the floors, else those of all other policies.
+    """
+    groups: dict[tuple[tuple[str, int], ...], list[HeatMap]] = {}
+    for found in heat_maps(robustness):
+        if (found.policy in robustness.floors) is floors:
+            groups.setdefault(tuple((row.axis, row.severity) for row in found.rows), []).append(found)
+    return tuple(map(tuple, groups.values()))
+
+
 def _heat_map(robustness: Robustness, policy: str) -> HeatMap:
     own = [curve for curve in robustness.curves if curve.policy == policy]
     places = sorted({curve.simulator for curve in own}, key=lambda name: (name is None, name or ""))

@@ -188,6 +188,15 @@ def test_the_heat_map_has_the_clean_condition_once_and_a_column_per_simulator():
     assert table.rows[2][1].endswith("], 50")
 
 
+def test_heat_maps_stand_beside_each_other_and_those_of_floors_apart():
+    found = built(floors=("merged",))
+    ((skilled,), (floor,)) = (words.beside(found, floors=floors)[0] for floors in (False, True))
+    assert (skilled.policy, floor.policy) == ("expert", "merged")
+    ((expert, merged),) = words.beside(built(), floors=False)
+    assert (expert.policy, merged.policy) == ("expert", "merged")
+    assert words.beside(built(), floors=True) == ()
+
+
 def test_what_needs_no_skill_is_taken_off_before_shares_are_said():
     """Rates .9, .5 with a floor of .1: (.5 - .1) / (.9 - .1) is kept at level 4, not .5 / .9."""
     plan = cells(("expert", "replay"), TASKS, (Condition(), Condition("noise", 4)))
