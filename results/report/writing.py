@@ -12,6 +12,7 @@ from pathlib import Path
 from results import merging
 from results import robustness as robustness_of_run
 from results.merging import Merging, build_merging
+from results.report.explore import render_explorer
 from results.report.markdown import render_markdown
 from results.report.media import collect_media
 from results.report.page import render_page
@@ -39,11 +40,13 @@ class ReportPaths:
     """Every row, Parquet."""
     cells: Path
     """A line per policy, task and condition, CSV."""
+    explorer: Path
+    """Plots to turn over by hand, HTML with scripts; only where something was perturbed."""
 
     @classmethod
     def of(cls, folder: Path) -> ReportPaths:
         """Where the report of a run folder is, or will be."""
-        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv")
+        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv", "explore.html")
         return cls(*(folder / name for name in names))
 
 
@@ -74,6 +77,8 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     _write_text(paths.summary, build_summary(document, tables, compared, robustness).model_dump_json(indent=1) + "\n")
     _write_text(paths.cells, render_csv(tables))
     _write_text(paths.markdown, render_markdown(document, tables, compared, robustness))
+    if robustness is not None:
+        _write_text(paths.explorer, render_explorer(document, tables, robustness))
     _write_text(paths.html, render_page(folder, document, tables, media, compared, robustness))
     return paths
 

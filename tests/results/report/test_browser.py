@@ -71,3 +71,15 @@ def test_the_robustness_section_is_drawn_and_fits_the_page(page, width, tmp_path
     assert found["colour"] != "rgba(0, 0, 0, 0)"
     assert found["broken"] == []
     assert found["unnamed"] == 0
+
+
+def test_the_page_to_turn_over_by_hand_is_drawn_without_a_network(tmp_path):
+    folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, compare=COMPARE), rows())
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=8000", "--dump-dom"]
+    command.append(write_report(folder).explorer.as_uri())
+    drawn = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    body = drawn.partition("<body>")[2]
+    assert body.count('class="updatemenu-header"') == 2  # to choose the axis, and the policy
+    assert body.count('class="trace scatter') == 2  # expert and merged, over all simulators
+    assert 'class="hm"' in body

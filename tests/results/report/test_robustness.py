@@ -70,6 +70,17 @@ def test_programs_and_the_terminal_are_told_the_same_findings_as_readers(paths):
     assert all(f"- {sentence}" in text for sentence in found)
 
 
+def test_a_page_to_turn_over_by_hand_lies_beside_the_report_and_needs_no_network(paths):
+    page = paths.explorer.read_text()
+    assert not re.search(r"""<(script|link|img)[^>]*(src|href)=["']?(https?:)?//""", page)
+    assert 'href="explore.html"' in paths.html.read_text()
+
+
+def test_a_name_from_a_suite_is_text_in_that_page(tmp_path):
+    folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, suite_name="<script>alert(1)</script>"), rows())
+    assert "<script>alert(1)" not in write_report(folder).explorer.read_text()
+
+
 def test_nothing_is_found_about_a_floor_since_it_has_no_skill_to_lose():
     assert any(sentence.startswith("merged: ") for sentence in findings(built()))
     assert not any(sentence.startswith("merged: ") for sentence in findings(built(floors=("merged",))))
