@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 import ray
-from ray.exceptions import GetTimeoutError, RayActorError, RayError, RaySystemError, RayTaskError
+from ray.exceptions import RayActorError, RayError
 
 from adapters import catalog
 from orchestrator import crew
@@ -47,7 +47,7 @@ class RayWorker:
             return self._word()
         except RayActorError:
             raise WorkerLost("the worker process died") from None
-        except (RaySystemError, RayTaskError, GetTimeoutError) as error:
+        except RayError as error:  # whatever befell it: no memory, no disk, a message that cannot be read
             raise WorkerLost(str(error).strip().splitlines()[0]) from None
 
     def _word(self) -> crew.Word:

@@ -99,7 +99,7 @@ class _Session:
         self._status = RunStatus.COMPLETE
         self._reason: str | None = None
         self._troubles: list[str] = [f"{name} is skipped: {reason}" for name, reason in plan.unavailable.items()]
-        self._began = time.time()
+        self._began = time.monotonic()  # the other clock may be set meanwhile
 
     def play(self) -> None:
         """Play what is missing; never raises what a run must survive."""
@@ -198,13 +198,12 @@ class _Session:
         planned = self._document.planned
         if self._status is RunStatus.COMPLETE and rows < planned and not self._skipped:
             self._status, self._reason = RunStatus.STOPPED, f"{planned - rows} episodes are missing"
-        now = time.time()
         self._document = self._document.model_copy(
             update={
                 "status": self._status,
                 "reason": self._reason,
-                "finished_at": now,
-                "elapsed_s": self._document.elapsed_s + now - self._began,
+                "finished_at": time.time(),
+                "elapsed_s": self._document.elapsed_s + time.monotonic() - self._began,
                 "skipped": self._skipped,
                 "render_devices": self._devices,
                 "rows_hash": digest,

@@ -3,8 +3,10 @@
 import io
 import os
 import subprocess
+import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -318,3 +320,10 @@ def test_what_no_machine_has_stops_the_run_before_anything_is_played(run, suite)
     outcome = run(suite(resources="{'null': {num_gpus: 60}}"))
     assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, 0)
     assert outcome.document.reason.startswith("resources.null.num_gpus: expected at most what one node has, ")
+
+
+def test_a_clock_that_is_set_back_does_not_shorten_a_run(run, suite, monkeypatch):
+    moments = iter(range(2_000_000_000, 0, -86_400))
+    clock = SimpleNamespace(time=lambda: float(next(moments)), monotonic=time.monotonic)
+    monkeypatch.setattr("orchestrator.run.time", clock)
+    assert 0 < run(suite()).document.elapsed_s < 600

@@ -52,6 +52,24 @@ def test_a_hanging_worker_is_ended_after_the_time_limit():
     assert 30.0 < crew.clock() < 60.0
 
 
+def test_a_clock_that_jumps_ends_no_worker_that_had_something_to_say():
+    """As when the scheduler was stopped for an hour, and its workers went on."""
+    crew = SimulatedCrew(lambda episode: 1.0, Clock())
+    jumped = []
+
+    def jump(episode):
+        if episode.seed == 10 and not jumped:
+            jumped.append(episode)
+            crew.clock.waited += 3600.0
+        return "plays"
+
+    crew._fate = jump
+    rows, told = play(work({("a/1", "p"): 40}), crew, {"a": 3})
+    assert Counter(row.seed for row in rows) == Counter(range(40))
+    assert jumped
+    assert not told.troubles
+
+
 def test_a_simulator_that_cannot_be_opened_leaves_the_others_alone():
     crew = SimulatedCrew(lambda episode: 1.0, Clock(), unavailable=["b"])
     rows, told = play(work({("a/1", "p"): 5, ("b/1", "p"): 7}), crew, lambda: 2)
