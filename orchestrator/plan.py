@@ -145,7 +145,7 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
             problems.append(f"policies '{by_digest[digest]}' and '{entry.name}' are the same policy; remove one")
         by_digest.setdefault(digest, entry.name)
         digests[entry.name] = digest
-        sources[entry.name] = PolicySource(entry.kind, entry.options)
+        sources[entry.name] = PolicySource(entry.kind, entry.options, digest)
     unsupported = _unsupported(suite)
     problems += _nowhere(suite, unsupported)
     if problems:

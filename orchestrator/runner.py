@@ -25,14 +25,21 @@ class PolicySource:
 
     kind: str
     options: Mapping[str, Any] = field(default_factory=dict)
+    digest: str | None = None
+    """Of its content as it was planned; None to take what is there."""
 
 
 def build(source: PolicySource) -> Policy:
     """The policy itself.
 
     Raises:
-        PolicyError: It cannot be built.
+        PolicyError: It cannot be built, or is not what was planned: its files were changed, or are others on this node.
     """
+    if source.digest is not None and (found := policies.digest(source.kind, source.options)) != source.digest:
+        raise PolicyError(
+            f"policy '{source.kind}' has changed since the run was planned: "
+            f"expected content {source.digest}, got {found}"
+        )
     return policies.load(source.kind, source.options)
 
 

@@ -3,6 +3,7 @@
 import pytest
 
 from orchestrator.runner import EpisodeRunner, Lease, PolicySource
+from policies.catalog import digest
 from policies.contract import Decision, PolicyKind, PolicySpec, Sees, StatelessPolicy
 from results.record import outcome_row
 from suites.vocabulary import Cell, Condition, Protocol, View
@@ -50,6 +51,19 @@ def test_what_a_simulator_raises_becomes_an_error_row_and_the_rest_goes_on(runne
 def test_a_simulator_that_raises_once_is_tried_again(runner, tmp_path, monkeypatch):
     monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
     assert [result.status for result in runner.play(lease("null/Raise", seeds=(7,)))] == ["success"]
+
+
+def test_a_policy_that_is_not_what_was_planned_is_not_played():
+    """Its files were changed while the run went on, or another node has others under the same name."""
+    planned, other = digest("zero", {}), "0" * 16
+    made = EpisodeRunner({"zero": PolicySource("zero", {}, planned), "other": PolicySource("zero", {}, other)})
+    (same,) = made.play(lease(policy="zero", seeds=(0,)))
+    (changed,) = made.play(lease(policy="other", seeds=(0,)))
+    made.close()
+    assert same.error is None
+    assert changed.error == (
+        f"PolicyError: policy 'zero' has changed since the run was planned: expected content {other}, got {planned}"
+    )
 
 
 def test_an_unsupported_condition_is_an_error_row(runner):
