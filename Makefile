@@ -32,7 +32,7 @@ demo: setup
 
 test: setup lint
 	@bash scripts/test_tools.sh
-	$(BIN)/python -m pytest -q -n logical --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -q -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 test-fast: setup
 	$(BIN)/python -m pytest -q -m "not simulator and not ray and not slow"

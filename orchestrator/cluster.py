@@ -7,7 +7,7 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 _LOCAL_ENVIRONMENT = {
@@ -18,10 +18,20 @@ _LOCAL_ENVIRONMENT = {
 WORKER_BYTES = 2 * 1024**3
 """Memory that a worker may come to need: a simulator, its renderer and a policy."""
 _VITAL = ("raylet", "gcs_server")
+_ASKED = (
+    ("num_cpus", "CPU", "num_cpus", 1),
+    ("num_gpus", "GPU", "num_gpus", 1),
+    ("memory", "memory", "memory_gb", 1024**3),
+)
+"""Option of a Ray actor, Ray's resource, the suite's key, and its unit."""
 
 
 class RayLost(Exception):
     """Ray itself has died, and with it every worker."""
+
+
+class NoRoom(Exception):
+    """Something is asked of Ray that no node has, so that it would wait without end."""
 
 
 @contextlib.contextmanager
@@ -63,6 +73,27 @@ def room_for_workers() -> int:
     resources = ray.cluster_resources()
     cores = int(resources.get("CPU", 1))
     return max(1, min(cores, int(resources.get("memory", cores * WORKER_BYTES) // WORKER_BYTES)))
+
+
+def check_room(key: str, asked: Mapping[str, float]) -> None:
+    """Refuse what Ray would wait for without end.
+
+    Args:
+        key: Of the suite, under which it is asked for.
+        asked: Options of a Ray actor: `num_cpus`, `num_gpus`, `memory` (bytes).
+
+    Raises:
+        NoRoom: No node has as much.
+    """
+    import ray
+
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    for option, resource, name, unit in _ASKED:
+        most = max((node.get(resource, 0.0) for node in nodes), default=0.0)
+        if asked.get(option, 0.0) > most:
+            raise NoRoom(
+                f"{key}.{name}: expected at most what one node has, {most / unit:g}; got {asked[option] / unit:g}"
+            )
 
 
 def check_alive() -> None:

@@ -14,7 +14,7 @@ from ray.exceptions import RayActorError, RayError
 
 from adapters import catalog
 from orchestrator import crew
-from orchestrator.cluster import RayLost, check_alive
+from orchestrator.cluster import RayLost, check_alive, check_room
 from orchestrator.crew import CrewError, Finished, Returned, Started, Unavailable, WorkerLost
 from orchestrator.runner import Lease, PolicySource, Readiness
 from orchestrator.worker import start_worker
@@ -83,12 +83,12 @@ class RayCrew:
             servers: Answer for the policies that look at images (`serving`), if there are any.
 
         Raises:
-            CrewError: No node has what a worker needs.
+            NoRoom: No node has what a worker needs.
         """
         self._sources, self._resources, self._servers = sources, resources or {}, servers
         self._started = 0
         for simulator, asked in self._resources.items():
-            _check_room(simulator, asked)
+            check_room(f"resources.{simulator}", asked.for_ray())
         self._condemned: dict[int, float] = {}
         """Process id of an ended worker to the time at which it is killed if it still lives."""
         self._workers: dict[RayWorker, None] = {}
@@ -159,21 +159,3 @@ class RayCrew:
         except RayError as error:
             self.check()
             raise CrewError(f"Ray: {str(error).strip().splitlines()[0]}") from error
-
-
-def _check_room(simulator: str, asked: Resources) -> None:
-    """Refuse what Ray would wait for without end.
-
-    Raises:
-        CrewError: No node has as much.
-    """
-    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
-    for name, key in (("num_cpus", "CPU"), ("num_gpus", "GPU"), ("memory", "memory")):
-        wanted = asked.for_ray().get(name, 0.0)
-        most = max((node.get(key, 0.0) for node in nodes), default=0.0)
-        if wanted > most:
-            unit, what = (1024**3, "memory_gb") if name == "memory" else (1, name)
-            raise CrewError(
-                f"resources.{simulator}.{what}: expected at most what one node has, {most / unit:g}; "
-                f"got {wanted / unit:g}"
-            )

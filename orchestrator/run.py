@@ -18,7 +18,7 @@ from adapters import catalog as simulators
 from orchestrator import provenance
 from orchestrator.adaptive import missing
 from orchestrator.choosing import worth_a_look
-from orchestrator.cluster import RayLost, ray_session, room_for_workers
+from orchestrator.cluster import NoRoom, RayLost, check_room, ray_session, room_for_workers
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
@@ -124,7 +124,7 @@ class _Session:
                     work = self._work()
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
-        except (TooManyErrors, RayLost, CrewError) as error:
+        except (TooManyErrors, NoRoom, RayLost, CrewError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
         except (StoreError, OSError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
@@ -169,6 +169,8 @@ class _Session:
 
         inference, sources = self._plan.suite.inference, self._plan.sources
         place: str = inference.place
+        if place != "worker":
+            check_room("inference", {"num_gpus": inference.num_gpus})
         if place == "auto":
             self._progress.say("measuring where policies answer sooner")
             times = measure(sources, self._plan.cells, inference, workers)

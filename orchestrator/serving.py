@@ -12,10 +12,12 @@ from typing import Any, Literal
 
 import numpy as np
 import ray
+from ray.exceptions import RayError
 
 from adapters.contract import PROPRIOCEPTION_DIM, Observation
 from orchestrator.batching import Batcher
 from orchestrator.cluster import answer
+from orchestrator.crew import CrewError
 from orchestrator.runner import PolicySource, build
 from policies import catalog
 from policies.contract import Decision, Policy, PolicySpec, Query, Sees
@@ -168,6 +170,9 @@ def measure(
 
     Returns:
         None if no policy looks at images.
+
+    Raises:
+        CrewError: One does not answer.
     """
     servers = start_servers(sources, inference.model_copy(update={"replicas": 1}))
     if not servers:
@@ -185,6 +190,8 @@ def measure(
                     answer(reference)
                 if turn:
                     together.append(time.perf_counter() - start)
+    except RayError as error:
+        raise CrewError(f"a policy does not answer: {str(error).strip().splitlines()[-1]}") from error
     finally:
         ray.kill(server)
     return AnswerTimes(sum(alone) / len(alone), sum(together) / len(together))

@@ -316,10 +316,17 @@ def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
     assert served.document.rows_hash == read_run(run.folder).rows_hash
 
 
-def test_what_no_machine_has_stops_the_run_before_anything_is_played(run, suite):
-    outcome = run(suite(resources="{'null': {num_gpus: 60}}"))
+@pytest.mark.parametrize(
+    ("asked", "key"),
+    [
+        ({"resources": "{'null': {num_gpus: 60}}"}, "resources.null.num_gpus"),
+        ({"inference": "{place: served, num_gpus: 60}"}, "inference.num_gpus"),
+    ],
+)
+def test_what_no_machine_has_stops_the_run_before_anything_is_played(run, suite, asked, key):
+    outcome = run(suite(**asked))
     assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, 0)
-    assert outcome.document.reason.startswith("resources.null.num_gpus: expected at most what one node has, ")
+    assert outcome.document.reason.startswith(f"{key}: expected at most what one node has, ")
 
 
 def test_a_clock_that_is_set_back_does_not_shorten_a_run(run, suite, monkeypatch):

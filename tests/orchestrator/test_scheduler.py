@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from orchestrator.crew import CrewError
+from orchestrator.cluster import NoRoom
 from orchestrator.ray_crew import RayCrew
 from orchestrator.runner import PolicySource
 from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
@@ -208,5 +208,5 @@ def test_a_worker_that_holds_more_memory_than_it_may_is_replaced(told):
     ],
 )
 def test_what_no_node_has_is_refused_instead_of_waited_for(asked, message):
-    with pytest.raises(CrewError, match=message):
+    with pytest.raises(NoRoom, match=message):
         RayCrew(SOURCES, {"null": Resources(**asked)})
