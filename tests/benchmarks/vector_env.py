@@ -1,9 +1,10 @@
-"""The same episodes by the same expert through two workers and through a gymnasium vector environment of two processes.
+"""The same episodes by the same policy through two workers and through a gymnasium vector environment of two processes.
 
 The vector environment is used as evaluation loops commonly do (LeRobot's, for one): every step returns the images, the
 policy answers for the whole batch, and a batch is stepped until the last of its episodes has ended.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -28,14 +29,20 @@ from results.store import Store
 from suites.vocabulary import SUCCESS_HOLD, Condition, RenderProfile, View
 from tests.benchmarks.shared import episodes, open_task, table
 
-TASKS = ("pybullet/PandaPickAndPlace-v3", "robosuite/Lift")
-"""Their experts execute chunks of 8 whole."""
-PROCESSES, EPISODES, CHUNK = 2, 24, 8
+UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
+PAIRS = (
+    ("pybullet/PandaPush-v3", UNTRAINED),
+    ("robosuite/Lift", UNTRAINED),
+    ("pybullet/PandaPickAndPlace-v3", EXPERTS),
+    ("robosuite/Stack", EXPERTS),
+)
+"""The untrained network executes 8 actions before it looks again and never succeeds; experts what their card says."""
+OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
+PROCESSES, EPISODES = 2, 24
 VIEW = View(render_profile=RenderProfile.FAST)
-EXPERTS = ("mergevla-experts", {"folder": "zoo:experts"})
 SUITE = """
 name: vector-env
-policies: [{{kind: mergevla-experts, options: {{folder: "zoo:experts"}}}}]
+policies: [{{kind: {policy}, options: {options}}}]
 tasks: [{task}]
 seeds: {{count: {episodes}}}
 render_profile: fast
@@ -69,19 +76,23 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
         self._held = self._held + 1 if outcome.success else 0
         return self._seen(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
 
+    def close(self) -> None:
+        """End the simulation."""
+        self._simulation.close()
+
     def _seen(self) -> dict[str, Any]:
         observation = self._simulation.observe()
         return {"state": observation.proprioception, **observation.images}
 
 
-def plain(task: str) -> tuple[float, list[bool]]:
-    """Seconds for all episodes in batches, after start-up, and which succeeded."""
+def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
+    """Seconds for all episodes in batches, after start-up, which succeeded, and the length of a chunk."""
     make = partial(ToGymnasium, task)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
-    policy, succeeded = load(*EXPERTS), list[bool]()
+    policy, succeeded = load(kind, OPTIONS[kind]), list[bool]()
     instruction = catalog.task_cards()[task].instruction
     low, high = batch.single_action_space.low, batch.single_action_space.high  # type: ignore[attr-defined]
-    everything = list(episodes(task, "experts", VIEW, EPISODES))
+    everything = list(episodes(task, kind, VIEW, EPISODES))
 
     def look(seen: Any, own: Any, step: int) -> Any:
         shown = ({camera: seen[camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
@@ -90,7 +101,9 @@ def plain(task: str) -> tuple[float, list[bool]]:
         return np.stack([decision.actions for decision in policy.act(queries)])
 
     seen, _ = batch.reset(seed=list(range(PROCESSES)))
-    look(seen, everything[:PROCESSES], 0)  # the expert is loaded before the clock starts; in our workers it is not
+    chunk = look(seen, everything[:PROCESSES], 0).shape[
+        1
+    ]  # the expert is loaded before the clock starts; in our workers it is not
     start = time.perf_counter()
     for first in range(0, EPISODES, PROCESSES):
         own = everything[first : first + PROCESSES]
@@ -99,9 +112,9 @@ def plain(task: str) -> tuple[float, list[bool]]:
         won, over, step = np.zeros(PROCESSES, bool), np.zeros(PROCESSES, bool), 0
         chunks: Any = None
         while not over.all():
-            if step % CHUNK == 0:
+            if step % chunk == 0:
                 chunks = look(seen, own, step)
-            seen, _, terminated, truncated, _ = batch.step(np.clip(chunks[:, step % CHUNK], low, high))
+            seen, _, terminated, truncated, _ = batch.step(np.clip(chunks[:, step % chunk], low, high))
             won |= terminated & ~over
             over |= terminated | truncated
             step += 1
@@ -109,14 +122,17 @@ def plain(task: str) -> tuple[float, list[bool]]:
         policy.finish(own)
     seconds = time.perf_counter() - start
     batch.close()
-    return seconds, succeeded
+    return seconds, succeeded, chunk
 
 
-def ours(task: str) -> tuple[float, list[bool]]:
+def ours(task: str, kind: str) -> tuple[float, list[bool]]:
     """Seconds from the first episode's start to the last one's end in a user's run, and which succeeded."""
     with tempfile.TemporaryDirectory() as folder:
         suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
-        suite.write_text(SUITE.format(task=task, episodes=EPISODES, processes=PROCESSES), encoding="utf-8")
+        text = SUITE.format(
+            task=task, policy=kind, options=json.dumps(OPTIONS[kind]), episodes=EPISODES, processes=PROCESSES
+        )
+        suite.write_text(text, encoding="utf-8")
         command = [sys.executable, "-c", "from orchestrator.cli import main; main()", "run", str(suite)]
         subprocess.run([*command, "--out", str(run), "--no-media"], check=True, capture_output=True)
         store = Store.open_file(run / "episodes.sqlite", read_run(run).run_id)
@@ -129,12 +145,14 @@ def ours(task: str) -> tuple[float, list[bool]]:
 def measure() -> list[dict[str, object]]:
     """Episodes per hour of both on two processes each, one after the other."""
     found = []
-    for task in TASKS:
+    for task, kind in PAIRS:
         os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
-        (worker_s, won), (plain_s, plain_won) = ours(task), plain(task)
+        (worker_s, won), (plain_s, plain_won, chunk) = ours(task, kind), plain(task, kind)
         found.append(
             {
                 "task": task,
+                "policy": kind,
+                "chunk": chunk,
                 "workers_per_hour": 3600 * EPISODES / worker_s,
                 "vector_env_per_hour": 3600 * EPISODES / plain_s,
                 "ratio": plain_s / worker_s,
@@ -142,10 +160,20 @@ def measure() -> list[dict[str, object]]:
             }
         )
     table(
-        ("task", "workers, episodes/h", "gymnasium vector environment, episodes/h", "ratio", "same outcomes"),
+        (
+            "task",
+            "policy",
+            "chunk",
+            "workers, episodes/h",
+            "gymnasium vector environment, episodes/h",
+            "ratio",
+            "same outcomes",
+        ),
         [
             (
                 f["task"],
+                f["policy"],
+                f["chunk"],
                 f"{f['workers_per_hour']:.0f}",
                 f"{f['vector_env_per_hour']:.0f}",
                 f"{f['ratio']:.2f}",
