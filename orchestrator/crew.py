@@ -36,16 +36,13 @@ class Returned:
     """Episodes of the lease have come back, in order."""
 
     results: Sequence[EpisodeResult]
-    memory_bytes: int = 0
+    memory_bytes: int
     """What the worker's process holds."""
+    last: bool
+    """Whether these are the last of the lease, and the worker is idle."""
 
 
-@dataclass(frozen=True)
-class Finished:
-    """All of the lease have come back."""
-
-
-Word = Started | Readiness | Unavailable | Returned | Finished
+Word = Started | Readiness | Unavailable | Returned
 
 
 class Worker(Protocol):

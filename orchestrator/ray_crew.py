@@ -15,7 +15,7 @@ from ray.exceptions import RayActorError, RayError
 from adapters import catalog
 from orchestrator import crew
 from orchestrator.cluster import RayLost, check_alive, check_room
-from orchestrator.crew import CrewError, Finished, Returned, Started, Unavailable, WorkerLost
+from orchestrator.crew import CrewError, Returned, Started, Unavailable, WorkerLost
 from orchestrator.runner import Lease, PolicySource, Readiness
 from orchestrator.worker import start_worker
 from suites.placement import Resources
@@ -53,10 +53,12 @@ class RayWorker:
     def _word(self) -> crew.Word:
         if self._playing:
             try:
-                return Returned(*ray.get(next(self.pending)))
+                returned = Returned(*ray.get(next(self.pending)))
             except StopIteration:
+                raise WorkerLost("the worker ended a lease before its last episode") from None
+            if returned.last:
                 self.pending, self._playing = None, False
-                return Finished()
+            return returned
         if self.pid is None:
             self.pid, self.node = ray.get(self.pending)
             self.pending = self.actor.prepare.remote(self._first.task, self._first.protocol.view)

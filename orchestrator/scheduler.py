@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from orchestrator.cluster import RayLost
-from orchestrator.crew import Crew, CrewError, Finished, Returned, Started, Unavailable, Word, Worker, WorkerLost
+from orchestrator.crew import Crew, CrewError, Returned, Started, Unavailable, Word, Worker, WorkerLost
 from orchestrator.placing import Demand, most_needed
 from orchestrator.queue import WorkQueue
 from orchestrator.runner import Lease, Readiness
@@ -275,17 +275,18 @@ class Scheduler:
             case Unavailable(reason):
                 self._discard(slot)
                 self._give_up(slot.simulator, reason)
-            case Returned(results, memory_bytes) if slot.lease is not None:
+            case Returned(results, memory_bytes, last) if slot.lease is not None:
+                lease = slot.lease
                 slot.back += len(results)
                 slot.played += len(results)
                 slot.memory_bytes = memory_bytes
-                slot.open_task = slot.lease.cell.task
-                simulator.queue.measured(slot.lease.cell, results)
+                slot.open_task = lease.cell.task
+                simulator.queue.measured(lease.cell, results)
+                if last:
+                    simulator.queue.finished(lease)
+                    slot.lease = None
+                    self._rest(slot)
                 self._take(results)
-            case Finished() if slot.lease is not None:
-                simulator.queue.finished(slot.lease)
-                slot.lease = None
-                self._rest(slot)
 
     def _give_up(self, name: str, reason: str) -> None:
         """Leave out what is left for a simulator that cannot be opened."""

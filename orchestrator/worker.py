@@ -50,21 +50,23 @@ class Worker:
             return f"{type(error).__name__}: {lines[0] if lines else '(no message)'}"
 
     @ray.method(num_returns="streaming")
-    def play(self, lease: Lease) -> Iterator[tuple[list[EpisodeResult], int]]:
-        """Play a lease; yield its results in order, those of short episodes together, and the memory held (bytes)."""
+    def play(self, lease: Lease) -> Iterator[tuple[list[EpisodeResult], int, bool]]:
+        """Play a lease; yield its results in order, those of short episodes together.
+
+        With them come the memory that is held (bytes), and whether they are the last.
+        """
         waited = 0.0 if self._idle_since is None else time.perf_counter() - self._idle_since
         batch: list[EpisodeResult] = []
         sent = time.perf_counter()
-        for result in self._runner.play(lease):
+        for left, result in zip(reversed(range(len(lease.seeds))), self._runner.play(lease), strict=True):
             if waited:
                 result, waited = replace(result, wait_s=waited), 0.0
             batch.append(result)
-            if time.perf_counter() - sent >= FLUSH_S:
-                yield batch, self._process.memory_info().rss
+            if not left:
+                self._idle_since = time.perf_counter()
+            if not left or time.perf_counter() - sent >= FLUSH_S:
+                yield batch, self._process.memory_info().rss, not left
                 batch, sent = [], time.perf_counter()
-        if batch:
-            yield batch, self._process.memory_info().rss
-        self._idle_since = time.perf_counter()
 
 
 def start_worker(

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from orchestrator.crew import Finished, Returned, Started, Unavailable, WorkerLost
+from orchestrator.crew import Returned, Started, Unavailable, WorkerLost
 from orchestrator.runner import Readiness
 from results.record import EpisodeResult, Status
 
@@ -137,7 +137,7 @@ class SimulatedCrew:
         if worker.idle_since is not None:
             self.idle_s += now - worker.idle_since
         batch, sent = [], now
-        for episode in lease.episodes():
+        for left, episode in zip(reversed(range(len(lease.seeds))), lease.episodes(), strict=True):
             fate = self._fate(episode)
             if fate != "plays":
                 self._send(now, worker, batch)
@@ -148,11 +148,9 @@ class SimulatedCrew:
             now += seconds
             self.busy_s += seconds
             batch.append(played(episode, seconds, worker.name, lease.attempt))
-            if now - sent >= MESSAGE_S:
-                self._send(now, worker, batch)
+            if not left or now - sent >= MESSAGE_S:
+                self._send(now, worker, batch, last=not left)
                 batch, sent = [], now
-        self._send(now, worker, batch)
-        self._at(now, worker, Finished())
 
     def wait(self, timeout_s):
         """Let time pass until somebody has something to say."""
@@ -172,10 +170,10 @@ class SimulatedCrew:
         self.charged_s += seconds
         self.clock.waited += seconds
 
-    def _send(self, when, worker, batch):
+    def _send(self, when, worker, batch, last=False):
         worker.played += len(batch)
         if batch:
-            self._at(when, worker, Returned(batch, self._memory_bytes(worker.played)))
+            self._at(when, worker, Returned(batch, self._memory_bytes(worker.played), last))
 
     def _at(self, when, worker, word):
         heapq.heappush(self._events, (when, next(self._count), worker, word))
@@ -189,7 +187,7 @@ class SimulatedCrew:
             self.words += 1
             worker.said.append(word)
             self.talkative[id(worker)] = worker
-            if isinstance(word, Finished | Readiness):
+            if isinstance(word, Readiness) or (isinstance(word, Returned) and word.last):
                 worker.idle_since = when
 
 

@@ -1,6 +1,7 @@
 """The scheduler over simulated workers: many of them, and whatever happens to them, in no time."""
 
 from collections import Counter
+from random import Random
 
 import numpy as np
 import pytest
@@ -28,11 +29,12 @@ def play(items, crew, workers, **changes):
     st.dictionaries(st.tuples(st.sampled_from(["a/1", "a/2", "b/1"]), st.sampled_from("pq")), st.integers(1, 30)),
     st.integers(1, 5),
     st.booleans(),
-    st.randoms(use_true_random=False),
+    st.integers(0, 2**32),
 )
 @settings(max_examples=200)
-def test_every_episode_comes_home_once_whoever_dies_or_hangs(plan, count, shared, random):
+def test_every_episode_comes_home_once_whoever_dies_or_hangs(plan, count, shared, seed):
     """Of each fate a few percent; an episode is given up as an error after three in a row when alone."""
+    random = Random(seed)  # not hypothesis' own: how much is drawn depends on the time that the scheduler takes
     crew = SimulatedCrew(
         lambda episode: random.uniform(0.01, 3.0),
         Clock(),
