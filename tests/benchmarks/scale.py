@@ -33,9 +33,8 @@ print("found:" + json.dumps(found))
 def measure() -> list[dict[str, object]]:
     """Simulate each size in a process of its own."""
     word_s, wait_s = hearing_costs()
-    print(
-        f"a lease handed out and its word heard on a real Ray: {1e6 * word_s:.0f} us; a wait with {PENDING} pending: {1e3 * wait_s:.1f} ms"
-    )
+    print(f"on a real Ray: {1e6 * word_s:.0f} us to hand out a lease and hear its word,")
+    print(f"{1e3 * wait_s:.1f} ms to look who of {PENDING} has something to say")
     rows: list[dict[str, object]] = []
     for episodes, workers in SIZES:
         command = [sys.executable, "-c", CODE, str(episodes), str(workers), str(word_s), str(wait_s / PENDING)]
