@@ -4,7 +4,8 @@ Workers keep one task open, because building an environment costs seconds. So a 
 as long as there is some, then the task with the most work left per worker on it; at the end of a run that is a task
 on which others still work (stealing). Work is counted in seconds, by what its episodes took so far; a cell of which
 none came back is begun first, then the one that will take longest. Episodes are handed out in leases that last about
-`LEASE_S`, shrinking towards the end so that workers finish together.
+`LEASE_S`, shrinking towards the end so that workers finish together. Handing one out and hearing its results takes the
+scheduler most of a millisecond, so the more workers there are, the longer are leases and the rarer messages.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from orchestrator.runner import Lease
 from results.record import EpisodeResult
 from suites.vocabulary import Cell
 
-LEASE_S = 2.0
+LEASE_S, LEASE_S_PER_WORKER = 2.0, 0.004
+MESSAGE_S, MESSAGE_S_PER_WORKER = 0.1, 0.002
+"""At least the first; of many workers, so much for each: 250 leases and 500 messages a second from all together."""
 UNMEASURED_S = 1.0
 """What an episode is expected to take until any has come back."""
 MAX_LEASE = 2000
@@ -127,15 +130,16 @@ class WorkQueue:
         queue = task.most_urgent()
         task.under_way += 1
         size = self._size(queue)
+        message_s = max(MESSAGE_S, MESSAGE_S_PER_WORKER * self.workers)
         with task.changing(queue):
             if queue.alone:
                 seed, attempts = queue.alone.popleft()
                 self.waiting -= 1
-                return Lease(queue.cell, (seed,), attempts + 1)
+                return Lease(queue.cell, (seed,), attempts + 1, message_s)
             seeds = tuple(queue.seeds[queue.position : queue.position + size])
             queue.position += size
         self.waiting -= len(seeds)
-        return Lease(queue.cell, seeds)
+        return Lease(queue.cell, seeds, message_s=message_s)
 
     def finished(self, lease: Lease) -> None:
         """All of the lease's episodes have come back."""
@@ -203,8 +207,9 @@ class WorkQueue:
         return max(task.measured_s + task.unmeasured * unknown, 1e-6 if task.waiting else 0.0)
 
     def _size(self, queue: _CellQueue) -> int:
-        """Episodes to hand out at once: one until a duration is known, then `LEASE_S` worth, fewer near the end."""
+        """Episodes to hand out at once: one until a duration is known, then some seconds' worth, fewer near the end."""
+        lease_s = max(LEASE_S, LEASE_S_PER_WORKER * self.workers)
         unplayed = len(queue.seeds) - queue.position
-        wanted = 1.0 if queue.mean_s is None else LEASE_S / max(queue.mean_s, 1e-6)
+        wanted = 1.0 if queue.mean_s is None else lease_s / max(queue.mean_s, 1e-6)
         fair = -(-self.waiting // (2 * self.workers))
         return int(max(1, min(wanted, fair, unplayed, MAX_LEASE)))

@@ -51,6 +51,8 @@ class Lease:
     seeds: tuple[int, ...]
     attempt: int = 1
     """How often these episodes have been begun, this time included."""
+    message_s: float = 0.1
+    """Time after which results are sent, so that short episodes share a message."""
 
     def episodes(self) -> Iterator[Episode]:
         """The episodes, in order."""

@@ -20,9 +20,6 @@ from results.record import EpisodeResult
 from suites.placement import Resources
 from suites.vocabulary import View
 
-FLUSH_S = 0.1
-"""Results are sent once this much time has passed, so that short episodes share a message."""
-
 
 @ray.remote
 class Worker:
@@ -64,7 +61,7 @@ class Worker:
             batch.append(result)
             if not left:
                 self._idle_since = time.perf_counter()
-            if not left or time.perf_counter() - sent >= FLUSH_S:
+            if not left or time.perf_counter() - sent >= lease.message_s:
                 yield batch, self._process.memory_info().rss, not left
                 batch, sent = [], time.perf_counter()
 

@@ -17,9 +17,6 @@ from orchestrator.crew import Returned, Started, Unavailable, WorkerLost
 from orchestrator.runner import Readiness
 from results.record import EpisodeResult, Status
 
-MESSAGE_S = 0.1
-"""Episodes shorter than this share a message, as in `orchestrator.worker`."""
-
 
 class Clock:
     """Seconds since it was made: real ones, less those that simulating took, and those that were waited for."""
@@ -148,7 +145,7 @@ class SimulatedCrew:
             now += seconds
             self.busy_s += seconds
             batch.append(played(episode, seconds, worker.name, lease.attempt))
-            if not left or now - sent >= MESSAGE_S:
+            if not left or now - sent >= lease.message_s:
                 self._send(now, worker, batch, last=not left)
                 batch, sent = [], now
 

@@ -89,6 +89,15 @@ def test_a_lease_is_one_episode_until_a_duration_is_known_then_about_its_share_o
     assert len(queue.lease(None).seeds) == 20
 
 
+def test_of_many_workers_each_is_heard_less_often_so_that_the_scheduler_keeps_up():
+    few, many = (WorkQueue([(cell(), range(10**6))], workers=n, max_attempts=3) for n in (10, 1000))
+    for queue in (few, many):
+        queue.measured(cell(), took(Lease(cell(), (0,)), 0.1))
+    for queue, seconds, message_s in ((few, LEASE_S, 0.1), (many, 4.0, 2.0)):
+        lease = queue.lease(None)
+        assert (len(lease.seeds), lease.message_s) == (seconds * 10, message_s)
+
+
 def test_leases_shrink_towards_the_end():
     queue = WorkQueue([(cell(), range(64))], workers=2, max_attempts=3)
     first = queue.lease(None)
