@@ -321,6 +321,7 @@ class Scheduler:
                 continue
             opening = slot.lease is None or slot.open_task != slot.lease.cell.task
             limit = self.options.episode_time_limit_s + (OPEN_ALLOWANCE_S if opening else 0.0)
+            limit += slot.lease.message_s if slot.lease is not None else 0.0
             if self.now() - slot.heard > limit:
                 self._buried(slot, f"an episode took longer than {self.options.episode_time_limit_s:g} s")
 

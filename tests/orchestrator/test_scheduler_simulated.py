@@ -54,6 +54,14 @@ def test_a_hanging_worker_is_ended_after_the_time_limit():
     assert 30.0 < crew.clock() < 60.0
 
 
+def test_a_worker_that_is_to_be_heard_rarely_is_not_taken_for_a_hanging_one():
+    """Of a thousand workers each sends a message every two seconds, an episode may take one."""
+    crew = SimulatedCrew(lambda episode: 0.1, Clock())
+    rows, told = play(work({("a/1", "p"): 60_000}), crew, lambda: 1000, episode_time_limit_s=1.0)
+    assert len(rows) == 60_000
+    assert not told.troubles
+
+
 def test_a_clock_that_jumps_ends_no_worker_that_had_something_to_say():
     """As when the scheduler was stopped for an hour, and its workers went on."""
     crew = SimulatedCrew(lambda episode: 1.0, Clock())
