@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -38,8 +38,8 @@ class Batcher(Generic[Question, Answer]):
         self._waiting: deque[_Asked[Question, Answer]] = deque()
         self._came = asyncio.Event()
         self._at_work: asyncio.Task[None] | None = None
-        self.batches: list[int] = []
-        """Size of each batch so far."""
+        self.batches: Counter[int] = Counter()
+        """Size of a batch to how many there were."""
 
     async def ask(self, questions: Sequence[Question]) -> Sequence[Answer]:
         """Answers to the questions, in order.
@@ -83,7 +83,7 @@ class Batcher(Generic[Question, Answer]):
     async def _answered(self, batch: Sequence[_Asked[Question, Answer]]) -> bool:
         """Answer a batch; False if it could not be. Of several callers none is told then: one of them is at fault."""
         questions = [question for asked in batch for question in asked.questions]
-        self.batches.append(len(questions))
+        self.batches[len(questions)] += 1
         try:
             loop = asyncio.get_running_loop()
             answers = list(await loop.run_in_executor(self._executor, self._answer, questions))

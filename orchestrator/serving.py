@@ -80,9 +80,9 @@ class Server:
         """Of its process."""
         return os.getpid()
 
-    async def batch_sizes(self) -> Mapping[str, Sequence[int]]:
-        """Policy to the size of each batch so far."""
-        return {name: list(batcher.batches) for name, (_, batcher) in self._policies.items()}
+    async def batch_sizes(self) -> Mapping[str, Mapping[int, int]]:
+        """Policy to sizes of batches and how many there were of each."""
+        return {name: dict(batcher.batches) for name, (_, batcher) in self._policies.items()}
 
     async def _in_turn(self, call: Callable[[Sequence[Episode]], None], episodes: Sequence[Episode]) -> None:
         await asyncio.get_running_loop().run_in_executor(self._thread, call, episodes)

@@ -15,7 +15,7 @@ from typing import Any
 
 from orchestrator.crew import Returned, Started, Unavailable, WorkerLost
 from orchestrator.runner import Readiness
-from results.record import EpisodeResult, Status
+from tests.results.synthetic import row
 
 
 class Clock:
@@ -144,7 +144,7 @@ class SimulatedCrew:
             seconds = self._seconds(episode)
             now += seconds
             self.busy_s += seconds
-            batch.append(played(episode, seconds, worker.name, lease.attempt))
+            batch.append(row(lease.cell, episode.seed, wall_s=seconds, worker=worker.name, attempts=lease.attempt))
             if not left or now - sent >= lease.message_s:
                 self._send(now, worker, batch, last=not left)
                 batch, sent = [], now
@@ -186,22 +186,3 @@ class SimulatedCrew:
             self.talkative[id(worker)] = worker
             if isinstance(word, Readiness) or (isinstance(word, Returned) and word.last):
                 worker.idle_since = when
-
-
-def played(episode, seconds, worker, attempt):
-    """A record as a worker writes it."""
-    return EpisodeResult.of(
-        episode,
-        status=str(Status.SUCCESS),
-        success_once=True,
-        steps=1,
-        queries=1,
-        clipped_steps=0,
-        reward_sum=1.0,
-        state_hash="",
-        final_state_hash="",
-        actions_hash="",
-        wall_s=seconds,
-        worker=worker,
-        attempts=attempt,
-    )
