@@ -19,7 +19,7 @@ from orchestrator.lanes import Lane
 from orchestrator.names import known_names
 from orchestrator.plan import find_suite
 from orchestrator.run import explain, locked
-from orchestrator.runner import PolicySource
+from orchestrator.sources import PolicySource
 from policies import catalog as policies
 from policies.contract import PolicyError
 from policies.mergevla.card import digest_of

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from typing import Any
 
-import ray
-from ray.exceptions import RayError
-
-from adapters import catalog
+from orchestrator.beside import Ended, beside
 from orchestrator.choosing import Look, fallen, typical
-from orchestrator.cluster import answer
 from orchestrator.looking import picture
 from orchestrator.replay import film
-from orchestrator.runner import PolicySource
-from orchestrator.worker_environment import worker_environment
+from orchestrator.sources import PolicySource
 from results.media import look_path, video_path
 from results.record import EpisodeResult
 
@@ -27,6 +23,21 @@ class Shots:
 
     films: list[EpisodeResult] = field(default_factory=list)
     looks: list[Look] = field(default_factory=list)
+
+    @property
+    def count(self) -> int:
+        """How much there is to do."""
+        return len(self.films) + len(self.looks)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What came of filming an episode or taking a look, on whatever node."""
+
+    files: Mapping[Path, bytes]
+    """Path in the run folder to what it is to hold."""
+    trouble: str | None
+    """What is wrong with it, in a line."""
 
 
 def to_shoot(
@@ -50,35 +61,55 @@ def to_shoot(
     return shots
 
 
-def film_run(folder: Path, shots: Mapping[str, Shots], sources: Mapping[str, PolicySource]) -> list[str]:
-    """Film and picture, within the run folder, a process per simulator beside each other. Ray must be running.
+def film_run(
+    folder: Path,
+    shots: Mapping[str, Shots],
+    sources: Mapping[str, PolicySource],
+    listener: Callable[[], None] = lambda: None,
+) -> list[str]:
+    """Film and picture, a process per simulator beside each other. Ray must be running.
+
+    What was shot comes back to this process, which alone writes into the run folder: the others may be on nodes that
+    do not see it.
 
     Args:
         folder: Of the run.
         shots: See `to_shoot`.
         sources: The run's policies.
+        listener: Told after every episode that was filmed and every look that was taken.
 
     Returns:
         A line for each episode that came out differently than its row, for each look that could not be had, and for
         each simulator that failed.
+
+    Raises:
+        RayLost: Ray itself has died. What came back before is there.
+        OSError: The folder cannot be written.
     """
-    task: Any = ray.remote(_shoot)
-    pending = {
-        name: task.options(
-            num_cpus=1, max_retries=0, runtime_env={"env_vars": worker_environment(catalog.find(name))}
-        ).remote(own, folder.absolute(), dict(sources))
-        for name, own in shots.items()
-    }
     troubles: list[str] = []
-    for name, reference in pending.items():
-        try:
-            troubles += answer(reference)
-        except RayError as error:
-            troubles.append(f"{name} could not be filmed: {str(error).strip().splitlines()[-1]}")
+    for simulator, came in beside(_shoot, {name: (own, dict(sources)) for name, own in shots.items()}):
+        if isinstance(came, Ended):
+            troubles.append(f"{simulator} could not be filmed: {came.reason}")
+            continue
+        for path, content in came.files.items():
+            _keep(folder / path, content)
+        if came.trouble is not None:
+            troubles.append(came.trouble)
+        listener()
     return troubles
 
 
-def _shoot(shots: Shots, folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:
-    troubles = [f"no picture: {line}" for line in picture(shots.looks, folder)]
-    rows = sorted(shots.films, key=lambda row: (row.task, row.policy))
-    return troubles + [f"replay differs: {line}" for line in film(rows, folder, sources)]
+def _keep(path: Path, content: bytes) -> None:
+    """Write a file, complete under its name or not there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.write_bytes(content)
+    partial.replace(path)
+
+
+def _shoot(shots: Shots, sources: Mapping[str, PolicySource]) -> Iterator[Shot]:
+    with tempfile.TemporaryDirectory(prefix="robogauntlet-") as name:
+        folder = Path(name)
+        rows = sorted(shots.films, key=lambda row: (row.task, row.policy))
+        for made in chain(picture(shots.looks, folder), film(rows, folder, sources)):
+            yield Shot({path.relative_to(folder): path.read_bytes() for path in made.files}, made.trouble)

@@ -17,7 +17,8 @@ from adapters.contract import AdapterError
 from orchestrator.cluster import RayLost, check_alive
 from orchestrator.lanes import Lane, Played, fair_share
 from orchestrator.recording import demonstrate
-from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
 from orchestrator.worker_environment import worker_environment
 from policies import catalog as policies
 from policies.contract import Policy

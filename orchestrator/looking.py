@@ -13,7 +13,7 @@ from adapters.contract import AdapterError, Image, Simulation
 from orchestrator.choosing import Look
 from orchestrator.perturbations import perturbed
 from orchestrator.perturbations.base import Perturbed
-from orchestrator.video import save_png
+from orchestrator.video import Made, save_png
 from results.media import look_path
 from suites.vocabulary import Episode, Protocol
 
@@ -51,12 +51,12 @@ def see(looks: Iterable[Look]) -> Iterator[tuple[Look, list[Image] | AdapterErro
             simulation.close()
 
 
-def picture(looks: Sequence[Look], folder: Path) -> list[str]:
-    """Keep the looks in a run folder; return a line for each that could not be had."""
-    troubles = []
+def picture(looks: Sequence[Look], folder: Path) -> Iterator[Made]:
+    """Keep the looks in a run folder, look by look."""
     for look, seen in see(looks):
         if isinstance(seen, AdapterError):
-            troubles.append(f"{look.task} under {look.condition}, seed {look.seed}: {seen}")
+            yield Made(trouble=f"no picture: {look.task} under {look.condition}, seed {look.seed}: {seen}")
         else:
-            save_png(look_path(folder, look.task, look.condition), np.concatenate(seen, axis=1))
-    return troubles
+            path = look_path(folder, look.task, look.condition)
+            save_png(path, np.concatenate(seen, axis=1))
+            yield Made((path,))

@@ -12,7 +12,7 @@ from adapters import catalog as simulators
 from adapters.adjusting import ADJUSTABLE
 from adapters.contract import ActionSpec, ObservationSpec
 from orchestrator.names import known_names
-from orchestrator.runner import PolicySource
+from orchestrator.sources import PolicySource
 from policies import catalog as policies
 from policies.contract import PolicyError, PolicyMismatch, check_fit
 from results.run import PlannedCell, RunDocument, Unsupported

@@ -95,6 +95,10 @@ class Progress(Display):
         """Refresh what is shown."""
         self.draw(self._table, lambda: self._lines(finished=False))
 
+    def filming(self, count: int) -> FilmingProgress:
+        """What shows how the filming of so many episodes and looks goes."""
+        return FilmingProgress(self._console, count, now=self._now)
+
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))
         for name, lane in self._lanes.items():
@@ -122,6 +126,24 @@ class Progress(Display):
             f"{format_duration(left)} left" if left and lane.done < lane.planned else "",
             f"{lane.error} errors" if lane.error else "",
         ]
+
+
+class FilmingProgress(Display):
+    """A bar of what is filmed."""
+
+    def __init__(self, console: Console, count: int, *, now: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(console, transient=True, now=now)
+        self._count, self._done, self._began = count, 0, now()
+
+    def came(self) -> None:
+        """One more is done."""
+        self._done += 1
+        left_s = (self._count - self._done) * (self._now() - self._began) / self._done
+        words = f"{self._done}/{self._count}" + (f"  {format_duration(left_s)} left" if left_s > 1 else "")
+        bar = ProgressBar(total=self._count, completed=self._done, width=30)
+        table = Table.grid(padding=(0, 2))
+        table.add_row("[bold]filming", bar, words)
+        self.draw(lambda: table, lambda: [f"filming: {words}"])
 
 
 def format_duration(seconds: float) -> str:

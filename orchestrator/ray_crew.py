@@ -16,7 +16,8 @@ from adapters import catalog
 from orchestrator import crew
 from orchestrator.cluster import RayLost, check_alive, check_room
 from orchestrator.crew import CrewError, Returned, Started, Unavailable, WorkerLost
-from orchestrator.runner import Lease, PolicySource, Readiness
+from orchestrator.runner import Lease, Readiness
+from orchestrator.sources import PolicySource
 from orchestrator.worker import start_worker
 from suites.placement import Resources
 from suites.vocabulary import Cell

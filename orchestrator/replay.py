@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.runner import EpisodeRunner, PolicySource
-from orchestrator.video import Recorder, save_png
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
+from orchestrator.video import Made, Recorder, save_png
 from policies import catalog as policies
 from results.media import picture_path, video_path
 from results.record import OUTCOME, EpisodeResult
@@ -93,17 +94,18 @@ def differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:
     ]
 
 
-def film(rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]) -> list[str]:
-    """Film the rows; return a line for each that came out differently."""
+def film(rows: Sequence[EpisodeResult], folder: Path, sources: Mapping[str, PolicySource]) -> Iterator[Made]:
+    """Film the rows into a run folder, and picture each task once; row by row."""
     runner = EpisodeRunner(sources, "camera")
-    troubles: list[str] = []
     try:
         for row in rows:
             video, picture = video_path(folder, row.episode_id), picture_path(folder, row.task)
-            done = replay(row, runner, video, picture=None if picture.exists() else picture)
+            wanted = [video] if picture.exists() else [video, picture]
+            done = replay(row, runner, video, picture=picture if picture in wanted else None)
+            trouble = None
             if done.differences:
                 done.video.unlink(missing_ok=True)
-                troubles.append(f"{row.episode_id} ({row.task}, {row.policy}): {done.differences[0]}")
+                trouble = f"replay differs: {row.episode_id} ({row.task}, {row.policy}): {done.differences[0]}"
+            yield Made(tuple(path for path in wanted if path.exists()), trouble)
     finally:
         runner.close()
-    return troubles

@@ -22,6 +22,7 @@ from orchestrator.cluster import NoRoom, RayLost, check_room, ray_session, room_
 from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
+from orchestrator.sources import PolicySource
 from results.record import EpisodeResult, outcome_row, rows_hash
 from results.run import RUN_FILE, RunDocument, RunStatus, read_run, store_url, write_run
 from results.store import Store, StoreError
@@ -153,21 +154,28 @@ class _Session:
                 shared = {"all simulators": room_for_workers()}
                 self._document = self._document.model_copy(update={"workers": shared})
             count = sum(workers.get(name, 0) for name in running) or room_for_workers()
-            servers = self._servers(count)
+            sources = self._sources()
+            servers = self._servers(sources, count)
             with self._progress:
                 while work:
-                    crew = RayCrew(self._plan.sources, suite.resources, servers)
+                    crew = RayCrew(sources, suite.resources, servers)
                     Scheduler(work, crew, scheduling, sink=self._store.add, observer=self).run()
                     before, work = work, self._work() if suite.adaptive else []
                     if work == before:  # what is missing cannot be played here
                         break
-            self._film()
+            self._film(sources)
 
-    def _servers(self, workers: int) -> list[Any]:
+    def _sources(self) -> Mapping[str, PolicySource]:
+        """The policies, with their files along if other machines are to build them. Ray must be running."""
+        from orchestrator.parcels import with_parcels
+
+        return self._plan.sources if self._options.address is None else with_parcels(self._plan.sources)
+
+    def _servers(self, sources: Mapping[str, PolicySource], workers: int) -> list[Any]:
         """Processes that answer for the policies, if the suite wants them or they answer sooner."""
         from orchestrator.serving import measure, start_servers
 
-        inference, sources = self._plan.suite.inference, self._plan.sources
+        inference = self._plan.suite.inference
         place: str = inference.place
         if place != "worker":
             check_room("inference", {"num_gpus": inference.num_gpus})
@@ -223,8 +231,8 @@ class _Session:
     def _outcome_rows(self) -> Iterator[tuple[Any, ...]]:
         return map(outcome_row, self._store.results())
 
-    def _film(self) -> None:
-        """Film and picture what is worth it and not there yet."""
+    def _film(self, sources: Mapping[str, PolicySource] | None = None) -> None:
+        """Film and picture what is worth it and not there yet, with what `_sources` gave, if it was asked."""
         from orchestrator.filming import film_run, to_shoot
 
         if not self._options.media:
@@ -242,8 +250,12 @@ class _Session:
                 "filming a success and a failure of each policy on each task"
                 + (", failures along each axis, and what each condition looks like" if looks else "")
             )
-            with ray_session(address=self._options.address, workers=len(shots)):
-                self._troubles += film_run(self._folder, shots, self._plan.sources)
+            count = sum(own.count for own in shots.values())
+            with (
+                ray_session(address=self._options.address, workers=len(shots)),
+                self._progress.filming(count) as filming,
+            ):
+                self._troubles += film_run(self._folder, shots, sources or self._sources(), filming.came)
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
         except (OSError, StoreError) as error:

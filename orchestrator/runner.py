@@ -6,41 +6,16 @@ import os
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from adapters import catalog as simulators
 from adapters.contract import AdapterError, Simulation
 from orchestrator.perturbations.references import ReferenceLooks
 from orchestrator.rollout import Watcher, rollout
-from policies import catalog as policies
+from orchestrator.sources import PolicySource, build
 from policies.contract import Policy, PolicyError, check_fit
 from results.record import EpisodeResult
 from suites.vocabulary import Cell, Episode, View
-
-
-@dataclass(frozen=True)
-class PolicySource:
-    """From what a policy is built."""
-
-    kind: str
-    options: Mapping[str, Any] = field(default_factory=dict)
-    digest: str | None = None
-    """Of its content as it was planned; None to take what is there."""
-
-
-def build(source: PolicySource) -> Policy:
-    """The policy itself.
-
-    Raises:
-        PolicyError: It cannot be built, or is not what was planned: its files were changed, or are others on this node.
-    """
-    if source.digest is not None and (found := policies.digest(source.kind, source.options)) != source.digest:
-        raise PolicyError(
-            f"policy '{source.kind}' has changed since the run was planned: "
-            f"expected content {source.digest}, got {found}"
-        )
-    return policies.load(source.kind, source.options)
 
 
 @dataclass(frozen=True)

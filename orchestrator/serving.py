@@ -18,7 +18,7 @@ from adapters.contract import PROPRIOCEPTION_DIM, Observation
 from orchestrator.batching import Batcher
 from orchestrator.cluster import answer
 from orchestrator.crew import CrewError
-from orchestrator.runner import PolicySource, build
+from orchestrator.sources import PolicySource, build, here
 from policies import catalog
 from policies.contract import Decision, Policy, PolicySpec, Query, Sees
 from suites.placement import Inference
@@ -120,7 +120,8 @@ class ServedPolicy:
 
 def served_policies(server: Any, sources: Mapping[str, PolicySource]) -> dict[str, Policy]:
     """A server's policies by name."""
-    one = {name: sources[name] for name in served(sources)}
+    known = {name: here(source) for name, source in sources.items()}
+    one = {name: known[name] for name in served(known)}
     return {name: ServedPolicy(server, name, catalog.spec(own.kind, own.options)) for name, own in one.items()}
 
 

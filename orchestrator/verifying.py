@@ -7,14 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import ray
-from ray.exceptions import RayError
-
-from adapters import catalog
-from orchestrator.cluster import check_alive
+from orchestrator.beside import Ended, beside
 from orchestrator.replay import differences, episode_of
-from orchestrator.runner import EpisodeRunner, PolicySource
-from orchestrator.worker_environment import worker_environment
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
 from results.record import EpisodeResult, Status, outcome_row, rows_hash
 from suites.vocabulary import content_hash
 
@@ -82,31 +78,16 @@ def play_again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource
     by_simulator: dict[str, list[EpisodeResult]] = {}
     for row in rows:
         by_simulator.setdefault(row.simulator, []).append(row)
-    task: Any = ray.remote(_again)
-    streams: dict[Any, Iterator[EpisodeResult]] = {}
-    for name, own in by_simulator.items():
-        environment = {"env_vars": worker_environment(catalog.find(name))}
-        options = {"num_cpus": 1, "max_retries": 0, "num_returns": "streaming", "runtime_env": environment}
-        streams[task.options(**options).remote(own, dict(sources))] = iter(own)
+    waiting = {simulator: iter(own) for simulator, own in by_simulator.items()}
     checked = []
-    while streams:
-        ready, _ = ray.wait(list(streams), num_returns=1, timeout=1.0)
-        if not ready:
-            check_alive()
-            continue
-        stream: Any = ready[0]
-        try:
-            row = next(streams[stream])
-        except StopIteration:
-            del streams[stream]
-            continue
-        try:
-            found = Checked(row, tuple(ray.get(next(stream))))
-        except (RayError, StopIteration) as error:
-            reason = str(error).strip().splitlines() or ["the process ended"]
-            found = Checked(row, (f"could not be played again: {reason[-1]}",))
-        checked.append(found)
-        listener(found)
+    for simulator, found in beside(_again, {name: (own, dict(sources)) for name, own in by_simulator.items()}):
+        if isinstance(found, Ended):
+            came = [Checked(row, (f"could not be played again: {found.reason}",)) for row in waiting[simulator]]
+        else:
+            came = [Checked(next(waiting[simulator]), tuple(found))]
+        checked += came
+        for one in came:
+            listener(one)
     return checked
 
 

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from adapters.contract import PICTURE_SIZE, Image, Simulation
 
 MAX_FRAMES = 60
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of filming an episode or taking a look."""
+
+    files: tuple[Path, ...] = ()
+    trouble: str | None = None
+    """What is wrong with it, in a line."""
 
 
 class Recorder:

@@ -13,8 +13,9 @@ import psutil
 import ray
 
 from adapters.contract import AdapterError, Simulator
-from orchestrator.runner import EpisodeRunner, Lease, PolicySource, Readiness
+from orchestrator.runner import EpisodeRunner, Lease, Readiness
 from orchestrator.serving import served_policies
+from orchestrator.sources import PolicySource
 from orchestrator.worker_environment import worker_environment
 from results.record import EpisodeResult
 from suites.placement import Resources

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -108,6 +109,16 @@ class StatelessPolicy:
 
 
 @dataclass(frozen=True)
+class PolicyFiles:
+    """The files that a policy is built from."""
+
+    options: Mapping[str, Path]
+    """Option to the folder or file that it stands for. Given the path of a copy instead, the policy is the same."""
+    files: tuple[Path, ...]
+    """All that is read. Where they lie to each other counts, where they lie does not."""
+
+
+@dataclass(frozen=True)
 class PolicyKind:
     """A kind of policy, as its entry point (group `robogauntlet.policies`) declares it. Building one is cheap."""
 
@@ -124,6 +135,8 @@ class PolicyKind:
     loading takes; None to load it."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to what it means. Anything else in a suite is an error."""
+    files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
+    """What the policy reads under these options, for nodes of a cluster that lack it; None if its code is all."""
 
 
 def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: ObservationSpec) -> None:

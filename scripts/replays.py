@@ -14,7 +14,8 @@ from adapters import catalog
 from adapters.contract import FloatArray, Simulation
 from orchestrator.demonstrate import DEFAULT_VIEW, FIRST_SEED
 from orchestrator.recording import RecordedSimulation
-from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
 from policies.replay import FILE
 from suites.vocabulary import Episode, Protocol
 

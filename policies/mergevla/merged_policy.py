@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
+from policies.contract import Policy, PolicyError, PolicyFiles, PolicyKind, PolicySpec
 from policies.mergevla.card import CARD, CheckpointError, card_json, digest_of, read_card
+from policies.mergevla.files import all_files, checkpoint_files
 from policies.mergevla.merged_card import KIND, merged_digest_of
 from policies.mergevla.merging.recipe import Recipe
 from policies.zoo import shipped
@@ -148,12 +149,27 @@ def _digests(folder: Path) -> dict[str, str]:
     return {task: digest_of(str(place)) for task, place in expert_folders(folder).items()}
 
 
+def _experts_files(options: Mapping[str, Any]) -> PolicyFiles:
+    folder = _folder(options)
+    return PolicyFiles({"folder": folder.resolve()}, all_files(expert_folders(folder).values()))
+
+
+def _merged_files(options: Mapping[str, Any]) -> PolicyFiles:
+    chosen = merged_options(options)
+    folder, files = checkpoint_files(chosen.checkpoint)
+    if chosen.experts is None:
+        return PolicyFiles({"checkpoint": folder}, files)
+    files = tuple(dict.fromkeys((*files, *all_files(expert_folders(chosen.experts).values()))))
+    return PolicyFiles({"checkpoint": folder, "experts": chosen.experts.resolve()}, files)
+
+
 EXPERTS = PolicyKind(
     name=EXPERTS_NAME,
     summary="each task's own expert (arXiv 2511.18810)",
     load=_load_experts,
     digest=_experts_digest,
     options={"folder": "folder of expert checkpoints; the one trained on the episode's task acts"},
+    files=_experts_files,
 )
 MERGED = PolicyKind(
     name=MERGED_NAME,
@@ -168,4 +184,5 @@ MERGED = PolicyKind(
         "recipe": "merge the experts anew like this; the checkpoint then gives its fitted routers only",
         "experts": "folder of the expert checkpoints that the recipe merges",
     },
+    files=_merged_files,
 )

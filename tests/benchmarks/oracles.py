@@ -4,7 +4,8 @@ import os
 
 from adapters import catalog
 from orchestrator.names import known_names
-from orchestrator.runner import EpisodeRunner, Lease, PolicySource
+from orchestrator.runner import EpisodeRunner, Lease
+from orchestrator.sources import PolicySource
 from orchestrator.worker_environment import worker_environment
 from results.record import Status
 from suites.vocabulary import Cell, Protocol

@@ -114,7 +114,8 @@ def hearing_costs() -> tuple[float, float]:
 
     from orchestrator.cluster import ray_session
     from orchestrator.ray_crew import RayCrew
-    from orchestrator.runner import Lease, PolicySource
+    from orchestrator.runner import Lease
+    from orchestrator.sources import PolicySource
     from suites.vocabulary import Cell, Protocol
 
     with ray_session(address=None, workers=1):

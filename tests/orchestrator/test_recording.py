@@ -5,7 +5,8 @@ import pytest
 
 from adapters import catalog
 from orchestrator.recording import LEARNER_REPLANS_EVERY, Learner, RecordedSimulation, demonstrate
-from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
 from policies.contract import Decision, PolicyError, PolicySpec, Sees, StatelessPolicy
 from suites.vocabulary import Condition, Episode, Protocol, View
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from orchestrator.runner import EpisodeRunner, Lease, PolicySource
+from orchestrator.runner import EpisodeRunner, Lease
+from orchestrator.sources import PolicySource
 from policies.catalog import digest
 from policies.contract import Decision, PolicyKind, PolicySpec, Sees, StatelessPolicy
 from results.record import outcome_row

@@ -8,8 +8,8 @@ import pytest
 
 from orchestrator.cluster import NoRoom
 from orchestrator.ray_crew import RayCrew
-from orchestrator.runner import PolicySource
 from orchestrator.scheduler import Scheduler, SchedulerOptions, TooManyErrors
+from orchestrator.sources import PolicySource
 from results.record import outcome_row, rows_hash
 from suites.placement import Resources
 from suites.vocabulary import Cell, Protocol

@@ -8,9 +8,9 @@ import pytest
 import ray
 
 from orchestrator.ray_crew import RayCrew
-from orchestrator.runner import PolicySource
 from orchestrator.scheduler import Scheduler, SchedulerOptions
 from orchestrator.serving import AnswerTimes, measure, served, start_servers
+from orchestrator.sources import PolicySource
 from results.record import outcome_row, rows_hash
 from suites.placement import Inference
 from suites.vocabulary import Cell, Protocol, View

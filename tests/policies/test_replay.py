@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from adapters.catalog import task_cards
-from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
 from policies import replay
 from policies.contract import PolicyError, Query
 from suites.vocabulary import Episode, Protocol, RenderProfile, View

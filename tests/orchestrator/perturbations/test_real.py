@@ -5,7 +5,8 @@ import json
 import pytest
 
 from orchestrator.plan import why_unadjusted
-from orchestrator.runner import EpisodeRunner, PolicySource
+from orchestrator.runner import EpisodeRunner
+from orchestrator.sources import PolicySource
 from results.record import Status, outcome_row
 from suites.axes import AXES, Changes
 from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View

@@ -1,0 +1,76 @@
+"""Runs a generator once for each of several simulators, each in a process of its own, on the Ray that is running."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import ray
+from ray.exceptions import RayError
+
+from adapters import catalog
+from orchestrator.cluster import check_alive
+from orchestrator.worker_environment import worker_environment
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A simulator's process has ended before its generator did."""
+
+    reason: str
+
+
+def beside(
+    generator: Callable[..., Iterator[Any]], arguments: Mapping[str, tuple[Any, ...]]
+) -> Iterator[tuple[str, Any | Ended]]:
+    """What the generators yield, as it comes.
+
+    Args:
+        generator: Importable on every node.
+        arguments: Simulator to the arguments that the generator is called with.
+
+    Yields:
+        The simulator, and what its generator yielded or, as its last, why it was cut short.
+
+    Raises:
+        RayLost: Ray itself has died.
+    """
+    actor: Any = _Process
+    streams: dict[Any, str] = {}
+    actors = []  # they live as long as there are handles
+    for simulator, own in arguments.items():
+        environment = {"env_vars": worker_environment(catalog.find(simulator))}
+        actors.append(actor.options(num_cpus=1, runtime_env=environment).remote())
+        streams[actors[-1].run.remote(generator, own)] = simulator
+    yield from _as_it_comes(streams)
+
+
+@ray.remote(max_restarts=0, max_task_retries=0)
+class _Process:
+    """An actor, since of a task's stream Ray's own death makes `ray.wait` end this process, without a word."""
+
+    def __init__(self) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the driver decides
+
+    @ray.method(num_returns="streaming")
+    def run(self, generator: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]) -> Iterator[Any]:
+        yield from generator(*arguments)
+
+
+def _as_it_comes(streams: dict[Any, str]) -> Iterator[tuple[str, Any | Ended]]:
+    while streams:
+        ready, _ = ray.wait(list(streams), num_returns=1, timeout=1.0, fetch_local=False)
+        if not ready:
+            check_alive()
+            continue
+        stream: Any = ready[0]
+        try:
+            yield streams[stream], ray.get(next(stream))
+        except StopIteration:
+            del streams[stream]
+        except RayError as error:
+            check_alive()
+            lines = str(error).strip().splitlines() or ["the process ended"]
+            yield streams.pop(stream), Ended(lines[-1])

@@ -1,0 +1,107 @@
+"""Ray's own death at other times than while a run is played."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
+
+import pytest
+
+from results.run import RunStatus, read_run
+from tests.chaos.processes import MARK, end, left_after, of_kind
+from tests.chaos.suites import NULL
+
+pytestmark = [pytest.mark.ray, pytest.mark.slow]
+
+WAIT_S = 120.0
+GONE_S = 60.0
+
+
+class Command:
+    """A `gauntlet` command that is under way, and what it says."""
+
+    def __init__(self, log, *arguments):
+        self.log, self.mark = log, uuid.uuid4().hex
+        program = "import sys; from orchestrator.cli import main; main()"
+        with log.open("w") as out:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", program, *map(str, arguments)],
+                env={**os.environ, MARK: self.mark, "OMP_NUM_THREADS": "1"},
+                stdout=out,
+                stderr=subprocess.STDOUT,
+            )
+
+    def kill_raylet_when(self, condition):
+        """Kill the raylet as soon as the condition holds."""
+        deadline = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline and self.process.poll() is None:
+            raylets = of_kind(self.mark)["raylet"]
+            if raylets and condition():
+                raylets[0].send_signal(signal.SIGKILL)
+                return
+            time.sleep(0.05)
+        raise AssertionError(f"it never came to it: {self.log.read_text()}")
+
+    def end(self):
+        """Wait for it; its exit code, and what it left behind."""
+        code = self.process.wait(WAIT_S)
+        return code, left_after(self.mark, GONE_S)
+
+
+@pytest.fixture
+def start(tmp_path):
+    commands = []
+
+    def begin(*arguments):
+        commands.append(Command(tmp_path / f"{len(commands)}.log", *arguments))
+        return commands[-1]
+
+    yield begin
+    for command in commands:
+        end(command.mark)
+
+
+@pytest.fixture
+def suite(tmp_path):
+    file = tmp_path / "suite.yaml"
+    file.write_text(NULL.replace("count: 120", "count: 40"))
+    return file
+
+
+def test_while_filming_it_is_started_again_and_no_video_is_missing(start, suite, tmp_path):
+    folder = tmp_path / "run"
+    command = start("run", suite, "--out", folder)
+    command.kill_raylet_when(lambda: "filming a success" in command.log.read_text())
+    assert command.end() == (0, [])
+    assert "it was started again" in command.log.read_text()
+    document = read_run(folder)
+    assert document.status is RunStatus.COMPLETE
+    quiet = start("run", suite, "--out", tmp_path / "quiet")
+    assert quiet.end() == (0, [])
+
+    def videos(run):
+        return {path.name for path in (run / "media").rglob("*") if path.is_file()}
+
+    assert videos(folder) == videos(tmp_path / "quiet") != set()
+
+
+def test_while_verifying_the_command_ends_and_says_so(start, suite, tmp_path):
+    folder = tmp_path / "run"
+    assert start("run", suite, "--out", folder, "--no-media").end() == (0, [])
+    command = start("verify", folder, "--sample", 160)
+    command.kill_raylet_when(lambda: "null/Slow" in command.log.read_text())
+    assert command.end() == (1, [])
+    assert "died (exit status -9); verify again" in command.log.read_text()
+
+
+def test_while_collecting_what_was_committed_is_kept_and_collecting_again_continues(start, tmp_path):
+    folder = tmp_path / "data"
+    order = ("policies", "demonstrate", "null/Slow", "--episodes", 120, "--out", folder)
+    command = start(*order)
+    command.kill_raylet_when(lambda: any(folder.rglob("*.parquet")) or "null/Slow: " in command.log.read_text())
+    code, left = command.end()
+    assert (code, left) == (3, [])
+    assert "died (exit status -9)" in command.log.read_text()
+    assert start(*order).end() == (0, [])
