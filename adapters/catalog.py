@@ -6,7 +6,16 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
 
-from adapters.contract import AdapterError, Simulation, Simulator, SimulatorUnavailable, TaskCard, UnknownTask
+from adapters.batch import SeparateSimulations
+from adapters.contract import (
+    AdapterError,
+    Simulation,
+    SimulationBatch,
+    Simulator,
+    SimulatorUnavailable,
+    TaskCard,
+    UnknownTask,
+)
 from suites.plugins import BrokenPlugin, load_plugins, nearest
 from suites.vocabulary import View
 
@@ -61,6 +70,25 @@ def open_simulation(task: str, view: View) -> Simulation:
         SimulatorUnavailable: Not installed, or cannot render here.
         UnknownTask: No such task.
     """
+    simulator, short = _found(task)
+    return simulator.open(short, view)
+
+
+def open_batch(task: str, view: View, count: int) -> SimulationBatch:
+    """Open `simulator/task` so often in this process, with one engine for all if the simulator has such.
+
+    Raises:
+        SimulatorUnavailable: Not installed, or cannot render here.
+        UnknownTask: No such task.
+    """
+    simulator, short = _found(task)
+    if count > 1 and simulator.open_batch is not None:
+        return simulator.open_batch(short, view, count)
+    return SeparateSimulations([simulator.open(short, view) for _ in range(count)])
+
+
+def _found(task: str) -> tuple[Simulator, str]:
+    """A task's simulator and its name there."""
     name, _, short = task.partition("/")
     simulator = find(name)
     if short not in simulator.tasks:
@@ -68,4 +96,4 @@ def open_simulation(task: str, view: View) -> Simulation:
     reason = missing_reason(simulator)
     if reason:
         raise SimulatorUnavailable(f"{name}: {reason}")
-    return simulator.open(short, view)
+    return simulator, short

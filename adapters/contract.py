@@ -11,7 +11,7 @@ Conventions, the same in every simulator:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -154,6 +154,25 @@ class Simulation(Protocol):
         """Free everything. Safe to call twice."""
 
 
+class SimulationBatch(Protocol):
+    """Open simulations of one task that are stepped and looked at together, such as ManiSkill's on a GPU.
+
+    A member is a simulation like any other, but for `step` and `observe`, which its batch does. What one member does
+    changes nothing in another. Used by one thread of one process.
+    """
+
+    members: Sequence[Simulation]
+
+    def step(self, actions: Mapping[int, FloatArray]) -> Mapping[int, StepOutcome]:
+        """One control step of these members, by number; the others stay as they are."""
+
+    def observe(self, members: Sequence[int]) -> Mapping[int, Observation]:
+        """What each of these members looks like now. The only call that renders for a policy."""
+
+    def close(self) -> None:
+        """Free everything. Safe to call twice."""
+
+
 @dataclass(frozen=True)
 class TaskCard:
     """A task, as the catalog shows it."""
@@ -181,6 +200,10 @@ class Simulator:
     """Distributions whose versions belong to the provenance of a result."""
     open: Callable[[str, View], Simulation]
     """Opens one of `tasks`, by its name without the simulator. Imports the simulator, within the calling process.
+
+    Raises SimulatorUnavailable."""
+    open_batch: Callable[[str, View, int], SimulationBatch] | None = None
+    """Opens so many of one task that share an engine; None if the simulator has none, and they are opened one by one.
 
     Raises SimulatorUnavailable."""
     environment: Mapping[str, str] = field(default_factory=dict)

@@ -11,9 +11,11 @@ import signal
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
+from adapters.batch import SeparateSimulations
 from adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
@@ -47,7 +49,7 @@ class NullSimulation:
         self._view = view
         self._position = np.zeros(3)
         self._goal = np.zeros(3)
-        self._pause = 0.0
+        self.pause = 0.0
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Draw start and goal from the seed."""
@@ -56,7 +58,7 @@ class NullSimulation:
         generator = np.random.default_rng([seed, 0])
         self._position = generator.uniform(-0.5, 0.5, 3)
         self._goal = generator.uniform(-0.5, 0.5, 3)
-        self._pause = float(generator.lognormal(-6.0, 1.0)) if self.task == "Slow" else 0.0
+        self.pause = float(generator.lognormal(-6.0, 1.0)) if self.task == "Slow" else 0.0
         if self.task in ("Crash", "Hang", "Raise") and seed % MISBEHAVE_EVERY == 0 and self._first_time(seed):
             self._misbehave()
 
@@ -85,9 +87,13 @@ class NullSimulation:
         return Observation(images, np.concatenate([self._position, np.zeros(5)]), "reach the goal")
 
     def step(self, action: FloatArray) -> StepOutcome:
+        """Move the point, after a pause."""
+        if self.pause:
+            time.sleep(self.pause)
+        return self.moved(action)
+
+    def moved(self, action: FloatArray) -> StepOutcome:
         """Move the point."""
-        if self._pause:
-            time.sleep(self._pause)
         self._position = np.clip(self._position + action[:3], -1.0, 1.0)
         return StepOutcome(reward=0.0, success=bool(np.linalg.norm(self._goal - self._position) < 0.05))
 
@@ -120,6 +126,21 @@ class NullSimulation:
         """Nothing to free."""
 
 
+class NullBatch(SeparateSimulations):
+    """Points that move at the same time: a step takes as long as the slowest of them."""
+
+    def step(self, actions: Mapping[int, FloatArray]) -> Mapping[int, StepOutcome]:
+        """Wait once, and move these points."""
+        points = {number: cast(NullSimulation, self.members[number]) for number in actions}
+        if pause := max(point.pause for point in points.values()):
+            time.sleep(pause)
+        return {number: points[number].moved(action) for number, action in actions.items()}
+
+
+def _open_batch(task: str, view: View, count: int) -> NullBatch:
+    return NullBatch([NullSimulation(task, view) for _ in range(count)])
+
+
 SIMULATOR = Simulator(
     name="null",
     title="null simulator (no physics)",
@@ -127,6 +148,7 @@ SIMULATOR = Simulator(
     modules=(),
     distributions=(),
     open=NullSimulation,
+    open_batch=_open_batch,
     renders=False,
     internal=True,
 )

@@ -103,8 +103,17 @@ class _TaskQueue:
 class WorkQueue:
     """The episodes of one simulator that are still to be played. What it does costs the same however many they are."""
 
-    def __init__(self, work: Iterable[tuple[Cell, Sequence[int]]], *, workers: int, max_attempts: int) -> None:
-        """Args: work: cells with their missing seeds; workers: how many share it; max_attempts: see `Suite`."""
+    def __init__(
+        self, work: Iterable[tuple[Cell, Sequence[int]]], *, workers: int, max_attempts: int, at_once: int = 1
+    ) -> None:
+        """Take up work.
+
+        Args:
+            work: Cells with their missing seeds.
+            workers: How many share it.
+            max_attempts: See `Suite`.
+            at_once: Episodes of a lease that a worker plays beside each other.
+        """
         self._tasks: dict[str, _TaskQueue] = {}
         self._cells: dict[Cell, _CellQueue] = {}
         for cell, seeds in work:
@@ -113,7 +122,7 @@ class WorkQueue:
         """How many share it; may change."""
         self.waiting = sum(task.waiting for task in self._tasks.values())
         """Episodes that no worker holds."""
-        self._max_attempts = max_attempts
+        self._max_attempts, self._at_once = max_attempts, at_once
         self._means = self._measured_cells = 0.0
         """Sum of the cells' mean durations, and number of cells that have one."""
 
@@ -207,9 +216,12 @@ class WorkQueue:
         return max(task.measured_s + task.unmeasured * unknown, 1e-6 if task.waiting else 0.0)
 
     def _size(self, queue: _CellQueue) -> int:
-        """Episodes to hand out at once: one until a duration is known, then some seconds' worth, fewer near the end."""
+        """Episodes to hand out: one until a duration is known, then some seconds' worth, fewer near the end.
+
+        A worker that plays several at once is given so many at least.
+        """
         lease_s = max(LEASE_S, LEASE_S_PER_WORKER * self.workers)
         unplayed = len(queue.seeds) - queue.position
         wanted = 1.0 if queue.mean_s is None else lease_s / max(queue.mean_s, 1e-6)
         fair = -(-self.waiting // (2 * self.workers))
-        return int(max(1, min(wanted, fair, unplayed, MAX_LEASE)))
+        return int(min(max(self._at_once, min(wanted, fair, MAX_LEASE)), unplayed))

@@ -9,12 +9,12 @@ correction for as long as nobody makes it, and a policy that executes chunks may
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from adapters.contract import ACTION_NAMES, FloatArray, Image, Observation, Simulation, StepOutcome
+from adapters.contract import ACTION_NAMES, FloatArray, Observation, Simulation, StepOutcome
+from orchestrator.around import Around
 from orchestrator.runner import EpisodeRunner
 from policies.contract import Policy, PolicyError, Query, Sees, check_chunk, check_fit
 from policies.training.lerobot import EncodedEpisode, Recording, encode_episode
@@ -64,7 +64,7 @@ class Learner:
         return self._chunk.pop(0)
 
 
-class RecordedSimulation:
+class RecordedSimulation(Around):
     """A simulation that looks before every step, and executes something near what it is told.
 
     The recovery from the disturbance is what a policy can learn from (Laskey et al., DART, 2017, arXiv 1703.09327):
@@ -80,8 +80,8 @@ class RecordedSimulation:
             noise: Deviation of the executed motion per axis, as a share of the largest motion in one step.
             learner: Acts first, without noise; what is told meanwhile is not executed, and recorded if it says so.
         """
-        self._simulation, self._episode, self._noise, self._learner = simulation, episode, noise, learner
-        self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
+        super().__init__(simulation)
+        self._episode, self._noise, self._learner = episode, noise, learner
         self._observations: list[Observation] = []
         self._actions: list[FloatArray] = []
         self._success: list[bool] = []
@@ -89,14 +89,14 @@ class RecordedSimulation:
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the episode, and the record."""
         self._observations, self._actions, self._success = [], [], []
-        self._simulation.reset(seed, condition)
+        self.simulation.reset(seed, condition)
         if self._learner is not None:
-            self._learner.begin(self._simulation)
+            self._learner.begin(self.simulation)
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Look, record, disturb, execute."""
-        self._observations.append(self._simulation.observe())
-        outcome = self._simulation.step(self._executed(action))
+        self._observations.append(self.simulation.observe())
+        outcome = self.simulation.step(self._executed(action))
         self._actions.append(np.array(action))
         self._success.append(outcome.success)
         return outcome
@@ -134,30 +134,6 @@ class RecordedSimulation:
             np.array(self._success[begin:]),
             {camera: [observation.images[camera] for observation in seen] for camera in seen[0].images},
         )
-
-    def observe(self) -> Observation:
-        """As the simulation."""
-        return self._simulation.observe()
-
-    def privileged_state(self) -> Mapping[str, FloatArray]:
-        """As the simulation."""
-        return self._simulation.privileged_state()
-
-    def state_hash(self) -> str:
-        """As the simulation."""
-        return self._simulation.state_hash()
-
-    def picture(self) -> Image:
-        """As the simulation."""
-        return self._simulation.picture()
-
-    def render_device(self) -> str:
-        """As the simulation."""
-        return self._simulation.render_device()
-
-    def close(self) -> None:
-        """As the simulation."""
-        self._simulation.close()
 
 
 def demonstrate(

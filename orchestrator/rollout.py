@@ -32,15 +32,16 @@ class Phases:
     seconds: dict[str, float] = field(
         default_factory=lambda: dict.fromkeys(("reset", "physics", "render", "inference"), 0.0)
     )
+    clock: Callable[[], float] = time.perf_counter
 
     @contextmanager
     def timed(self, phase: str) -> Iterator[None]:
         """Add the duration of the block to `phase`."""
-        start = time.perf_counter()
+        start = self.clock()
         try:
             yield
         finally:
-            self.seconds[phase] += time.perf_counter() - start
+            self.seconds[phase] += self.clock() - start
 
     def as_fields(self) -> dict[str, float]:
         """As fields of an `EpisodeResult`."""
@@ -55,6 +56,7 @@ def rollout(
     eager: bool = False,
     watcher: Watcher | None = None,
     references: ReferenceLooks | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> EpisodeResult:
     """Play one episode.
 
@@ -70,6 +72,7 @@ def rollout(
             nothing but the time it takes.
         watcher: See `Watcher`.
         references: Looks that were kept of this simulation's task; they change nothing but the time it takes.
+        clock: Seconds, from anywhere; stands still while the episode is set aside for others (`lockstep`).
 
     Returns:
         The episode's record, without the fields that only a worker knows.
@@ -79,8 +82,8 @@ def rollout(
         AdapterError: The simulator's rewards are not finite, or a perturbation was not delivered.
         Exception: Whatever the simulator or the policy raises.
     """
-    started, clock = time.time(), time.perf_counter()
-    phases = Phases()
+    started, began = time.time(), clock()
+    phases = Phases(clock=clock)
     world, simulation = simulation, perturbed(simulation, episode, references)
     with phases.timed("reset"):
         simulation.reset(episode.seed, episode.condition)
@@ -155,7 +158,7 @@ def rollout(
         delivered_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
         routing_s=routing.latency_s if routing else 0.0,
         started_at=started,
-        wall_s=time.perf_counter() - clock,
+        wall_s=clock() - began,
         **phases.as_fields(),
     )
 

@@ -146,7 +146,7 @@ class _Session:
             episode_time_limit_s=suite.episode_time_limit_s,
             max_attempts=suite.max_attempts,
             allowed_errors=int(suite.error_tolerance * self._plan.episodes),
-            memory_bytes={name: asked.memory_bytes for name, asked in suite.resources.items()},
+            resources=suite.resources,
         )
         running = {cell.simulator for cell, _ in work}
         with ray_session(address=self._options.address, workers=sum(workers.get(name, 0) for name in running)):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from adapters import catalog as simulators
-from adapters.contract import AdapterError, Simulation
+from adapters.contract import AdapterError, Simulation, SimulationBatch
+from orchestrator.lockstep import play_beside
 from orchestrator.perturbations.references import ReferenceLooks
 from orchestrator.rollout import Watcher, rollout
 from orchestrator.sources import PolicySource, build
 from policies.contract import Policy, PolicyError, check_fit
 from results.record import EpisodeResult
+from suites.placement import Resources
 from suites.vocabulary import Cell, Episode, View
 
 
@@ -45,13 +48,14 @@ class Readiness:
 
 
 class EpisodeRunner:
-    """Plays episodes in this process, one at a time."""
+    """Plays episodes in this process."""
 
     def __init__(
         self,
         sources: Mapping[str, PolicySource],
         worker: str = "local",
         elsewhere: Mapping[str, Policy] | None = None,
+        resources: Resources | None = None,
     ) -> None:
         """Prepare for episodes of these policies.
 
@@ -59,12 +63,14 @@ class EpisodeRunner:
             sources: Policy name to what it is built from.
             worker: Name written into the records.
             elsewhere: Policies that need not be built, since they compute in another process.
+            resources: Say how many episodes of a lease are played at once.
         """
         self._sources = sources
         self._worker = worker
         self._policies: dict[str, Policy] = dict(elsewhere or {})
-        self._simulation: Simulation | None = None
-        self._opened: tuple[str, View] | None = None
+        self._resources = resources or Resources()
+        self._simulations: SimulationBatch | None = None
+        self._opened: tuple[str, View, int] | None = None
         self._references = ReferenceLooks()
         self._build_s = self._load_s = 0.0
 
@@ -74,23 +80,52 @@ class EpisodeRunner:
         Raises:
             AdapterError: It does not; the message says why.
         """
-        simulation = self._open(task, view)
+        simulations = self._open(task, view, self._resources.at_once)
         frame_s = None
         if simulators.find(task.partition("/")[0]).renders:
-            simulation.observe()
+            simulations.observe([0])
             start = time.perf_counter()
-            simulation.observe()
+            simulations.observe([0])
             frame_s = time.perf_counter() - start
-        return Readiness(os.getpid(), simulation.render_device(), frame_s)
+        return Readiness(os.getpid(), simulations.members[0].render_device(), frame_s)
 
     def play(self, lease: Lease) -> Iterator[EpisodeResult]:
         """Play the lease's episodes. An episode that cannot be played yields an error record; nothing is raised."""
-        for episode in lease.episodes():
-            result = self.play_one(episode)
+        episodes = list(lease.episodes())
+        beside = self._resources.at_once > 1
+        for result in self._play_beside(episodes) if beside else map(self.play_one, episodes):
             yield replace(
                 result, worker=self._worker, attempts=lease.attempt, build_s=self._build_s, load_s=self._load_s
             )
             self._build_s = self._load_s = 0.0
+
+    def _play_beside(self, episodes: Sequence[Episode]) -> Iterator[EpisodeResult]:
+        """Play episodes of one cell at once, in order of their beginning. What goes wrong is played again alone."""
+        policy_name, view = episodes[0].policy, episodes[0].protocol.view
+        done: dict[Episode, EpisodeResult] = {}
+        try:
+            policy = self._policy(policy_name)
+            simulations = self._open(episodes[0].task, view, self._resources.at_once)
+            check_fit(policy.spec, simulations.members[0].action_spec, simulations.members[0].observation_spec)
+        except Exception:  # it will be met again, and told, by the first that is played alone
+            yield from map(self.play_one, episodes)
+            return
+        waiting = deque(episodes)
+        together = self._resources.ask_together
+        for played in play_beside(simulations, policy, episodes, self._rollout, ask_together=together):
+            if isinstance(played.result, EpisodeResult):
+                done[played.episode] = played.result
+            while waiting and waiting[0] in done:
+                yield done.pop(waiting.popleft())
+        if waiting:
+            self.close()
+        for episode in waiting:
+            yield done[episode] if episode in done else self.play_one(episode)
+
+    def _rollout(
+        self, simulation: Simulation, policy: Policy, episode: Episode, clock: Callable[[], float]
+    ) -> EpisodeResult:
+        return rollout(simulation, policy, episode, references=self._references, clock=clock)
 
     def play_one(
         self, episode: Episode, watcher: Watcher | None = None, wrap: Callable[[Simulation], Simulation] | None = None
@@ -107,7 +142,7 @@ class EpisodeRunner:
         for _ in range(2):
             try:
                 policy = self._policy(episode.policy)
-                simulation = self._open(episode.task, episode.protocol.view)
+                simulation = self._open(episode.task, episode.protocol.view, 1).members[0]
                 check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
                 return rollout(
                     wrap(simulation) if wrap else simulation,
@@ -125,21 +160,21 @@ class EpisodeRunner:
         return EpisodeResult.failed_to_run(episode, error, started_at=started, wall_s=time.perf_counter() - clock)
 
     def close(self) -> None:
-        """Close the open simulation. The runner can go on afterwards."""
-        simulation, self._simulation, self._opened = self._simulation, None, None
-        if simulation is not None:
-            simulation.close()
+        """Close the open simulations. The runner can go on afterwards."""
+        simulations, self._simulations, self._opened = self._simulations, None, None
+        if simulations is not None:
+            simulations.close()
 
-    def _open(self, task: str, view: View) -> Simulation:
-        if self._simulation is None or self._opened != (task, view):
+    def _open(self, task: str, view: View, count: int) -> SimulationBatch:
+        if self._simulations is None or self._opened != (task, view, count):
             self.close()
             start = time.perf_counter()
             for name, value in simulators.find(task.partition("/")[0]).environment.items():
                 os.environ.setdefault(name, value)
-            self._simulation = simulators.open_simulation(task, view)
-            self._opened, self._references = (task, view), ReferenceLooks()
+            self._simulations = simulators.open_batch(task, view, count)
+            self._opened, self._references = (task, view, count), ReferenceLooks()
             self._build_s += time.perf_counter() - start
-        return self._simulation
+        return self._simulations
 
     def _policy(self, name: str) -> Policy:
         if name not in self._policies:

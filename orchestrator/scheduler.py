@@ -17,6 +17,7 @@ from orchestrator.placing import Demand, most_needed
 from orchestrator.queue import WorkQueue
 from orchestrator.runner import Lease, Readiness
 from results.record import EpisodeResult, Status
+from suites.placement import Resources
 from suites.vocabulary import Cell
 
 OPEN_ALLOWANCE_S = 180.0
@@ -72,8 +73,13 @@ class SchedulerOptions:
     max_attempts: int
     allowed_errors: int
     """Errors in one session beyond which the run stops."""
-    memory_bytes: Mapping[str, int | None] = field(default_factory=dict)
-    """Simulator to the memory beyond which a worker is replaced once its lease is finished."""
+    resources: Mapping[str, Resources] = field(default_factory=dict)
+    """Simulator to what its workers need: the memory beyond which one is replaced once its lease is finished, and how
+    many episodes it plays at once."""
+
+    def of(self, simulator: str) -> Resources:
+        """What a simulator's workers need."""
+        return self.resources.get(simulator, Resources())
 
 
 @dataclass
@@ -170,7 +176,8 @@ class Scheduler:
         for name, work in by_simulator.items():
             episodes = sum(len(seeds) for _, seeds in work)
             count = 1 if callable(self.options.workers) else min(self.options.workers[name], episodes)
-            queue = WorkQueue(work, workers=count, max_attempts=self.options.max_attempts)
+            at_once = self.options.of(name).at_once
+            queue = WorkQueue(work, workers=count, max_attempts=self.options.max_attempts, at_once=at_once)
             self._simulators[name] = _Simulator(queue, work[0][0])
             if not callable(self.options.workers):
                 self._add([_Slot(name, number) for number in range(count)])
@@ -238,7 +245,7 @@ class Scheduler:
             self._idle.append(slot)
 
     def _worn_out(self, slot: _Slot) -> bool:
-        limit = self.options.memory_bytes.get(slot.simulator)
+        limit = self.options.of(slot.simulator).memory_bytes
         return slot.played >= RECYCLE_AFTER or (limit is not None and slot.memory_bytes > limit)
 
     def _simulator_for(self, slot: _Slot) -> str:
@@ -320,8 +327,9 @@ class Scheduler:
             if not slot.running:
                 continue
             opening = slot.lease is None or slot.open_task != slot.lease.cell.task
-            limit = self.options.episode_time_limit_s + (OPEN_ALLOWANCE_S if opening else 0.0)
-            limit += slot.lease.message_s if slot.lease is not None else 0.0
+            allowed = OPEN_ALLOWANCE_S if opening else 0.0
+            allowed += slot.lease.message_s if slot.lease is not None else 0.0
+            limit = self.options.episode_time_limit_s * self.options.of(slot.simulator).at_once + allowed
             if self.now() - slot.heard > limit:
                 self._buried(slot, f"an episode took longer than {self.options.episode_time_limit_s:g} s")
 

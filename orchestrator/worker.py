@@ -26,10 +26,13 @@ from suites.vocabulary import View
 class Worker:
     """Plays leases. Leases run one after the other; their results stream back while they run."""
 
-    def __init__(self, name: str, sources: Mapping[str, PolicySource], server: Any = None) -> None:
+    def __init__(
+        self, name: str, sources: Mapping[str, PolicySource], resources: Resources, server: Any = None
+    ) -> None:
         # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        self._runner = EpisodeRunner(sources, name, served_policies(server, sources) if server else None)
+        elsewhere = served_policies(server, sources) if server else None
+        self._runner = EpisodeRunner(sources, name, elsewhere, resources)
         self._idle_since: float | None = None
         self._process = psutil.Process()
 
@@ -82,4 +85,4 @@ def start_worker(
     actor: Any = Worker
     environment = {"env_vars": worker_environment(simulator)}
     actor = actor.options(max_restarts=0, max_task_retries=0, runtime_env=environment, **resources.for_ray())
-    return actor.remote(name, dict(sources), server)
+    return actor.remote(name, dict(sources), resources, server)

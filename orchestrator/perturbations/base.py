@@ -7,18 +7,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from adapters.adjusting import Adjustable, Adjusters
 from adapters.catalog import task_cards
 from adapters.contract import (
     Delivered,
-    FloatArray,
     Image,
     NotDelivered,
     Observation,
     Simulation,
-    StepOutcome,
     UnsupportedCondition,
 )
+from orchestrator.around import Around
 from orchestrator.perturbations.references import Images, ReferenceLooks
 from suites.axes import Axis, Changes
 from suites.vocabulary import CLEAN, Condition, Episode
@@ -26,17 +24,17 @@ from suites.vocabulary import CLEAN, Condition, Episode
 Part = TypeVar("Part")
 
 
-class Perturbed:
+class Perturbed(Around):
     """A simulation in the clean world, with something between it and the policy."""
 
     def __init__(
         self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceLooks | None = None
     ) -> None:
-        self.simulation, self.axis, self.episode = simulation, axis, episode
+        super().__init__(simulation)
+        self.axis, self.episode = axis, episode
         self.references = references or ReferenceLooks()
         self.level = axis.value(episode.condition.severity)
         self.also = axis.also[episode.condition.severity - 1] if axis.also else 0.0
-        self.action_spec, self.observation_spec = simulation.action_spec, simulation.observation_spec
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the clean episode of the seed; a subclass then changes what it changes."""
@@ -64,42 +62,9 @@ class Perturbed:
         if self.axis.changes is not Changes.INSTRUCTION and told != task_cards()[self.episode.task].instruction:
             raise NotDelivered(f"{self.episode.condition}: expected the task's own instruction, got '{told}'")
 
-    @property
-    def adjusters(self) -> Adjusters:
-        """What of the simulation's world can be adjusted."""
-        return self.simulation.adjusters if isinstance(self.simulation, Adjustable) else Adjusters()
-
-    def observe(self) -> Observation:
-        """As the simulation."""
-        return self.simulation.observe()
-
-    def step(self, action: FloatArray) -> StepOutcome:
-        """As the simulation."""
-        return self.simulation.step(action)
-
-    def privileged_state(self) -> Mapping[str, FloatArray]:
-        """As the simulation."""
-        return self.simulation.privileged_state()
-
-    def state_hash(self) -> str:
-        """As the simulation."""
-        return self.simulation.state_hash()
-
     def delivered(self) -> Delivered | None:
         """What was measured, see the axis."""
         raise NotImplementedError
-
-    def picture(self) -> Image:
-        """As the simulation."""
-        return self.simulation.picture()
-
-    def render_device(self) -> str:
-        """As the simulation."""
-        return self.simulation.render_device()
-
-    def close(self) -> None:
-        """As the simulation."""
-        self.simulation.close()
 
     def offered(self, adjuster: Part | None, what: str) -> Part:
         """An adjuster that the simulation must have.

@@ -158,3 +158,16 @@ def test_what_waits_is_what_was_given_less_what_was_handed_out(plan):
         mean = sum(known.values()) / len(known)
         assert queue.waiting == sum(left.values())
         assert queue.waiting_s == pytest.approx(sum(n * known.get(one, mean) for one, n in left.items()), abs=1e-6)
+
+
+@given(st.integers(1, 60), st.integers(1, 4), st.integers(1, 8))
+def test_a_worker_that_plays_several_at_once_is_given_so_many_as_long_as_there_are(episodes, workers, at_once):
+    queue = WorkQueue([(cell(), range(episodes))], workers=workers, max_attempts=2, at_once=at_once)
+    left, played = episodes, Counter()
+    while lease := queue.lease(None):
+        assert len(lease.seeds) >= min(at_once, left)
+        left -= len(lease.seeds)
+        played.update(lease.seeds)
+        queue.measured(lease.cell, took(lease, 1.0))
+        queue.finished(lease)
+    assert played == Counter(range(episodes))

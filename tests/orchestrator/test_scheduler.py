@@ -29,7 +29,8 @@ def options(**changes):
 
 def play(told, items, **changes):
     rows = []
-    Scheduler(items, RayCrew(SOURCES), options(**changes), rows.extend, told).run()
+    chosen = options(**changes)
+    Scheduler(items, RayCrew(SOURCES, chosen.resources), chosen, rows.extend, told).run()
     return rows
 
 
@@ -48,6 +49,22 @@ def test_rows_are_the_same_with_one_worker_and_with_four(told):
     items = work(policies=("oracle", "random", "untrained"))
     one, four = (play(told, items, workers={"null": n}) for n in (1, 4))
     assert rows_hash(map(outcome_row, one)) == rows_hash(map(outcome_row, four))
+
+
+def test_rows_are_the_same_with_several_episodes_at_once_even_if_a_worker_is_killed(told):
+    items = work("null/Slow", range(60), ("oracle", "untrained"))
+    alone = play(told, items)
+    killed = []
+
+    def kill_one(rows):
+        if not killed and len(told.rows) > len(alone) + 20:
+            killed.append(told.ready[-1][1].pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    told.on_rows = kill_one
+    beside = play(told, items, resources={"null": Resources(at_once=4)})
+    assert killed
+    assert rows_hash(map(outcome_row, beside)) == rows_hash(map(outcome_row, alone))
 
 
 def test_a_killed_worker_costs_a_retry_and_nothing_else(told):
@@ -193,7 +210,7 @@ def test_places_that_are_added_while_it_runs_are_taken_up(told, monkeypatch):
 
 
 def test_a_worker_that_holds_more_memory_than_it_may_is_replaced(told):
-    rows = play(told, work(seeds=range(60)), workers={"null": 1}, memory_bytes={"null": 1})
+    rows = play(told, work(seeds=range(60)), workers={"null": 1}, resources={"null": Resources(memory_gb=1e-9)})
     assert seeds(rows) == Counter(range(60))
     assert len({ready.pid for _, ready in told.ready}) >= 3
     assert not told.troubles

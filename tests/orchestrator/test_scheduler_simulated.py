@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orchestrator.scheduler import Scheduler, SchedulerOptions
+from suites.placement import Resources
 from suites.vocabulary import Cell, Protocol
 from tests.orchestrator.conftest import Told
 from tests.simulated_crew import Clock, SimulatedCrew
@@ -89,7 +90,7 @@ def test_a_simulator_that_cannot_be_opened_leaves_the_others_alone():
 
 def test_a_worker_that_holds_too_much_memory_is_replaced_after_its_lease():
     crew = SimulatedCrew(lambda episode: 1.0, Clock(), memory_bytes=lambda played: 100 * played)
-    rows, told = play(work({("a/1", "p"): 40}), crew, {"a": 1}, memory_bytes={"a": 950})
+    rows, told = play(work({("a/1", "p"): 40}), crew, {"a": 1}, resources={"a": Resources(memory_gb=950 / 1024**3)})
     assert Counter(row.seed for row in rows) == Counter(range(40))
     assert len(told.ready) == 4
     assert not told.troubles
