@@ -1,4 +1,4 @@
-"""Plays several episodes beside each other in one process, whose steps, looks and questions are done together.
+"""Plays several episodes at once in one process, whose steps, looks and questions are done together.
 
 Each episode is a `rollout` of its own, written as if it were alone, in a greenlet: where it wants a step, a look or an
 answer, it is set aside until all others have come as far. So steps of simulations that share an engine are one call of
@@ -43,7 +43,7 @@ class Played:
     """Its record, or what was raised while it was played."""
 
 
-def play_beside(
+def play_at_once(
     batch: SimulationBatch, policy: Policy, episodes: Sequence[Episode], play: Play, *, ask_together: bool = False
 ) -> Iterator[Played]:
     """Play episodes, as many at a time as the batch has members.

@@ -112,7 +112,7 @@ class WorkQueue:
             work: Cells with their missing seeds.
             workers: How many share it.
             max_attempts: See `Suite`.
-            at_once: Episodes of a lease that a worker plays beside each other.
+            at_once: Episodes that a worker plays at once.
         """
         self._tasks: dict[str, _TaskQueue] = {}
         self._cells: dict[Cell, _CellQueue] = {}

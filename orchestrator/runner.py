@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from adapters import catalog as simulators
 from adapters.contract import AdapterError, Simulation, SimulationBatch
-from orchestrator.lockstep import play_beside
+from orchestrator.lockstep import play_at_once
 from orchestrator.perturbations.references import ReferenceLooks
 from orchestrator.rollout import Watcher, rollout
 from orchestrator.sources import PolicySource, build
@@ -92,14 +92,14 @@ class EpisodeRunner:
     def play(self, lease: Lease) -> Iterator[EpisodeResult]:
         """Play the lease's episodes. An episode that cannot be played yields an error record; nothing is raised."""
         episodes = list(lease.episodes())
-        beside = self._resources.at_once > 1
-        for result in self._play_beside(episodes) if beside else map(self.play_one, episodes):
+        results = self._play_at_once(episodes) if self._resources.at_once > 1 else map(self.play_one, episodes)
+        for result in results:
             yield replace(
                 result, worker=self._worker, attempts=lease.attempt, build_s=self._build_s, load_s=self._load_s
             )
             self._build_s = self._load_s = 0.0
 
-    def _play_beside(self, episodes: Sequence[Episode]) -> Iterator[EpisodeResult]:
+    def _play_at_once(self, episodes: Sequence[Episode]) -> Iterator[EpisodeResult]:
         """Play episodes of one cell at once, in order of their beginning. What goes wrong is played again alone."""
         policy_name, view = episodes[0].policy, episodes[0].protocol.view
         done: dict[Episode, EpisodeResult] = {}
@@ -112,7 +112,7 @@ class EpisodeRunner:
             return
         waiting = deque(episodes)
         together = self._resources.ask_together
-        for played in play_beside(simulations, policy, episodes, self._rollout, ask_together=together):
+        for played in play_at_once(simulations, policy, episodes, self._rollout, ask_together=together):
             if isinstance(played.result, EpisodeResult):
                 done[played.episode] = played.result
             while waiting and waiting[0] in done:

@@ -22,7 +22,7 @@ class Read:
     rows: int
     rows_hash: str
     sample: tuple[EpisodeResult, ...]
-    """Successes and failures, those of a simulator and a task beside each other; errors are not played again."""
+    """Successes and failures, in the order of their tasks; errors are not played again."""
 
 
 @dataclass(frozen=True)

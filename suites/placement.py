@@ -21,11 +21,11 @@ class Resources(BaseModel):
     """GiB that a worker may come to hold: reserved for it, and the worker is replaced when it holds more."""
 
     at_once: Annotated[int, Field(strict=True, ge=1, le=4096)] = 1
-    """Episodes that a worker plays beside each other, in simulations that share an engine where the simulator has one
+    """Episodes that a worker plays at once, in simulations that share an engine where the simulator has one
     for several. Rows are the same, however many."""
     ask_together: bool = False
     """Whether a policy is asked about all of them in one call. Faster where a batch costs less than its parts, and what
-    networks answer is then the same but for rounding, so that rows may depend on who happened to play beside whom."""
+    networks answer is then the same but for rounding, so that rows may depend on who happened to play with whom."""
 
     @property
     def memory_bytes(self) -> int | None:

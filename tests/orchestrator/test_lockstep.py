@@ -1,4 +1,4 @@
-"""Episodes that are played beside each other in one process: the same rows as alone."""
+"""Episodes that are played at once in one process: the same rows as alone."""
 
 import time
 
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adapters.catalog import open_batch
-from orchestrator.lockstep import play_beside
+from orchestrator.lockstep import play_at_once
 from orchestrator.rollout import rollout
 from orchestrator.runner import EpisodeRunner, Lease
 from orchestrator.sources import PolicySource
@@ -37,11 +37,11 @@ def outcomes(results):
     return [outcome_row(result) for result in results]
 
 
-def beside(batch, policy, seeds, one=None, **more):
+def at_once_in(batch, policy, seeds, one=None, **more):
     def play(simulation, policy, episode, clock):
         return rollout(simulation, policy, episode, clock=clock)
 
-    return list(play_beside(batch, policy, [(one or cell()).episode(seed) for seed in seeds], play, **more))
+    return list(play_at_once(batch, policy, [(one or cell()).episode(seed) for seed in seeds], play, **more))
 
 
 @given(
@@ -59,7 +59,7 @@ def test_rows_and_their_order_are_those_of_episodes_played_alone(seeds, at_once,
 @pytest.mark.simulator
 @pytest.mark.parametrize("task", ["maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift"])
 @pytest.mark.parametrize("condition", [Condition(), Condition("object-position", 2), Condition("camera-orbit", 3)])
-def test_three_of_a_real_simulator_beside_each_other_play_the_rows_of_one(task, condition):
+def test_three_of_a_real_simulator_at_once_play_the_rows_of_one(task, condition):
     view = View(("third_person", "wrist"), 64, RenderProfile.FAST)
     one = cell(task, "untrained", condition, 16, view)
     assert outcomes(rows(range(5), 3, one)) == outcomes(rows(range(5), 1, one))
@@ -111,7 +111,7 @@ class Asked:
 
 def test_all_that_are_under_way_step_and_look_together():
     batch = Counting(3)
-    played = beside(batch, load("untrained", {}), range(3))
+    played = at_once_in(batch, load("untrained", {}), range(3))
     assert len(played) == 3
     assert {tuple(step) for step in batch.steps} == {(0, 1, 2)}
     assert {tuple(look) for look in batch.looks} == {(0, 1, 2)}
@@ -120,7 +120,7 @@ def test_all_that_are_under_way_step_and_look_together():
 
 def test_the_next_episode_takes_the_place_of_one_that_ended():
     batch = Counting(2)
-    played = beside(batch, load("oracle", {}), range(9))
+    played = at_once_in(batch, load("oracle", {}), range(9))
     assert {one.episode.seed for one in played} == set(range(9))
     assert {member for step in batch.steps for member in step} == {0, 1}
     alone = sum(one.result.steps for one in played)
@@ -130,17 +130,17 @@ def test_the_next_episode_takes_the_place_of_one_that_ended():
 @pytest.mark.parametrize(("together", "sizes"), [(True, {4}), (False, {1})])
 def test_a_policy_is_asked_about_all_at_once_only_if_it_shall_be(together, sizes):
     policy = Asked("untrained")
-    beside(Counting(4), policy, range(4), ask_together=together)
+    at_once_in(Counting(4), policy, range(4), ask_together=together)
     assert set(policy.sizes) == sizes
 
 
 def test_too_few_answers_are_an_error_of_all_that_asked():
-    played = beside(Counting(4), Asked("untrained", answers=3), range(4), ask_together=True)
+    played = at_once_in(Counting(4), Asked("untrained", answers=3), range(4), ask_together=True)
     assert {str(one.result) for one in played} == {"expected 4 decisions of the policy, got 3"}
 
 
 def test_an_engine_that_fails_ends_what_is_under_way_and_what_has_not_begun_is_left():
-    played = beside(Counting(2, fails_at=5), load("untrained", {}), range(6))
+    played = at_once_in(Counting(2, fails_at=5), load("untrained", {}), range(6))
     assert [str(one.result) for one in played] == ["the engine fails"] * 2
 
 
@@ -148,7 +148,7 @@ def test_episodes_are_charged_what_they_took_and_not_what_others_did():
     batch = open_batch("null/Slow", VIEW, 4)
     one = cell("null/Slow")
     began = time.perf_counter()
-    played = beside(batch, load("oracle", {}), range(8), one)
+    played = at_once_in(batch, load("oracle", {}), range(8), one)
     elapsed = time.perf_counter() - began
     results = [each.result for each in played]
     assert all(isinstance(result, EpisodeResult) for result in results)
