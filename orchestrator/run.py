@@ -305,6 +305,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
                 "gate": plan.suite.gate,
                 "floors": plan.suite.floors,
                 "compare": plan.suite.comparison,
+                "regression": plan.suite.regression,
             }
         )
     cards = simulators.task_cards()
@@ -324,6 +325,7 @@ def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
         merging=plan.suite.merging,
         compare=plan.suite.comparison,
         adaptive=plan.suite.adaptive,
+        regression=plan.suite.regression,
         gate=plan.suite.gate,
         floors=plan.suite.floors,
         workers=workers,

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from suites.schema import AdaptiveEntry, CompareEntry, MergingEntry
+from suites.schema import AdaptiveEntry, CompareEntry, MergingEntry, RegressionEntry
 
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
@@ -122,6 +122,8 @@ class RunDocument(_Model):
     adaptive: AdaptiveEntry | None = None
     """By which rule conditions stopped early, if by any."""
     decided: tuple[Decided, ...] = ()
+    regression: RegressionEntry = RegressionEntry()
+    """How the run is held against an earlier one."""
     workers: dict[str, int] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session."""
     inference: str = "worker"

@@ -161,11 +161,11 @@ class Store:
             for row in batch:
                 yield EpisodeResult(**dict(zip(FIELDS, row, strict=True)))
 
-    def batches(self, size: int = 10_000) -> Iterator[Sequence[Sequence[Any]]]:
-        """The rows of `results` as plain values in the order of `FIELDS`, at most `size` at a time."""
+    def batches(self, size: int = 10_000, fields: Sequence[str] = FIELDS) -> Iterator[Sequence[Sequence[Any]]]:
+        """These fields of the rows of `results` as plain values, at most `size` at a time."""
         e = _episodes.c
         query = (
-            sa.select(*(e[name] for name in FIELDS))
+            sa.select(*(e[name] for name in fields))
             .where(e.run_id == self._run_id)
             .order_by(e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
         )

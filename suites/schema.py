@@ -151,6 +151,15 @@ class AdaptiveEntry(_Model):
     """Seeds of a condition at most; those of `seeds` are what each would have without stopping."""
 
 
+class RegressionEntry(_Model):
+    """How a run of the suite is held against an earlier one."""
+
+    alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
+    """Chance at most that a run without a change is called worse, and that it is called better."""
+    margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """A rate that is lower by less than this counts as no worse."""
+
+
 class Suite(_Model):
     """Tasks x policies x conditions x seeds, plus how to run and judge them."""
 
@@ -197,6 +206,8 @@ class Suite(_Model):
 
     adaptive: AdaptiveEntry | None = None
     """Has conditions stop when `compare` is decided there."""
+    regression: RegressionEntry = RegressionEntry()
+    """How `gauntlet compare` and `gauntlet gate` judge a run; no part of what is evaluated."""
 
     @property
     def comparison(self) -> CompareEntry | None:

@@ -8,7 +8,20 @@ from types import FrameType
 
 import typer
 
-from orchestrator.cli import axes, doctor, listing, plan, policies, profile, replay, report, run, validate, verify
+from orchestrator.cli import (
+    axes,
+    compare,
+    doctor,
+    listing,
+    plan,
+    policies,
+    profile,
+    replay,
+    report,
+    run,
+    validate,
+    verify,
+)
 from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput, fail
 
 app = typer.Typer(
@@ -27,6 +40,8 @@ app.command("doctor")(doctor.doctor)
 app.command("report")(report.report)
 app.command("replay")(replay.replay_episode)
 app.command("verify")(verify.verify)
+app.command("compare")(compare.compare)
+app.command("gate")(compare.gate)
 app.command("profile")(profile.profile)
 app.add_typer(axes.app, name="axes")
 app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging.")

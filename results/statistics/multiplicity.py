@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 ALPHA = 0.05
 """Share of true null hypotheses that a test may reject, unless another is asked for."""
@@ -14,12 +18,17 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """p-values adjusted so that rejecting those of at most alpha errs at all with a probability of at most alpha.
 
     S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6 (1979) 65-70. Valid under
-    any dependence.
+    any dependence. Not statsmodels' own, which collects garbage at every call: a tenth of a second each, by hand.
 
     Raises:
         ValueError: A p-value outside [0, 1].
     """
-    return _adjusted(p_values, "holm")
+    values = _checked(p_values)
+    order = np.argsort(values, kind="stable")
+    factors = np.arange(len(values), 0, -1)
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.maximum.accumulate(factors * values[order]), 1.0)
+    return tuple(adjusted.tolist())
 
 
 def benjamini_hochberg(p_values: Sequence[float]) -> tuple[float, ...]:
@@ -31,7 +40,10 @@ def benjamini_hochberg(p_values: Sequence[float]) -> tuple[float, ...]:
     Raises:
         ValueError: A p-value outside [0, 1].
     """
-    return _adjusted(p_values, "fdr_bh")
+    from scipy.stats import false_discovery_control
+
+    values = _checked(p_values)
+    return tuple(false_discovery_control(values).tolist()) if len(values) else ()
 
 
 def e_benjamini_hochberg(e_values: Sequence[float], alpha: float = ALPHA) -> tuple[bool, ...]:
@@ -52,12 +64,8 @@ def e_benjamini_hochberg(e_values: Sequence[float], alpha: float = ALPHA) -> tup
     return tuple(bool(most) and value * alpha * most >= count for value in e_values)
 
 
-def _adjusted(p_values: Sequence[float], method: str) -> tuple[float, ...]:
-    from statsmodels.stats.multitest import multipletests
-
+def _checked(p_values: Sequence[float]) -> NDArray[np.float64]:
     values = np.asarray(p_values, dtype=float)
     if not np.all((values >= 0) & (values <= 1)):
         raise ValueError(f"expected p-values in [0, 1], got {list(p_values)}")
-    if not len(values):
-        return ()
-    return tuple(float(value) for value in multipletests(values, method=method)[1])
+    return values

@@ -90,6 +90,55 @@ def mcnemar(pairs: Pairs) -> float:
     return float(binomtest(pairs.first_only, disagree, 0.5).pvalue) if disagree else 1.0
 
 
+def mcnemar_worse(pairs: Pairs) -> float:
+    """One-sided exact p-value against the first side being as good as the second or better; see `mcnemar`."""
+    from scipy.stats import binom
+
+    return float(binom.sf(pairs.second_only - 1, pairs.first_only + pairs.second_only, 0.5))
+
+
+def can_reject(pairs: Pairs, alpha: float) -> bool:
+    """Whether so many pairs disagree that `mcnemar_worse` could come to alpha at all, were they all of one kind.
+
+    Tests that could not may be left out of a family before its p-values are adjusted: how many pairs disagree says
+    nothing about the direction, which is what is tested (R. E. Tarone, Biometrics 46 (1990) 515-522).
+    """
+    disagree = pairs.first_only + pairs.second_only
+    return disagree > 0 and disagree * math.log(0.5) <= math.log(alpha)
+
+
+POWER = 0.8
+
+
+def detectable_drop(pairs: Pairs, alpha: float, power: float = POWER) -> float | None:
+    """The smallest drop of the rate that so many pairs would show, with so many of them disagreeing.
+
+    From R. J. Connor, "Sample size for testing differences in proportions for the paired-sample design", Biometrics 43
+    (1987) 207-211: with psi the share of pairs that disagree, a one-sided test finds a drop d with this power in
+
+        n = (z(1 - alpha) sqrt(psi) + z(power) sqrt(psi - d^2))^2 / d^2
+
+    pairs; solved for d. A drop of d needs at least a share d of pairs that disagree, so psi is taken as no less.
+
+    Returns:
+        The drop, between 0 and 1, or None where even a drop from 1 to 0 would not be shown.
+    """
+    from scipy.optimize import brentq
+    from scipy.stats import norm
+
+    if not pairs.trials:
+        return None
+    share = (pairs.first_only + pairs.second_only) / pairs.trials
+    z_alpha, z_power = norm.isf(alpha), norm.ppf(power)
+
+    def lacking(drop: float) -> float:
+        psi = max(share, drop)
+        needed = (z_alpha * math.sqrt(psi) + z_power * math.sqrt(max(psi - drop**2, 0.0))) ** 2 / drop**2
+        return float(needed - pairs.trials)
+
+    return None if lacking(1.0) > 0 else float(brentq(lacking, 1e-9, 1.0))
+
+
 def heterogeneity(strata: Sequence[Pairs], generator: np.random.Generator, draws: int = 4000) -> float | None:
     """p-value against the difference having one direction and strength in all strata.
 

@@ -1,8 +1,10 @@
 """Many tests at once."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from statsmodels.stats.multitest import multipletests
 
 from results.statistics.multiplicity import benjamini_hochberg, e_benjamini_hochberg, holm
 
@@ -27,6 +29,12 @@ def test_holm_by_hand():
 def test_adjusting_never_makes_a_p_value_smaller_and_holm_is_the_stricter(found):
     strict, lenient = holm(found), benjamini_hochberg(found)
     assert all(p <= b + 1e-12 and b <= h + 1e-12 <= 1 + 1e-9 for p, b, h in zip(found, lenient, strict, strict=True))
+
+
+def test_both_agree_with_statsmodels():
+    for found in np.random.default_rng(0).random((20, 9)) ** 3:
+        for own, name in ((holm, "holm"), (benjamini_hochberg, "fdr_bh")):
+            assert own(found) == pytest.approx(multipletests(found, method=name)[1])
 
 
 def test_one_test_is_not_adjusted():

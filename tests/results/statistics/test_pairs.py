@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 
 from results.statistics.pairs import (
     Pairs,
+    can_reject,
+    detectable_drop,
     heterogeneity,
     is_no_worse,
     mcnemar,
+    mcnemar_worse,
     paired_difference,
     paired_ratio,
     pooled,
@@ -183,3 +186,34 @@ def test_no_worse_is_shown_by_enough_pairs_not_by_a_test_that_finds_nothing():
 def test_a_side_that_is_worse_by_the_margin_is_called_no_worse_in_at_most_one_experiment_of_forty():
     drawn = np.random.default_rng(1).multinomial(200, [0.80, 0.03, 0.08, 0.09], size=1000)
     assert np.mean([is_no_worse(Pairs(*map(int, counts))) for counts in drawn]) <= 0.025 + 0.01
+
+
+@pytest.mark.parametrize(
+    ("disagree", "drop", "pairs"), [(0.2, 0.1, 155), (0.25, 0.15, 85), (0.3, 0.2, 56), (0.2, 0.05, 626)]
+)
+def test_the_drop_that_so_many_pairs_show_is_that_of_published_sample_sizes(disagree, drop, pairs):
+    """Two-sided at 5 %, 80 % power (Connor 1987's formula), rounded up to whole pairs."""
+    rows = round(disagree * pairs)
+    found = detectable_drop(Pairs(pairs - rows, rows, 0, 0), alpha=0.025)
+    assert found == pytest.approx(drop, abs=0.004)
+
+
+@given(tables)
+def test_a_drop_that_is_shown_needs_more_pairs_the_smaller_it_is(pairs):
+    found = detectable_drop(pairs, 0.05)
+    more = Pairs(4 * pairs.both, 4 * pairs.first_only, 4 * pairs.second_only, 4 * pairs.neither)
+    assert found is None or detectable_drop(more, 0.05) < found
+
+
+@given(tables)
+def test_the_one_sided_tests_share_the_chance_of_the_very_table_and_no_more(pairs):
+    worse, better = mcnemar_worse(pairs), mcnemar_worse(Pairs(pairs.both, pairs.second_only, pairs.first_only, 0))
+    disagree = pairs.first_only + pairs.second_only
+    assert worse + better == pytest.approx(1 + math.comb(disagree, pairs.first_only) * 0.5**disagree)
+    assert mcnemar(pairs) == pytest.approx(min(1.0, 2 * min(worse, better)))
+
+
+@given(tables, st.floats(0.001, 0.4))
+def test_a_family_leaves_out_what_could_not_be_rejected_if_all_were_worse(pairs, alpha):
+    disagree = pairs.first_only + pairs.second_only
+    assert can_reject(pairs, alpha) == (disagree > 0 and mcnemar_worse(Pairs(0, 0, disagree, 0)) <= alpha)

@@ -1,0 +1,185 @@
+"""`gauntlet compare` and `gauntlet gate`: is a run worse than another, and can that be said."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from adapters import catalog
+from orchestrator.cli.shared import BadInput, StoreUrl, newest_run, out
+from orchestrator.cli.tables import rich_table
+from results.comparison import COLUMNS, Comparison, Difference, Run, Verdict, compare_runs
+from results.run import RUN_FILE, RunDocument, RunError, RunStatus, read_run, store_url
+from results.store import Store, StoreError
+from suites.plugins import nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
+
+
+class Format(StrEnum):
+    """How a comparison is told."""
+
+    TEXT = "text"
+    JSON = "json"
+    MARKDOWN = "markdown"
+    JUNIT = "junit"
+
+
+Only = Annotated[list[str] | None, typer.Option("--policy", help="Only this policy. Repeatable.")]
+Allow = Annotated[
+    list[Difference] | None,
+    typer.Option("--allow", help="Compare although this differs, and say so. Repeatable."),
+]
+Alpha = Annotated[
+    float | None,
+    typer.Option(min=0.0001, max=0.4999, help="Chance at most of a false alarm; by default the suite's, 0.05."),
+]
+Margin = Annotated[
+    float | None,
+    typer.Option(min=0.0001, max=0.9999, help="What counts as no worse; by default the suite's, 0.05."),
+]
+HowTold = Annotated[Format, typer.Option("--format", help="How to tell it.")]
+OutFile = Annotated[Path | None, typer.Option("--out", help="File to write instead of the terminal.")]
+
+
+def compare(
+    run: Annotated[Path, typer.Argument(help="Run folder.")],
+    baseline: Annotated[Path, typer.Argument(help="Run folder to hold it against.")],
+    policy: Only = None,
+    allow: Allow = None,
+    alpha: Alpha = None,
+    margin: Margin = None,
+    told: HowTold = Format.TEXT,
+    file: OutFile = None,
+    store: StoreUrl = None,
+) -> None:
+    """Hold a run against another, episode by episode. Exit code 1: worse; 0: not; 2: not comparable."""
+    found = _compared(run, baseline, policy or [], allow or [], alpha, margin, store)
+    _tell(found, told, file)
+    raise typer.Exit(EXIT_CODES[found.verdict])
+
+
+def gate(
+    run: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(help="Run folder to hold it against; by default the last complete one of its suite before it."),
+    ] = None,
+    policy: Only = None,
+    allow: Allow = None,
+    alpha: Alpha = None,
+    margin: Margin = None,
+    told: HowTold = Format.TEXT,
+    file: OutFile = None,
+    store: StoreUrl = None,
+) -> None:
+    """Hold a run against the one before it: verdict and reasons only. Exit code 1: worse; 0: not; 2: not comparable."""
+    from results.report.comparison import as_text
+
+    run = run or newest_run()
+    found = _compared(run, baseline or _before(run), policy or [], allow or [], alpha, margin, store)
+    if told is Format.TEXT and file is None:
+        out.print(as_text(found), markup=False, soft_wrap=True, end="")
+    else:
+        _tell(found, told, file)
+    raise typer.Exit(EXIT_CODES[found.verdict])
+
+
+def _compared(
+    run: Path,
+    baseline: Path,
+    policies: list[str],
+    allowed: list[Difference],
+    alpha: float | None,
+    margin: float | None,
+    store: str | None,
+) -> Comparison:
+    sides = [_read(folder, store) for folder in (run, baseline)]
+    for name in policies:
+        for folder, side in zip((run, baseline), sides, strict=True):
+            known = dict.fromkeys(cell.policy for cell in side.document.plan)
+            if name not in known:
+                raise BadInput(f"{folder}: it has no policy '{name}'{nearest(name, known)}")
+    how = sides[0].document.regression
+    return compare_runs(
+        *sides,
+        alpha=how.alpha if alpha is None else alpha,
+        margin=how.margin if margin is None else margin,
+        only=policies,
+        allowed=frozenset(allowed),
+        simulator_packages={name for one in catalog.simulators().values() for name in one.distributions},
+    )
+
+
+def _read(folder: Path, store: str | None) -> Run:
+    try:
+        document = read_run(folder)
+        rows = Store.open(store_url(folder, document, store), document.run_id)
+        try:
+            return Run(folder.name or str(folder), document, _frame(rows))
+        finally:
+            rows.close()
+    except (RunError, StoreError) as error:
+        raise BadInput(str(error)) from None
+
+
+def _frame(rows: Store) -> pd.DataFrame:
+    import pandas as pd
+
+    pieces = [pd.DataFrame(batch, columns=list(COLUMNS)) for batch in rows.batches(50_000, COLUMNS)]
+    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in COLUMNS})
+
+
+def _before(run: Path) -> Path:
+    """The last complete run of the same suite beside it that was begun before it.
+
+    Raises:
+        BadInput: There is none.
+    """
+    try:
+        document = read_run(run)
+    except RunError as error:
+        raise BadInput(str(error)) from None
+    earlier: list[tuple[float, Path]] = []
+    for file in run.absolute().parent.glob(f"*/{RUN_FILE}"):
+        found = _document(file.parent)
+        same = found is not None and found.suite_name == document.suite_name and found.run_id != document.run_id
+        if found and same and found.status is RunStatus.COMPLETE and found.started_at < document.started_at:
+            earlier.append((found.started_at, file.parent))
+    if not earlier:
+        raise BadInput(
+            f"{run}: expected a complete earlier run of suite '{document.suite_name}' beside it, found none; "
+            "name one with --baseline"
+        )
+    return max(earlier)[1]
+
+
+def _document(folder: Path) -> RunDocument | None:
+    try:
+        return read_run(folder)
+    except RunError:
+        return None  # another version's, or broken: not what is looked for
+
+
+def _tell(found: Comparison, told: Format, file: Path | None) -> None:
+    from results.report.comparison import FORMATS, as_text, table
+
+    if file is not None:
+        try:
+            file.write_text(FORMATS[told](found), encoding="utf-8")
+        except OSError as error:
+            raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
+        return
+    if told is not Format.TEXT:
+        out.print(FORMATS[told](found), markup=False, soft_wrap=True, end="")
+        return
+    for one in found.policies:
+        out.print(rich_table(table(one, found.alpha), title=one.policy))
+        out.print()
+    out.print(as_text(found), markup=False, soft_wrap=True, end="")

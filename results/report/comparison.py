@@ -1,0 +1,181 @@
+"""A comparison of two runs as text, Markdown, JSON and JUnit XML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+from xml.etree import ElementTree
+
+from results.comparison import Comparison, Line, PolicyComparison, Verdict
+from results.report.text import NOTHING, TextTable, counted, escape, markdown, percent
+from results.statistics.pairs import Pairs
+from results.statistics.rates import Estimate, rate
+
+MARKS = {
+    Verdict.REGRESSED: "REGRESSED",
+    Verdict.IMPROVED: "improved",
+    Verdict.NO_EVIDENCE: "no evidence of a difference",
+    Verdict.NOT_COMPARABLE: "NOT COMPARABLE",
+}
+ALL = "all tasks"
+
+
+def headline(comparison: Comparison) -> str:
+    """The verdict, and of what."""
+    return f"{MARKS[comparison.verdict]}: {comparison.run} against {comparison.baseline}"
+
+
+def reasons(comparison: Comparison) -> list[str]:
+    """Why, a line each: what was found, what it could have found, and what should be known of it."""
+    lines = [f"{name} differs: {words}{_allowed(comparison, name)}" for name, words in comparison.differences.items()]
+    if not comparison.policies:
+        return [*lines, f"expected episodes that {comparison.run} shares with {comparison.baseline}, got none"]
+    if comparison.verdict is Verdict.NOT_COMPARABLE:
+        return lines
+    for one in comparison.policies:
+        lines += _found(one, comparison)
+    for name, (now, before) in comparison.errors.items():
+        lines.append(f"{name}: {counted(now, 'error')} (baseline: {before:,}), which are in no rate")
+    for name, (now, before) in comparison.unpaired.items():
+        lines.append(
+            f"{name}: {counted(now, 'episode')} of the run and {before:,} of the baseline have no partner "
+            "and are left out"
+        )
+    return lines
+
+
+def _allowed(comparison: Comparison, name: Any) -> str:
+    return " (allowed)" if name in comparison.allowed else f" (compare all the same: --allow {name})"
+
+
+def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
+    alpha, whole = comparison.alpha, one.whole
+    changed = [line for line in one.lines if min(line.p_worse, line.p_better) <= alpha]
+    for line in changed:
+        p = min(line.p_worse, line.p_better)
+        yield (
+            f"{one.policy}, {line.task or ALL}: {rates(line.pairs)} of {line.pairs.trials:,} episodes, "
+            f"{points(line.difference)}, p {p_text(p)}"
+        )
+    if not changed and not one.differing and not one.changed:
+        yield f"{one.policy}: the same policy, the same actions in all of {counted(whole.pairs.trials, 'episode')}"
+        return
+    if not changed:
+        drop = NOTHING if whole.detectable is None else f"{100 * whole.detectable:.1f} points"
+        yield (
+            f"{one.policy}: {rates(whole.pairs)} of {whole.pairs.trials:,} episodes, {points(whole.difference)}; "
+            f"a drop of {drop} over all tasks would be shown in four of five cases"
+        )
+    if not one.changed and one.differing:
+        yield (
+            f"{one.policy}: not changed, and yet {one.differing:,} of {whole.pairs.trials:,} episodes have other "
+            "actions: the program or a library acts differently"
+        )
+    if not any(line.p_worse <= alpha for line in changed):
+        said = "is shown" if one.no_worse else "is not shown"
+        yield f"{one.policy}: that it is no worse by more than {100 * comparison.margin:g} points {said}"
+
+
+def rates(pairs: Pairs) -> str:
+    """`85 % before, 71 % now`."""
+    return f"{percent(rate(pairs.second, pairs.trials))} before, {percent(rate(pairs.first, pairs.trials))} now"
+
+
+def points(estimate: Estimate | None) -> str:
+    """A difference of rates in points with its interval: `-14.0 points [-22, -6]`."""
+    if estimate is None:
+        return NOTHING
+    ends = estimate.interval
+    shown = "" if ends is None else f" [{100 * ends.low:+.0f}, {100 * ends.high:+.0f}]"
+    return f"{100 * estimate.value:+.1f} points{shown}"
+
+
+def p_text(p: float) -> str:
+    """A p-value as people read it."""
+    return "<0.0001" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.2f}"
+
+
+def table(one: PolicyComparison, alpha: float) -> TextTable:
+    """A policy's tasks, and all together."""
+    header = ("task", "pairs", "before", "now", "difference", "lost", "won", "p worse", "p better", "")
+    lines = one.lines if len(one.tasks) > 1 else one.tasks
+    return TextTable(header, tuple(_row(line, alpha) for line in lines), 1)
+
+
+def _row(line: Line, alpha: float) -> tuple[str, ...]:
+    pairs = line.pairs
+    said = "worse" if line.p_worse <= alpha else "better" if line.p_better <= alpha else ""
+    return (
+        line.task or ALL,
+        f"{pairs.trials:,}",
+        percent(rate(pairs.second, pairs.trials)),
+        percent(rate(pairs.first, pairs.trials)),
+        points(line.difference),
+        f"{pairs.second_only:,}",
+        f"{pairs.first_only:,}",
+        p_text(line.p_worse),
+        p_text(line.p_better),
+        said,
+    )
+
+
+def as_text(comparison: Comparison) -> str:
+    """The headline and the reasons, for a log."""
+    return "\n".join([headline(comparison), *(f"- {line}" for line in reasons(comparison))]) + "\n"
+
+
+def as_markdown(comparison: Comparison) -> str:
+    """For a comment on a pull request."""
+    mark = {Verdict.REGRESSED: "❌", Verdict.NOT_COMPARABLE: "⚠️"}.get(comparison.verdict, "✅")
+    parts = [f"### {mark} {escape(headline(comparison))}", ""]
+    parts += [f"- {escape(line)}" for line in reasons(comparison)]
+    for one in comparison.policies:
+        parts += ["", f"<details><summary>{escape(one.policy)}</summary>", "", markdown(table(one, comparison.alpha))]
+        parts += ["", "</details>"]
+    return "\n".join([*parts, "", _method(comparison), ""])
+
+
+def _method(comparison: Comparison) -> str:
+    return (
+        "Same seeds, paired episode by episode; exact McNemar test per task and over all tasks, adjusted together "
+        f"(Holm); intervals of {100 * (1 - 2 * comparison.alpha):g} % (Newcombe). A run without a change is called "
+        f"worse at most {100 * comparison.alpha:g} times in 100."
+    )
+
+
+def as_json(comparison: Comparison) -> str:
+    """For programs."""
+    plain = asdict(comparison) | {
+        "allowed": sorted(comparison.allowed),
+        "headline": headline(comparison),
+        "reasons": reasons(comparison),
+    }
+    return json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def as_junit(comparison: Comparison) -> str:
+    """A test case per policy and task, for whatever shows test results. A case fails where the policy became worse."""
+    suite = ElementTree.Element("testsuite", name=f"{comparison.run} against {comparison.baseline}")
+    failures = 0
+    for one in comparison.policies:
+        for line in one.lines:
+            case = ElementTree.SubElement(suite, "testcase", classname=one.policy, name=line.task or ALL)
+            said = f"{rates(line.pairs)} of {line.pairs.trials} episodes, {points(line.difference)}"
+            if comparison.verdict is Verdict.NOT_COMPARABLE:
+                ElementTree.SubElement(case, "skipped", message="; ".join(comparison.differences.values()))
+            elif line.p_worse <= comparison.alpha:
+                failures += 1
+                ElementTree.SubElement(case, "failure", message=f"{said}, p {p_text(line.p_worse)}")
+            ElementTree.SubElement(case, "system-out").text = said
+    if not comparison.policies:
+        case = ElementTree.SubElement(suite, "testcase", classname="comparison", name="shared episodes")
+        ElementTree.SubElement(case, "error", message=reasons(comparison)[-1])
+    suite.set("tests", str(len(suite.findall("testcase"))))
+    suite.set("failures", str(failures))
+    ElementTree.indent(suite)
+    return ElementTree.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
+FORMATS = {"text": as_text, "json": as_json, "markdown": as_markdown, "junit": as_junit}
