@@ -9,16 +9,14 @@ from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
-from results.run import Provenance
-
-_ALWAYS = ("robogauntlet", "ray", "numpy", "scipy", "torch")
+from results.run import EVERYWHERE, Provenance
 
 
 def collect(distributions: Iterable[str]) -> Provenance:
     """The provenance of a run that uses these distributions (those installed are recorded)."""
     commit = _git("rev-parse", "HEAD")
     status = _git("status", "--porcelain", "--untracked-files=no")
-    packages = {name: version for name in dict.fromkeys([*_ALWAYS, *distributions]) if (version := _version(name))}
+    packages = {name: version for name in dict.fromkeys([*EVERYWHERE, *distributions]) if (version := _version(name))}
     return Provenance(
         git_commit=commit,
         git_dirty=bool(status) if status is not None else None,

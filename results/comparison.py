@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from results.record import Status
-from results.run import PlannedCell, Provenance, RunDocument
+from results.run import EVERYWHERE, PlannedCell, Provenance, RunDocument
 from results.statistics.multiplicity import ALPHA, holm
 from results.statistics.pairs import (
     MARGIN,
@@ -126,6 +126,17 @@ class Comparison:
         """Episodes compared."""
         return sum(one.whole.pairs.trials for one in self.policies)
 
+    def __str__(self) -> str:
+        from results.report.comparison import as_text
+
+        return as_text(self)
+
+    def _repr_markdown_(self) -> str:
+        """What notebooks show."""
+        from results.report.comparison import as_markdown
+
+        return as_markdown(self)
+
 
 def compare_runs(
     run: Run,
@@ -135,7 +146,6 @@ def compare_runs(
     margin: float = MARGIN,
     only: Sequence[str] = (),
     allowed: Set[Difference] = frozenset(),
-    simulator_packages: Set[str] = frozenset(),
 ) -> Comparison:
     """Hold a run against a baseline.
 
@@ -146,11 +156,10 @@ def compare_runs(
         margin: A rate that is lower by less than this counts as no worse.
         only: Names of policies; empty for all that both have.
         allowed: Differences that do not forbid the comparison.
-        simulator_packages: Distributions whose versions must be the same.
     """
     sides = [_judged(one, only) for one in (run, baseline)]
     pairs = sides[0].merge(sides[1], on=["policy", "pair_id"], suffixes=("", "_before"))
-    differences = _differences(run, baseline, pairs, simulator_packages)
+    differences = _differences(run, baseline, pairs)
     names = list(dict.fromkeys(pairs["policy"]))
     policies = _adjusted([_policy(str(name), pairs[pairs["policy"] == name], alpha, margin) for name in names], alpha)
     forbidden = [one for one in differences if one not in allowed]
@@ -233,7 +242,7 @@ def _verdict(policies: Sequence[PolicyComparison], alpha: float) -> Verdict:
     return Verdict.IMPROVED if any(line.p_better <= alpha for line in lines) else Verdict.NO_EVIDENCE
 
 
-def _differences(run: Run, baseline: Run, pairs: pd.DataFrame, packages: Set[str]) -> dict[Difference, str]:
+def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Difference, str]:
     found: dict[Difference, str] = {}
     now, before = run.document, baseline.document
     if now.suite_name != before.suite_name:
@@ -241,7 +250,7 @@ def _differences(run: Run, baseline: Run, pairs: pd.DataFrame, packages: Set[str
     elif (lines := _plan(now)) != (others := _plan(before)):
         found[Difference.SUITE] = f"the suite plans other episodes: {len(lines - others)} cells are new, "
         found[Difference.SUITE] += f"{len(others - lines)} are gone or have another number of seeds"
-    if versions := _versions(now.provenance, before.provenance, packages):
+    if versions := _versions(now.provenance, before.provenance):
         found[Difference.SIMULATOR] = ", ".join(versions)
     devices = [
         f"{name} drew on {before.render_devices[name]}, now on {device}"
@@ -264,12 +273,12 @@ def _plan(document: RunDocument) -> set[tuple[str, str, str, int, int]]:
     return {(cell.policy, cell.task, cell.axis, cell.severity, seeds(cell)) for cell in document.plan}
 
 
-def _versions(now: Provenance, before: Provenance, packages: Set[str]) -> list[str]:
-    """Those of the packages that both runs name in different versions."""
+def _versions(now: Provenance, before: Provenance) -> list[str]:
+    """The simulators' packages that both runs name in different versions."""
     return [
         f"{name} {before.packages[name]}, now {version}"
         for name, version in sorted(now.packages.items())
-        if name in packages and before.packages.get(name, version) != version
+        if name not in EVERYWHERE and before.packages.get(name, version) != version
     ]
 
 

@@ -14,6 +14,8 @@ from suites.schema import AdaptiveEntry, CompareEntry, MergingEntry, RegressionE
 RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
 FORMAT = 1
+EVERYWHERE = ("robogauntlet", "ray", "numpy", "scipy", "torch")
+"""Distributions that every run records; the others that it records are its simulators'."""
 
 
 class RunStatus(StrEnum):

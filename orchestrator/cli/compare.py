@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from adapters import catalog
 from orchestrator.cli.shared import BadInput, StoreUrl, newest_run, out
 from orchestrator.cli.tables import rich_table
-from results.comparison import COLUMNS, Comparison, Difference, Run, Verdict, compare_runs
-from results.run import RUN_FILE, RunDocument, RunError, RunStatus, read_run, store_url
-from results.store import Store, StoreError
+from results.comparison import Comparison, Difference, Verdict
+from results.opening import compare as compare_folders
+from results.opening import open_run
+from results.run import RUN_FILE, RunDocument, RunError, RunStatus, read_run
+from results.store import StoreError
 from suites.plugins import nearest
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
 
@@ -100,40 +98,16 @@ def _compared(
     margin: float | None,
     store: str | None,
 ) -> Comparison:
-    sides = [_read(folder, store) for folder in (run, baseline)]
-    for name in policies:
-        for folder, side in zip((run, baseline), sides, strict=True):
-            known = dict.fromkeys(cell.policy for cell in side.document.plan)
-            if name not in known:
-                raise BadInput(f"{folder}: it has no policy '{name}'{nearest(name, known)}")
-    how = sides[0].document.regression
-    return compare_runs(
-        *sides,
-        alpha=how.alpha if alpha is None else alpha,
-        margin=how.margin if margin is None else margin,
-        only=policies,
-        allowed=frozenset(allowed),
-        simulator_packages={name for one in catalog.simulators().values() for name in one.distributions},
-    )
-
-
-def _read(folder: Path, store: str | None) -> Run:
     try:
-        document = read_run(folder)
-        rows = Store.open(store_url(folder, document, store), document.run_id)
-        try:
-            return Run(folder.name or str(folder), document, _frame(rows))
-        finally:
-            rows.close()
+        sides = [open_run(folder, store) for folder in (run, baseline)]
+        for name in policies:
+            for side in sides:
+                known = dict.fromkeys(cell.policy for cell in side.document.plan)
+                if name not in known:
+                    raise BadInput(f"{side.folder}: it has no policy '{name}'{nearest(name, known)}")
+        return compare_folders(*sides, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
-
-
-def _frame(rows: Store) -> pd.DataFrame:
-    import pandas as pd
-
-    pieces = [pd.DataFrame(batch, columns=list(COLUMNS)) for batch in rows.batches(50_000, COLUMNS)]
-    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in COLUMNS})
 
 
 def _before(run: Path) -> Path:

@@ -118,18 +118,18 @@ def test_without_a_shared_episode_nothing_can_be_said():
 )
 def test_runs_that_differ_in_more_than_policies_are_not_compared_unless_it_is_allowed(new, old, name):
     sides = run("new", always, **new), run("old", always, **old)
-    found = compare_runs(*sides, simulator_packages={"sapien"})
+    found = compare_runs(*sides)
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert list(found.differences) == [name]
     assert f"--allow {name}" in as_text(found)
-    allowed = compare_runs(*sides, simulator_packages={"sapien"}, allowed=frozenset({name}))
+    allowed = compare_runs(*sides, allowed=frozenset({name}))
     assert allowed.verdict is Verdict.NO_EVIDENCE
     assert f"{name} differs" in as_text(allowed)
 
 
 def test_packages_that_are_no_simulators_may_differ():
     sides = [run("r", always, provenance=Provenance(packages={"ray": version})) for version in "12"]
-    assert compare_runs(*sides, simulator_packages={"sapien"}).differences == {}
+    assert compare_runs(*sides).differences == {}
 
 
 def simulated(generator, worse, better, pairs, tasks=1):
