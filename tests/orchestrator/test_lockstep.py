@@ -57,8 +57,14 @@ def test_rows_and_their_order_are_those_of_episodes_played_alone(seeds, at_once,
 
 
 @pytest.mark.simulator
-@pytest.mark.parametrize("task", ["maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift"])
-@pytest.mark.parametrize("condition", [Condition(), Condition("object-position", 2), Condition("camera-orbit", 3)])
+@pytest.mark.parametrize(
+    ("task", "condition"),
+    [
+        ("maniskill/PushCube-v1", Condition("object-position", 2)),
+        ("pybullet/PandaPush-v3", Condition("camera-orbit", 3)),
+        ("robosuite/Lift", Condition()),
+    ],
+)
 def test_three_of_a_real_simulator_at_once_play_the_rows_of_one(task, condition):
     view = View(("third_person", "wrist"), 64, RenderProfile.FAST)
     one = cell(task, "untrained", condition, 16, view)
