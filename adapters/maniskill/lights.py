@@ -34,6 +34,7 @@ class ManiSkillLights:
         self._own = [(lamp.color, lamp.pose) for lamp in self._system.lights]
         self._key = int(np.argmax([np.sum(colour) for colour, _ in self._own]))
         self._changed = False
+        self._own_light = self.light()
 
     def undo(self) -> None:
         """Give every lamp its own colour and direction back."""
@@ -50,9 +51,17 @@ class ManiSkillLights:
         return Light(gain_of(factor ** (1 / POWER), USUAL), unit(-self._base_from_world.apply(shines)))
 
     def set_light(self, light: Light) -> None:
-        """Give the scene another light, until the next reset."""
+        """Give the scene another light, until the next reset.
+
+        Its own light comes back to the bit, which a pose computed from a direction would not.
+        """
         import sapien
 
+        if np.array_equal(light.gain, self._own_light.gain) and np.array_equal(
+            light.direction, self._own_light.direction
+        ):
+            self.undo()
+            return
         self._changed = True
         self._shine(pixel_factor(light.gain, USUAL) ** POWER)
         shines = -self._base_from_world.inv().apply(unit(light.direction))

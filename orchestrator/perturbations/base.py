@@ -137,7 +137,7 @@ class PerturbedScene(Perturbed):
         """
         if self._found is not None:
             return self.simulation.observe()
-        clean = self.references.of(self.episode.seed, CLEAN, self._clean_look)
+        clean = self.references.of(self.episode.seed, CLEAN, self.clean_look)
         seen = self.first_look(clean)
         looks = {camera: (clean[camera], image) for camera, image in seen.images.items()}
         if not self.changed(looks):
@@ -151,7 +151,8 @@ class PerturbedScene(Perturbed):
         """The first that the policy sees, beside what the clean episode shows."""
         return self.simulation.observe()
 
-    def _clean_look(self) -> Images:
+    def clean_look(self) -> Images:
+        """What the clean episode shows first; the scene is perturbed before and after."""
         self.bare()
         images = self.simulation.observe().images
         self.dressed()
