@@ -16,13 +16,17 @@ from results.store import StoreError
 def report(
     folder: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
     store: StoreUrl = None,
+    video_mb: Annotated[
+        float | None, typer.Option(min=0, max=1000, help="Megabytes of video in report.html at most; by default 9.")
+    ] = None,
 ) -> None:
     """Write report.html, report.md, summary.json and episodes.parquet of a run."""
     from results.report import write_report
 
     folder = folder or newest_run()
+    budget = {} if video_mb is None else {"video_budget": int(1e6 * video_mb)}
     try:
-        paths = write_report(folder, store_url=store)
+        paths = write_report(folder, store_url=store, **budget)
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
     except OSError as error:

@@ -79,7 +79,7 @@ class Media:
         return len({video.episode_id for video in (*self.typical, *self.fallen) if video.source is None})
 
 
-def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budget: int | None = None) -> Media:
+def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budget: int = VIDEO_BUDGET) -> Media:
     """What was filmed and pictured of a run.
 
     Args:
@@ -100,7 +100,7 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
         found = [_video(row, names, files) for row in chosen.itertuples(index=False)]
         return [video for video in found if video.size]
 
-    typical, left = _embed(videos(_typical(filmed)), VIDEO_BUDGET if budget is None else budget)
+    typical, left = _embed(videos(_typical(filmed)), budget)
     fallen, _ = _embed(videos(_fallen(filmed, frame, aside)), left)
     return Media(typical, fallen, _strips(folder, document))
 

@@ -14,7 +14,7 @@ from results import robustness as robustness_of_run
 from results.merging import Merging, build_merging
 from results.report.explore import render_explorer
 from results.report.markdown import render_markdown
-from results.report.media import collect_media
+from results.report.media import VIDEO_BUDGET, collect_media
 from results.report.page import render_page
 from results.report.parquet import read_frame, write_parquet
 from results.report.spreadsheet import render_csv
@@ -50,7 +50,7 @@ class ReportPaths:
         return cls(*(folder / name for name in names))
 
 
-def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
+def write_report(folder: Path, *, store_url: str | None = None, video_budget: int = VIDEO_BUDGET) -> ReportPaths:
     """Write the report of a run, complete or not, into its folder.
 
     Rows are read from the store once, into `episodes.parquet`; everything else is made from that file, so that the
@@ -59,6 +59,7 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
     Args:
         folder: The run folder.
         store_url: URL of the store, where it is not the file in the folder.
+        video_budget: Bytes of video that are put into the page; the others are named there.
 
     Raises:
         RunError: The folder is no run, or its rows are in a database whose URL was not given.
@@ -71,7 +72,7 @@ def write_report(folder: Path, *, store_url: str | None = None) -> ReportPaths:
         _write_rows(file, document, url_of(folder, document, store_url))
         frame = read_frame(file)
     tables = build_tables(document, frame)
-    media = collect_media(folder, document, frame)
+    media = collect_media(folder, document, frame, video_budget)
     del frame
     compared, robustness = _compare(document, paths.episodes), _stress(document, paths.episodes)
     _write_text(paths.summary, build_summary(document, tables, compared, robustness).model_dump_json(indent=1) + "\n")
