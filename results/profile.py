@@ -39,7 +39,8 @@ class Profile:
     errors_s: float
     """In episodes that ended as errors."""
     startup_s: float
-    """Importing, building and loading; not part of what is measured."""
+    """Importing, building and loading, and what the first answers after loading took beyond others (libraries and
+    weights that are loaded when they are used); not part of what is measured."""
 
     @property
     def measured_s(self) -> float:
@@ -64,32 +65,37 @@ def profile(frame: pd.DataFrame) -> tuple[Profile, ...]:
     if frame.empty:
         return ()
     rows = frame.assign(**{name: frame[name].astype(str) for name in ("simulator", "status", *WORLD[:2], ACTOR[1])})
-    rows["bound_s"] = _bound(rows[rows["status"] != Status.ERROR])
+    played = rows[rows["status"] != Status.ERROR]
+    rows["bound_s"], answers_s = _bound(played)
+    rows["first_s"] = (played["inference_s"] - answers_s).clip(lower=0.0).where(played["load_s"] > 0, 0.0)
     found = [_profile(str(name), own) for name, own in rows.groupby("simulator", sort=False)]
     return (*found, _profile(None, rows)) if len(found) > 1 else tuple(found)
 
 
-def _bound(rows: pd.DataFrame) -> pd.Series:
+def _bound(rows: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
+    """Of each episode the bound, and the part of it that is answers."""
     steps, looks = rows["steps"].clip(lower=1), rows["queries"].clip(lower=1)
     reset = rows.groupby([rows[name] for name in WORLD])["reset_s"].transform("median")
     step = (rows["physics_s"] / steps).groupby([rows[name] for name in WORLD]).transform("median")
     # A policy that does not look has no frames: its own median is zero.
     frame = (rows["render_s"] / looks).groupby([rows[name] for name in (*WORLD, ACTOR[1])]).transform("median")
     answer = (rows["inference_s"] / looks).groupby([rows[name] for name in ACTOR]).transform("median")
-    return reset + rows["steps"] * step + rows["queries"] * (frame + answer)
+    answers = rows["queries"] * answer
+    return reset + rows["steps"] * step + rows["queries"] * frame + answers, answers
 
 
 def _profile(simulator: str | None, rows: pd.DataFrame) -> Profile:
     played = rows[rows["status"] != Status.ERROR]
     inside = played[["reset_s", "physics_s", "render_s", "inference_s"]].to_numpy(dtype=float).sum()
+    first = float(played["first_s"].sum())
     bound = float(played["bound_s"].sum())
     return Profile(
         simulator,
         len(rows),
         bound_s=bound,
-        slower_s=float(inside - bound),
+        slower_s=float(inside - first - bound),
         rest_s=float(played["wall_s"].sum() - inside),
         wait_s=float(rows["wait_s"].sum()),
         errors_s=float(rows.loc[rows["status"] == Status.ERROR, "wall_s"].sum()),
-        startup_s=float(rows["build_s"].sum() + rows["load_s"].sum()),
+        startup_s=float(rows["build_s"].sum() + rows["load_s"].sum()) + first,
     )

@@ -46,6 +46,16 @@ def test_errors_and_start_up_are_counted_apart():
     assert (found.errors_s, found.startup_s) == (7.0, 3.0)
 
 
+def test_what_the_first_answer_after_loading_takes_beyond_others_is_start_up():
+    rows = [row(CELLS[0], seed, steps=40, queries=5, **TIMES) for seed in range(4)]
+    late = {**TIMES, "inference_s": 2.5, "wall_s": 7.7}
+    (found,) = profile(frame([*rows, row(CELLS[0], 4, steps=40, queries=5, load_s=3.0, **late)]))
+    assert found.startup_s == pytest.approx(5.0)
+    assert found.slower_s == pytest.approx(0.0)
+    (other,) = profile(frame([*rows, row(CELLS[0], 4, steps=40, queries=5, **late)]))
+    assert other.slower_s == pytest.approx(2.0)
+
+
 def test_costs_are_not_learnt_from_errors():
     rows = [row(CELLS[0], seed, steps=40, queries=5, **TIMES) for seed in range(2)]
     (found,) = profile(frame([*rows, *(row(CELLS[0], seed, "error", wall_s=7.0) for seed in range(2, 8))]))
