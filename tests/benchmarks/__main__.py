@@ -6,7 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-BENCHMARKS = ("rendering", "bare_loop", "busy_share", "throughput", "oracles", "inference", "overhead", "vector_env")
+BENCHMARKS = (
+    "rendering",
+    "bare_loop",
+    "busy_share",
+    "throughput",
+    "oracles",
+    "inference",
+    "overhead",
+    "vector_env",
+    "workers",
+)
 LONG = ("coverage", "million", "resume", "scale")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
