@@ -266,7 +266,7 @@ def test_videos_are_the_first_success_and_the_first_failure_that_were_filmed(tmp
         assert video["poster"].startswith("data:image/jpeg;base64,")
 
 
-def test_the_smallest_videos_come_first_and_the_rest_is_counted(tmp_path, monkeypatch):
+def test_the_smallest_videos_come_first_and_the_rest_is_counted(tmp_path):
     cell = cells()[0]
     results = [row(cell, 0), row(cell, 1, "failure")]
     folder = run_folder(tmp_path / "run", document(2, [cell]), results)
@@ -278,8 +278,7 @@ def test_the_smallest_videos_come_first_and_the_rest_is_counted(tmp_path, monkey
     chosen = {video.status: video for video in collect_media(folder, document(2, [cell]), frame, budget=1000).typical}
     assert chosen["failure"].source is not None
     assert chosen["success"].source is None
-    monkeypatch.setattr("results.report.media.VIDEO_BUDGET", 1000)
-    page = Page(write_report(folder).html.read_text())
+    page = Page(write_report(folder, video_budget=1000).html.read_text())
     assert len(page.videos) == 1
     assert "1 video left out" in page.text
 
