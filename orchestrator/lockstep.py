@@ -174,6 +174,8 @@ class _Rounds:
         began = time.perf_counter()
         try:
             done: Mapping[int, Any] = do()
+            if absent := [member.number for member in members if member.number not in done]:
+                raise ValueError(f"expected what became of member {absent[0]} of the batch, got nothing")
         except Exception as error:
             done = {member.number: error for member in members}
         part_s = (time.perf_counter() - began) / len(members)

@@ -96,7 +96,7 @@ def test_while_verifying_the_command_ends_and_says_so(start, suite, tmp_path):
     assert "died (exit status -9); verify again" in command.log.read_text()
 
 
-def test_while_collecting_what_was_committed_is_kept_and_collecting_again_continues(start, tmp_path):
+def test_while_collecting_the_command_stops_and_says_so_and_collecting_again_completes(start, tmp_path):
     folder = tmp_path / "data"
     order = ("policies", "demonstrate", "null/Slow", "--episodes", 120, "--out", folder)
     command = start(*order)

@@ -103,6 +103,18 @@ class Counting:
         self._batch.close()
 
 
+class Silent(Counting):
+    """A batch that says nothing of its last member."""
+
+    def step(self, actions):
+        return {member: outcome for member, outcome in super().step(actions).items() if member != 1}
+
+
+def test_a_batch_that_leaves_a_member_out_fails_its_episodes_and_not_the_worker():
+    played = at_once_in(Silent(2), load("untrained", {}), range(2))
+    assert {str(one.result) for one in played} == {"expected what became of member 1 of the batch, got nothing"}
+
+
 class Asked:
     """A policy that notes how much it was asked at once."""
 
