@@ -23,6 +23,7 @@ from orchestrator.plan import Plan, PlanError, check_same
 from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
 from orchestrator.sources import PolicySource
+from policies.contract import PolicyError
 from results.record import EpisodeResult, outcome_row, rows_hash
 from results.run import RUN_FILE, RunDocument, RunStatus, read_run, store_url, write_run
 from results.store import Store, StoreError
@@ -125,7 +126,7 @@ class _Session:
                     work = self._work()
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
-        except (TooManyErrors, NoRoom, RayLost, CrewError) as error:
+        except (TooManyErrors, NoRoom, RayLost, CrewError, PolicyError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
         except (StoreError, OSError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock
 
 from policies import catalog as policies
 from policies.contract import Policy, PolicyError, PolicyFiles
@@ -64,10 +67,16 @@ def here(source: PolicySource) -> PolicySource:
     except PolicyError:
         if source.parcel is None:
             raise
-        folder = _unpacked(source.parcel, source.digest)
+        folder = copies(source.digest)
         options = {name: str(folder / path) for name, path in source.parcel.options.items()}
         copy = replace(source, options={**source.options, **options}, parcel=None)
-        _check(copy)
+        with _alone_with(folder):
+            try:
+                _check(copy)
+            except PolicyError:  # not fetched yet, or cleared away in part
+                shutil.rmtree(folder, ignore_errors=True)
+                _unpack(source.parcel, folder)
+                _check(copy)
         return copy
     return source
 
@@ -94,25 +103,34 @@ def _check(source: PolicySource) -> None:
         )
 
 
-def _unpacked(parcel: Parcel, digest: str) -> Path:
-    """The folder with the parcel's files, complete under its name or not there."""
-    folder = copies(digest)
-    if folder.is_dir():
-        return folder
+@contextlib.contextmanager
+def _alone_with(folder: Path) -> Iterator[None]:
+    """Keep this node's other processes from fetching the same; raises PolicyError."""
     try:
         folder.parent.mkdir(mode=PRIVATE, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f"{digest}.partial-", dir=folder.parent))
-        try:
-            for name, fetch in parcel.files.items():
-                path = partial / name
+        lock = FileLock(f"{folder}.lock")
+        lock.acquire()
+    except OSError as error:
+        raise _no_copy(folder, error) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _no_copy(folder: Path, error: OSError) -> PolicyError:
+    return PolicyError(f"the policy's files cannot be copied to {folder}: {error.strerror}")
+
+
+def _unpack(parcel: Parcel, folder: Path) -> None:
+    """Write the parcel's files into a folder, complete under its name or not there."""
+    try:
+        with tempfile.TemporaryDirectory(prefix=f"{folder.name}.partial-", dir=folder.parent) as name:
+            partial = Path(name) / "files"
+            for place, fetch in parcel.files.items():
+                path = partial / place
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(fetch())
             partial.rename(folder)
-        except OSError:
-            if not folder.is_dir():  # else another process was first
-                raise
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
-        raise PolicyError(f"the policy's files cannot be copied to {folder}: {error.strerror}") from None
-    return folder
+        raise _no_copy(folder, error) from None

@@ -114,6 +114,16 @@ def test_a_node_fetches_once(folder):
     assert len(fetched) == 8
 
 
+def test_a_copy_that_was_cleared_away_in_part_is_fetched_again(folder):
+    """As programs do that clean the folder for temporary files."""
+    source = with_parcel(sources(folder)["experts"])
+    shutil.rmtree(folder)
+    here(source)
+    next(copies(source.digest).rglob("model.safetensors")).unlink()
+    copy = here(source)
+    assert catalog.digest(copy.kind, copy.options) == source.digest
+
+
 def test_without_a_parcel_it_is_an_error(folder):
     source = sources(folder)["one"]
     shutil.rmtree(folder)
@@ -141,7 +151,8 @@ def test_a_disk_that_takes_no_copy_is_an_error_and_nothing_half_is_left(folder, 
     shutil.rmtree(folder)
     with pytest.raises(PolicyError, match=r"cannot be copied to .*: No space left on device"):
         here(source)
-    assert [path for path in temporary.rglob("*") if path.is_file() or "partial" in path.name] == []
+    left = [path.name for path in temporary.rglob("*") if path.is_file() or "partial" in path.name]
+    assert left == [f"{source.digest}.lock"]
 
 
 @pytest.mark.ray
