@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from adapters import catalog as simulators
 from orchestrator.cluster import RayLost, ray_session
+from orchestrator.folders import explain, locked
 from orchestrator.lanes import Lane
 from orchestrator.names import known_names
 from orchestrator.plan import find_suite
-from orchestrator.run import explain, locked
 from orchestrator.sources import PolicySource
 from policies import catalog as policies
 from policies.contract import PolicyError

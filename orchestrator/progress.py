@@ -15,6 +15,7 @@ from rich.table import Table
 from orchestrator.display import Display
 from orchestrator.plan import Plan
 from orchestrator.runner import Readiness
+from results.live import LiveSimulator
 from results.record import EpisodeResult
 
 WINDOW_S = 60.0
@@ -94,6 +95,22 @@ class Progress(Display):
     def tick(self) -> None:
         """Refresh what is shown."""
         self.draw(self._table, lambda: self._lines(finished=False))
+
+    def live(self) -> tuple[LiveSimulator, ...]:
+        """The same as plain values."""
+        now = self._now()
+        return tuple(
+            LiveSimulator(
+                simulator=name,
+                planned=lane.planned,
+                successes=lane.success,
+                failures=lane.failure,
+                errors=lane.error,
+                per_minute=lane.per_minute(now),
+                left_s=lane.left_s(now),
+            )
+            for name, lane in self._lanes.items()
+        )
 
     def filming(self, count: int) -> FilmingProgress:
         """What shows how the filming of so many episodes and looks goes."""

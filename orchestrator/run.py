@@ -3,39 +3,32 @@
 from __future__ import annotations
 
 import contextlib
-import errno
-import os
 import time
-import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
-from adapters import catalog as simulators
-from orchestrator import provenance
 from orchestrator.adaptive import missing
+from orchestrator.beginning import begin, fixed_workers
 from orchestrator.choosing import worth_a_look
+from orchestrator.chronicle import Chronicle
 from orchestrator.cluster import NoRoom, RayLost, check_room, ray_session, room_for_workers
-from orchestrator.plan import Plan, PlanError, check_same
+from orchestrator.folders import FolderError, explain, locked
+from orchestrator.plan import Plan
 from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
 from orchestrator.sources import PolicySource
 from policies.contract import PolicyError
+from results.live import Live, LiveWorker
 from results.record import EpisodeResult, outcome_row, rows_hash
-from results.run import RUN_FILE, RunDocument, RunStatus, read_run, store_url, write_run
+from results.run import RunDocument, RunStatus, store_url, write_run
 from results.store import Store, StoreError
 from suites.vocabulary import Cell
 
 WORDS = {"worker": "in the workers", "served": "in processes of their own"}
 RAY_STARTS = 5
 """Times that Ray is started for one run before its dying ends the run."""
-
-
-class FolderError(Exception):
-    """The run folder cannot be used; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +43,10 @@ class RunOptions:
     """Play episodes again whose row is an error."""
     media: bool = True
     """Film a success and a failure of each policy on each task afterwards, failures along axes, and the first looks."""
+    history: str | None = None
+    """URL of the store that knows all runs, or None to tell none."""
+    schedule: str | None = None
+    """The schedule that begins this run, if one does."""
 
 
 @dataclass
@@ -76,14 +73,16 @@ def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) 
         StoreError: The store cannot be opened.
     """
     with locked(folder), contextlib.ExitStack() as stack:
-        document = _begin(plan, folder, options)
+        document = begin(plan, folder, options.store)
         store = Store.open(store_url(folder, document, options.store), document.run_id)
         stack.callback(store.close)
-        store.begin_run({"suite": plan.suite.name, "suite_hash": plan.suite_hash})
+        chronicle = Chronicle.open(folder, store, options.history or options.store, options.schedule)
+        stack.callback(chronicle.close)
+        chronicle.record(document, counted=False)
         if options.retry_errors:
             store.forget_errors()
         _write(folder, document)
-        session = _Session(plan, folder, options, progress, document, store)
+        session = _Session(plan, folder, options, progress, document, store, chronicle)
         session.play()
         return session.finish()
 
@@ -92,8 +91,16 @@ class _Session:
     """One process's work on a run."""
 
     def __init__(
-        self, plan: Plan, folder: Path, options: RunOptions, progress: Progress, document: RunDocument, store: Store
+        self,
+        plan: Plan,
+        folder: Path,
+        options: RunOptions,
+        progress: Progress,
+        document: RunDocument,
+        store: Store,
+        chronicle: Chronicle,
     ) -> None:
+        self._chronicle, self._phase = chronicle, "playing"
         self._plan, self._folder, self._options = plan, folder, options
         self._progress, self._document, self._store = progress, document, store
         self._skipped: dict[str, str] = dict(plan.unavailable)
@@ -141,7 +148,7 @@ class _Session:
         from orchestrator.scheduler import Scheduler, SchedulerOptions
 
         suite = self._plan.suite
-        workers = _fixed_workers(self._plan)
+        workers = fixed_workers(self._plan)
         scheduling = SchedulerOptions(
             workers=workers or room_for_workers,
             episode_time_limit_s=suite.episode_time_limit_s,
@@ -222,12 +229,13 @@ class _Session:
         )
         try:
             write_run(self._folder, self._document)
+            self._chronicle.record(self._document)
             write_report(self._folder, store_url=self._options.store)
         except (OSError, StoreError) as error:
             self._troubles.append(
                 f"the report could not be written: {explain(error)}; write it later: gauntlet report {self._folder}"
             )
-        return RunOutcome(self._folder, self._document, done, self._troubles)
+        return RunOutcome(self._folder, self._document, done, self._troubles + self._chronicle.troubles)
 
     def _outcome_rows(self) -> Iterator[tuple[Any, ...]]:
         return map(outcome_row, self._store.results())
@@ -252,11 +260,17 @@ class _Session:
                 + (", failures along each axis, and what each condition looks like" if looks else "")
             )
             count = sum(own.count for own in shots.values())
+            self._phase = "filming"
+
+            def came() -> None:
+                filming.came()
+                self._tell()
+
             with (
                 ray_session(address=self._options.address, workers=len(shots)),
                 self._progress.filming(count) as filming,
             ):
-                self._troubles += film_run(self._folder, shots, sources or self._sources(), filming.came)
+                self._troubles += film_run(self._folder, shots, sources or self._sources(), came)
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
         except (OSError, StoreError) as error:
@@ -284,75 +298,20 @@ class _Session:
         self._troubles.append(message)
         self._progress.say(message)
 
-    def tick(self) -> None:
+    def tick(self, doing: Callable[[], Sequence[LiveWorker]]) -> None:
         """Time passes."""
         self._progress.tick()
+        self._tell(doing)
 
+    def _tell(self, doing: Callable[[], Sequence[LiveWorker]] = tuple) -> None:
+        def live() -> Live:
+            lanes = self._progress.live()
+            return Live(at=time.time(), phase=self._phase, simulators=lanes, workers=tuple(doing()), says=self._said())
 
-def _begin(plan: Plan, folder: Path, options: RunOptions) -> RunDocument:
-    """The document of a new run, or of the one in `folder` that is to be continued."""
-    workers = _fixed_workers(plan)
-    if (folder / RUN_FILE).exists():
-        document = read_run(folder)
-        check_same(plan, document, folder)
-        if document.store_url is not None and options.store is None:
-            raise PlanError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
-        return document.model_copy(
-            update={
-                "status": RunStatus.RUNNING,
-                "reason": None,
-                "workers": workers,
-                "merging": plan.suite.merging,
-                "gate": plan.suite.gate,
-                "floors": plan.suite.floors,
-                "compare": plan.suite.comparison,
-                "regression": plan.suite.regression,
-            }
-        )
-    cards = simulators.task_cards()
-    distributions = [d for name in plan.simulators for d in simulators.find(name).distributions]
-    return RunDocument(
-        run_id=uuid.uuid4().hex,
-        suite_name=plan.suite.name,
-        suite_description=plan.suite.description,
-        suite_hash=plan.suite_hash,
-        suite_text=plan.text,
-        suite_path=str(plan.path),
-        store_url=_without_password(options.store),
-        started_at=time.time(),
-        plan=plan.planned_cells(),
-        unsupported=plan.unsupported,
-        instructions={task: cards[task].instruction for task in plan.suite.tasks},
-        merging=plan.suite.merging,
-        compare=plan.suite.comparison,
-        adaptive=plan.suite.adaptive,
-        regression=plan.suite.regression,
-        gate=plan.suite.gate,
-        floors=plan.suite.floors,
-        workers=workers,
-        skipped=dict(plan.unavailable),
-        provenance=provenance.collect(distributions),
-    )
+        self._chronicle.tell(self._document.run_id, live)
 
-
-def _fixed_workers(plan: Plan) -> dict[str, int]:
-    """Simulator to its number of workers; empty if they are not counted by simulator."""
-    if plan.suite.workers == "auto":
-        return {}
-    return {name: plan.suite.worker_count(name) for name in plan.simulators if name not in plan.unavailable}
-
-
-def _without_password(url: str | None) -> str | None:
-    if url is None:
-        return None
-    import sqlalchemy as sa
-
-    try:
-        return sa.make_url(url).render_as_string(hide_password=True)
-    except sa.exc.ArgumentError:
-        raise StoreError(
-            f"not a store URL: {url}; expected sqlite:///FILE or postgresql+psycopg://HOST/DATABASE"
-        ) from None
+    def _said(self) -> tuple[str, ...]:
+        return tuple(self._troubles[-10:])
 
 
 def _write(folder: Path, document: RunDocument) -> None:
@@ -360,34 +319,3 @@ def _write(folder: Path, document: RunDocument) -> None:
         write_run(folder, document)
     except OSError as error:
         raise FolderError(f"{folder}: {explain(error)}") from None
-
-
-@contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """The folder, made if need be, for this process alone."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder / ".lock")
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise FolderError(f"{folder}: another process runs into this folder") from None
-    except OSError as error:
-        raise FolderError(f"{folder}: {explain(error)}") from None
-    try:
-        yield
-    finally:
-        lock.release()
-
-
-def explain(error: BaseException) -> str:
-    """An error in words that say what to do."""
-    if isinstance(error, OSError) and error.errno:
-        hints: Mapping[int, str] = {
-            errno.ENOSPC: "the disk is full; free some space and run again",
-            errno.EROFS: "the file system is read-only; choose another folder with --out",
-            errno.EACCES: "no permission to write; choose another folder with --out",
-            errno.EEXIST: "expected a folder, this is a file",
-            errno.ENOTDIR: "expected a folder, this is a file",
-        }
-        return hints.get(error.errno, os.strerror(error.errno))
-    return str(error)

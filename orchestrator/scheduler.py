@@ -16,6 +16,7 @@ from orchestrator.crew import Crew, CrewError, Returned, Started, Unavailable, W
 from orchestrator.placing import Demand, most_needed
 from orchestrator.queue import WorkQueue
 from orchestrator.runner import Lease, Readiness
+from results.live import LiveWorker
 from results.record import EpisodeResult, Status
 from suites.placement import Resources
 from suites.vocabulary import Cell
@@ -55,8 +56,8 @@ class Observer(Protocol):
     def trouble(self, simulator: str, message: str) -> None:
         """A worker died or was ended."""
 
-    def tick(self) -> None:
-        """Called several times a second."""
+    def tick(self, doing: Callable[[], Sequence[LiveWorker]]) -> None:
+        """Called several times a second. `doing` says what each worker does, if asked."""
 
 
 class TooManyErrors(Exception):
@@ -98,6 +99,8 @@ class _Slot:
     back: int = 0
     """Episodes of the lease that have come back."""
     heard: float = 0.0
+    began: float = 0.0
+    """When it began to do what it does."""
     open_task: str | None = None
     played: int = 0
     memory_bytes: int = 0
@@ -105,6 +108,14 @@ class _Slot:
     @property
     def name(self) -> str:
         return f"{self.simulator}-{self.number}"
+
+    def doing(self, since: float) -> LiveWorker:
+        """What its worker does, and since when (seconds since 1970)."""
+        words = "starts" if self.worker is not None and self.open_task is None else "waits"
+        if self.lease is not None:
+            cell, seeds = self.lease.cell, self.lease.seeds
+            words = f"{cell.policy} on {cell.task}, {cell.condition}, {self.back} of {len(seeds)} episodes done"
+        return LiveWorker(worker=self.name, simulator=self.simulator, doing=words, since=since)
 
 
 @dataclass
@@ -158,7 +169,7 @@ class Scheduler:
                 self._end_the_silent()
                 self.crew.sweep()
                 self._save()
-                self.observer.tick()
+                self.observer.tick(self.doing)
             self._save(at_once=True)
         except (KeyboardInterrupt, TooManyErrors, RayLost, CrewError):
             self._save(at_once=True)
@@ -167,6 +178,10 @@ class Scheduler:
             for slot in self._slots:
                 self._discard(slot)
             self.crew.close()
+
+    def doing(self) -> list[LiveWorker]:
+        """What each worker does."""
+        return [slot.doing(since=time.time() - (self.now() - slot.began)) for slot in self._slots if slot.simulator]
 
     def _prepare(self) -> None:
         by_simulator: dict[str, list[tuple[Cell, Sequence[int]]]] = {}
@@ -224,7 +239,7 @@ class Scheduler:
             return
         if slot.worker is not None and self._worn_out(slot):
             self._discard(slot)
-        slot.heard = self.now()
+        slot.heard = slot.began = self.now()
         if slot.worker is None:
             slot.worker = self.crew.start(slot.name, slot.simulator, simulator.first)
             self._await(slot, slot.worker)

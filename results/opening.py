@@ -33,18 +33,32 @@ class OpenRun:
         Raises:
             StoreError: The rows cannot be read.
         """
-        import pandas as pd
-
-        rows = Store.open(store_url(self.folder, self.document, self._store), self.document.run_id)
-        try:
-            pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in rows.batches(50_000, fields)]
-        finally:
-            rows.close()
-        return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})
+        return read_episodes(store_url(self.folder, self.document, self._store), self.document.run_id, fields)
 
     def tables(self) -> Tables:
         """Success per task, simulator and policy, with intervals: what the report shows."""
         return build_tables(self.document, self.episodes())
+
+
+def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+    """These fields of a run's rows, a row per episode.
+
+    Args:
+        url: Of the store that has them.
+        run_id: The run.
+        fields: Of `results.record.EpisodeResult`.
+
+    Raises:
+        StoreError: The rows cannot be read.
+    """
+    import pandas as pd
+
+    rows = Store.open(url, run_id)
+    try:
+        pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in rows.batches(50_000, fields)]
+    finally:
+        rows.close()
+    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})
 
 
 def open_run(folder: Path | str, store: str | None = None) -> OpenRun:

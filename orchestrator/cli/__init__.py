@@ -10,8 +10,10 @@ import typer
 
 from orchestrator.cli import (
     axes,
+    carry,
     compare,
     doctor,
+    history,
     listing,
     plan,
     policies,
@@ -42,6 +44,11 @@ app.command("replay")(replay.replay_episode)
 app.command("verify")(verify.verify)
 app.command("compare")(compare.compare)
 app.command("gate")(compare.gate)
+app.command("history")(history.history)
+app.command("leaderboard")(history.show_leaderboard)
+app.command("accept")(history.accept)
+app.command("export")(carry.export)
+app.command("import")(carry.take)
 app.command("profile")(profile.profile)
 app.add_typer(axes.app, name="axes")
 app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -12,18 +13,22 @@ from orchestrator.cli.shared import (
     EXIT_INTERRUPTED,
     EXIT_STOPPED,
     BadInput,
+    HistoryUrl,
     Policies,
     SeedCount,
     Tasks,
     fail,
+    history_url,
     out,
     plan_of,
+    runs_root,
 )
 from orchestrator.cli.tables import print_summary
+from orchestrator.folders import FolderError
 from orchestrator.plan import PlanError
 from orchestrator.probe import probe
 from orchestrator.progress import Progress, format_duration
-from orchestrator.run import FolderError, RunOptions, RunOutcome, run_plan
+from orchestrator.run import RunOptions, RunOutcome, run_plan
 from results.run import RunError, RunStatus
 from results.store import StoreError
 from suites.part import Part
@@ -46,6 +51,8 @@ def run(
         bool, typer.Option("--retry-errors", help="Play episodes again that ended in an error.")
     ] = False,
     media: Annotated[bool, typer.Option(help="Film a success and a failure of each policy on each task.")] = True,
+    history: HistoryUrl = None,
+    schedule: Annotated[str | None, typer.Option(hidden=True, help="The schedule that begins this run.")] = None,
 ) -> None:
     """Play a suite, or a part or what is missing of it, and report."""
     required = tuple(require or ())
@@ -57,12 +64,23 @@ def run(
     out.print(f"{plan.suite.name}: {plan.episodes} episodes into {folder}", markup=False, soft_wrap=True)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
-    options = RunOptions(store, address, retry_errors, media)
+    options = RunOptions(store, address, retry_errors, media, _history(history, store), schedule)
     try:
         outcome = run_plan(plan, folder, options, Progress(out))
     except (PlanError, FolderError, RunError, StoreError) as error:
         raise BadInput(str(error)) from None
     _conclude(outcome)
+
+
+def _history(url: str | None, store: str | None) -> str:
+    """URL of the history; a store that many runs share is one."""
+    if url is None and store is not None:
+        return store
+    made = history_url(url)
+    if made.startswith("sqlite"):
+        with contextlib.suppress(OSError):  # the run says that the history cannot be opened
+            runs_root(url).mkdir(parents=True, exist_ok=True)
+    return made
 
 
 def _conclude(outcome: RunOutcome) -> None:

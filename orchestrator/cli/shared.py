@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +12,10 @@ import typer
 from rich.console import Console
 
 from orchestrator.plan import WHOLE, Plan, PlanError, find_suite, make_plan
+from results.database import StoreError, file_url, parse
+from results.history import HISTORY_FILE, History
 from results.run import RUN_FILE
+from results.syncing import take_in
 from suites.loading import SuiteError
 from suites.part import Part
 
@@ -33,6 +38,15 @@ Tasks = Annotated[
 ]
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the run's store, if it is not in the run folder.")
+]
+HistoryUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--history",
+        envvar="GAUNTLET_HISTORY",
+        show_envvar=True,
+        help="URL of the store that knows all runs; by default runs/history.sqlite.",
+    ),
 ]
 SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first so many seeds of the suite.")]
 
@@ -69,3 +83,45 @@ def newest_run(root: Path = Path("runs")) -> Path:
     if not found:
         raise BadInput(f"no run under {root}/; name one")
     return found[-1].parent
+
+
+def history_url(url: str | None) -> str:
+    """URL of the history: the one given, or that of the usual file.
+
+    Raises:
+        BadInput: It is no URL of a store.
+    """
+    try:
+        return file_url((Path("runs") / HISTORY_FILE).absolute()) if url is None else parse(url).render_as_string(False)
+    except StoreError as error:
+        raise BadInput(str(error)) from None
+
+
+def runs_root(url: str | None) -> Path:
+    """Where runs are looked for and put: beside a history that is a file, else `runs`."""
+    path = parse(history_url(url)).database or ""
+    return Path(path).parent if url is not None and history_url(url).startswith("sqlite") and path else Path("runs")
+
+
+@contextmanager
+def open_history(url: str | None) -> Iterator[History]:
+    """The history, told of the runs beside it that it does not know.
+
+    Raises:
+        BadInput: It cannot be opened, read or written.
+    """
+    root = runs_root(url)
+    try:
+        if history_url(url).startswith("sqlite"):
+            root.mkdir(parents=True, exist_ok=True)
+        history = History.open(history_url(url))
+        try:
+            if root.is_dir():
+                take_in(history, root)
+            yield history
+        finally:
+            history.close()
+    except StoreError as error:
+        raise BadInput(str(error)) from None
+    except OSError as error:
+        raise BadInput(f"{root}: {error.strerror}") from None

@@ -89,7 +89,6 @@ def simulate(episodes: int, workers: int, word_s: float, wait_s: float) -> dict[
     told.came = lambda rows: None  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open_file(Path(folder) / "episodes.sqlite", "scale")
-        store.begin_run({})
         clock = Clock()
         crew = SimulatedCrew(seconds, clock, word_s=word_s, wait_s=wait_s)
         Scheduler(work, crew, options, store.add, told, now=clock).run()

@@ -31,7 +31,7 @@ class Told:
     def trouble(self, simulator, message):
         self.troubles.append(message)
 
-    def tick(self):
+    def tick(self, doing):
         pass
 
 

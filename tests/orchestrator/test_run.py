@@ -11,9 +11,10 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
+from orchestrator.folders import FolderError
 from orchestrator.plan import PlanError, make_plan
 from orchestrator.progress import Progress
-from orchestrator.run import FolderError, RunOptions, run_plan
+from orchestrator.run import RunOptions, run_plan
 from results.record import outcome_row
 from results.run import RunError, RunStatus, read_run
 from results.store import Store, StoreError

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
 
+from results.entries import Counts
+from results.history import History
 from results.record import FIELDS
 from results.store import Store, StoreError, file_url
 from tests.results.synthetic import cells, row, rows
@@ -23,12 +26,6 @@ def store(path):
     opened = Store.open_file(path, "run-1")
     yield opened
     opened.close()
-
-
-@pytest.fixture(autouse=True)
-def _begun(request):
-    if "store" in request.fixturenames:
-        request.getfixturevalue("store").begin_run({"suite_name": "synthetic"})
 
 
 def test_a_row_comes_back_as_it_was_stored(store):
@@ -70,12 +67,6 @@ def test_runs_in_one_store_do_not_see_each_other(store, path):
     assert len(list(store.results())) == 1
 
 
-def test_beginning_a_run_again_is_harmless(store):
-    store.add(rows(planned=2))
-    store.begin_run({"suite_name": "another"})
-    assert len(list(store.results())) == len(rows(planned=2))
-
-
 def test_rows_come_in_order_and_in_batches(store):
     made = rows(planned=10)
     store.add(made[::-1])
@@ -100,7 +91,7 @@ def test_outcomes_and_status_counts_say_what_is_there(store):
 def test_what_is_there_is_found_without_reading_rows(store, path, question):
     """A row takes 340 bytes: of a million, that is what continuing a run would spend its time on."""
     asked = []
-    sa.event.listen(store._engine, "before_cursor_execute", lambda *call: asked.append(call[2:4]))
+    sa.event.listen(store.database.engine, "before_cursor_execute", lambda *call: asked.append(call[2:4]))
     getattr(store, question)()
     ((statement, values),) = asked
     with sqlite3.connect(path) as connection:
@@ -162,7 +153,6 @@ def test_a_store_whose_creation_was_cut_short_is_completed(path):
         connection.execute("DROP TABLE episodes")
     connection.close()
     store = Store.open_file(path, "run-1")
-    store.begin_run({})
     assert store.add([row(cells()[0], 0)]) == 1
     store.close()
     Store.open_file(path, "run-1").close()
@@ -179,8 +169,63 @@ def test_a_newer_store_is_refused(path):
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
-    with pytest.raises(StoreError, match="store version 99, this program reads version 3"):
+    with pytest.raises(StoreError, match="store version 99, this program reads version 4"):
         Store.open_file(path, "run-1")
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_an_older_store_keeps_its_rows_and_takes_new_ones(path, version):
+    text = (Path(__file__).parent / "stores" / f"version-{version}.sql").read_text()
+    with sqlite3.connect(path) as connection:
+        connection.executescript(text)
+    connection.close()
+    store = Store.open_file(path, "run-1")
+    c = cells()
+    old = [row(c[0], 0), row(c[0], 1, "failure"), row(c[0], 2, "error"), row(c[1], 0)]
+    assert sorted(store.results(), key=lambda r: r.episode_id) == sorted(old, key=lambda r: r.episode_id)
+    assert store.add([row(c[0], 3, unknown_score=0.5, delivered=1.25)]) == 1
+    store.close()
+    history = History.open_file(path)
+    (entry,) = history.runs()
+    assert (entry.run_id, entry.suite) == ("run-1", "synthetic")
+    counts = {(cell.policy, cell.task): cell.counts for cell in history.cells("run-1")}
+    assert counts[c[0].policy, c[0].task] == Counts(planned=3, successes=1, failures=1, errors=1)
+    history.close()
+
+
+def test_several_may_bring_an_older_store_up_to_date_at_the_same_time(tmp_path):
+    text = (Path(__file__).parent / "stores" / "version-1.sql").read_text()
+    for attempt in range(10):
+        path, wrong = tmp_path / f"{attempt}.sqlite", []
+        with sqlite3.connect(path) as connection:
+            connection.executescript(text)
+        connection.close()
+
+        def update(path=path, wrong=wrong):
+            try:
+                store = Store.open_file(path, "run-1")
+                assert len(list(store.results())) == 4
+                store.close()
+            except Exception as error:
+                wrong.append(error)
+
+        threads = [threading.Thread(target=update) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert not wrong
+
+
+def test_a_newer_store_is_left_as_it_was(path):
+    Store.open_file(path, "run-1").close()
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE robogauntlet_schema SET version = 99")
+    connection.close()
+    before = path.read_bytes()
+    with pytest.raises(StoreError):
+        Store.open_file(path, "run-1")
+    assert path.read_bytes() == before
 
 
 def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):

@@ -9,7 +9,10 @@ import tempfile
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 
+from results.entries import Counts
+from results.history import History
 from results.run import RunError, store_url
 from results.store import Store, StoreError
 from tests.results.synthetic import document, rows
@@ -58,8 +61,7 @@ def server(tmp_path_factory):
 
 def test_rows_are_stored_once_and_come_back_as_they_were(server):
     store = Store.open(server, "run-1")
-    store.begin_run({"suite": "x"})
-    store.begin_run({"suite": "x"})
+    History(store.database).record(document(4, run_id="run-1"))
     results = rows(planned=4, errors=1)
     assert store.add(results) == len(results)
     assert store.add(results) == 0
@@ -73,13 +75,63 @@ def test_runs_share_a_database_without_seeing_each_other(server):
     results = rows(planned=2)
     for run_id in ("run-2", "run-3"):
         store = Store.open(server, run_id)
-        store.begin_run({})
+        History(store.database).record(document(2, run_id=run_id))
         assert store.add(results) == len(results)
         store.close()
     store = Store.open(server, "run-2")
     assert len(list(store.results())) == len(results)
     assert store.forget_errors() == sum(r.status == "error" for r in results)
     store.close()
+
+
+def test_the_history_counts_judges_and_forgets(server):
+    history, run = History.open(server), document(3, run_id="run-4", suite_name="kept")
+    history.record(run)
+    store = Store.open(server, "run-4")
+    store.add(rows(planned=3, errors=1))
+    history.record(run, Path("/somewhere/night"), history.counted("run-4"), "nightly")
+    (entry,) = history.runs(suite="kept")
+    assert (entry.name, entry.schedule, entry.counts.planned) == ("night", "nightly", run.planned)
+    assert entry.counts.done == len(rows(planned=3))
+    history.judge("run-4", "regressed", "run-3", ["worse"])
+    assert history.find("night").verdict == "regressed"
+    assert [night.counts.done for night in history.nights("oracle", suite="kept")] == [12]
+    later = document(3, run_id="run-5", suite_name="kept", started_at=run.started_at + 1)
+    assert history.baseline(later) is None
+    history.accept("run-4")
+    assert history.baseline(later).run_id == "run-4"
+    history.forget("run-4")
+    assert history.find("night") is None
+    assert list(store.results()) == []
+    store.close()
+    history.close()
+
+
+def test_an_older_database_is_brought_up_to_date(server):
+    """The tables as version 1 had them, made by its own statements."""
+    statements = (Path(__file__).parent / "stores" / "version-1.sql").read_text()
+    statements = statements.replace("BEGIN TRANSACTION;", "").replace("COMMIT;", "")
+    for name in ("success_once", "rejected"):
+        statements = statements.replace(f"{name} BOOLEAN", f"{name} INTEGER")
+    engine = sa.create_engine(server, isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        connection.exec_driver_sql("CREATE DATABASE older")
+    url = server.replace("/postgres", "/older")
+    old = sa.create_engine(url)
+    with old.begin() as connection:
+        in_order = sorted(statements.split(";\n"), key=lambda s: ("INSERT" in s, "episodes" in s[:40]))
+        for statement in in_order:
+            if "CREATE TABLE" in statement or "INSERT" in statement:
+                connection.exec_driver_sql(statement.replace("%", "%%").replace("FLOAT", "FLOAT8"))
+        connection.exec_driver_sql(
+            "ALTER TABLE episodes ALTER COLUMN success_once TYPE BOOLEAN USING success_once::int::boolean"
+        )
+    store = Store.open(url, "run-1")
+    assert len(list(store.results())) == 4
+    assert sum((cell.counts for cell in History(store.database).cells("run-1")), Counts()).done == 4
+    store.close()
+    old.dispose()
+    engine.dispose()
 
 
 def test_an_unreachable_server_is_one_line_without_the_password():

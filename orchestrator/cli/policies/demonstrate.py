@@ -20,8 +20,8 @@ from orchestrator.demonstrate import (
     resolve,
 )
 from orchestrator.demonstration_progress import DemonstrationProgress
+from orchestrator.folders import FolderError
 from orchestrator.progress import format_duration
-from orchestrator.run import FolderError
 from policies.contract import PolicyError
 from results.run import RunStatus
 from suites.loading import SuiteError

@@ -14,8 +14,8 @@ from rich.text import Text
 
 from orchestrator.cli.shared import EXIT_INTERRUPTED, BadInput, fail, out
 from orchestrator.display import Display
+from orchestrator.folders import FolderError, locked
 from orchestrator.progress import format_duration
-from orchestrator.run import FolderError, locked
 from policies.contract import PolicyError
 
 if TYPE_CHECKING:

@@ -1,0 +1,76 @@
+"""The document of a run as it begins, or begins again."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from pathlib import Path
+
+from adapters import catalog as simulators
+from orchestrator import provenance
+from orchestrator.plan import Plan, PlanError, check_same
+from results.database import without_password
+from results.run import RUN_FILE, RunDocument, RunStatus, read_run
+
+
+def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
+    """The document of a new run, or of the one in `folder` that is to be continued.
+
+    Args:
+        plan: What is to be played.
+        folder: Of the run.
+        store: URL of the store, or None for a file in the folder.
+
+    Raises:
+        PlanError: The folder holds another run, or its rows are elsewhere.
+        StoreError: That is no URL of a store.
+    """
+    workers = fixed_workers(plan)
+    if (folder / RUN_FILE).exists():
+        document = read_run(folder)
+        check_same(plan, document, folder)
+        if document.store_url is not None and store is None:
+            raise PlanError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
+        return document.model_copy(
+            update={
+                "status": RunStatus.RUNNING,
+                "reason": None,
+                "workers": workers,
+                "merging": plan.suite.merging,
+                "gate": plan.suite.gate,
+                "floors": plan.suite.floors,
+                "compare": plan.suite.comparison,
+                "regression": plan.suite.regression,
+            }
+        )
+    cards = simulators.task_cards()
+    distributions = [d for name in plan.simulators for d in simulators.find(name).distributions]
+    return RunDocument(
+        run_id=uuid.uuid4().hex,
+        suite_name=plan.suite.name,
+        suite_description=plan.suite.description,
+        suite_hash=plan.suite_hash,
+        suite_text=plan.text,
+        suite_path=str(plan.path),
+        store_url=None if store is None else without_password(store),
+        started_at=time.time(),
+        plan=plan.planned_cells(),
+        unsupported=plan.unsupported,
+        instructions={task: cards[task].instruction for task in plan.suite.tasks},
+        merging=plan.suite.merging,
+        compare=plan.suite.comparison,
+        adaptive=plan.suite.adaptive,
+        regression=plan.suite.regression,
+        gate=plan.suite.gate,
+        floors=plan.suite.floors,
+        workers=workers,
+        skipped=dict(plan.unavailable),
+        provenance=provenance.collect(distributions),
+    )
+
+
+def fixed_workers(plan: Plan) -> dict[str, int]:
+    """Simulator to its number of workers; empty if they are not counted by simulator."""
+    if plan.suite.workers == "auto":
+        return {}
+    return {name: plan.suite.worker_count(name) for name in plan.simulators if name not in plan.unavailable}

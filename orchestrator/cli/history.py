@@ -1,0 +1,134 @@
+"""`gauntlet history`, `leaderboard` and `accept`: many runs together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from orchestrator.cli.shared import BadInput, HistoryUrl, fail, open_history, out
+from orchestrator.cli.tables import rich_table
+from results.database import StoreError
+from results.entries import RunEntry, rows_url
+from results.history import History
+from results.leaderboard import COLUMNS, Played, leaderboard
+from results.opening import read_episodes
+from results.report.nights import (
+    nights_table,
+    sparkline,
+    standings_table,
+    verdict_text,
+    when,
+    write_plot,
+)
+from results.report.text import TextTable, count, percent, span
+from results.run import RunError
+from suites.plugins import nearest
+
+NEWEST = 500
+"""Runs of a suite among which a leaderboard looks for each policy's newest."""
+
+
+def history(
+    policy: Annotated[str | None, typer.Argument(help="A policy's name; without it, runs are listed.")] = None,
+    suite: Annotated[str | None, typer.Option(help="Only runs of this suite.")] = None,
+    task: Annotated[str | None, typer.Option(help="Only on this task.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="The newest so many runs.")] = 30,
+    file: Annotated[
+        Path | None, typer.Option("--out", help="Write a plot as well: FILE.svg, or a page FILE.html.")
+    ] = None,
+    url: HistoryUrl = None,
+) -> None:
+    """How a policy did from run to run, or what was run."""
+    with open_history(url) as kept:
+        if suite is not None and suite not in kept.suites():
+            raise BadInput(f"no run of a suite '{suite}'{nearest(suite, kept.suites())}")
+        if policy is None:
+            out.print(rich_table(_runs_table(kept.runs(suite=suite, limit=limit)), title="runs, the newest first"))
+            return
+        nights = kept.nights(policy, suite=suite, task=task, limit=limit)
+        if not nights:
+            where = f" on '{task}'" if task else ""
+            raise BadInput(f"no run with a policy '{policy}'{where}{nearest(policy, kept.policies(suite))}")
+    title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
+    out.print(rich_table(nights_table(nights), title=title))
+    out.print(f"\n{sparkline(nights)}  success, 0 to 100 %, the newest on the right", markup=False)
+    if file is not None:
+        try:
+            write_plot(file, nights, title)
+        except OSError as error:
+            raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
+        out.print(f"plot: {file}", markup=False, soft_wrap=True)
+
+
+def show_leaderboard(
+    suite: Annotated[str, typer.Argument(help="Name of a suite that was run.")],
+    alpha: Annotated[float, typer.Option(min=0.0001, max=0.4999, help="Family-wise error.")] = 0.05,
+    url: HistoryUrl = None,
+) -> None:
+    """Each policy's newest run of a suite; policies that share a letter were not shown to differ."""
+    with open_history(url) as kept:
+        if suite not in kept.suites():
+            raise BadInput(f"no run of a suite '{suite}'{nearest(suite, kept.suites())}")
+        played = list(_newest(kept, suite))
+    if not played:
+        raise BadInput(f"expected a complete run of suite '{suite}', there is none")
+    out.print(rich_table(standings_table(leaderboard(played, alpha)), title=f"{suite}, clean episodes"))
+    out.print(
+        f"\nPolicies that share a letter were not shown to differ (McNemar, Holm, alpha {alpha:g}).", markup=False
+    )
+
+
+def _newest(kept: History, suite: str) -> Iterator[Played]:
+    """Each policy's rows in the newest complete run that has it and can be read."""
+    found: set[str] = set()
+    for entry in kept.runs(suite=suite, status="complete", limit=NEWEST):
+        digests = {cell.policy: cell.policy_digest for cell in kept.cells(entry.run_id)}
+        wanted = [name for name in digests if name not in found]
+        if not wanted:
+            continue
+        try:
+            rows = read_episodes(rows_url(entry, kept.url), entry.run_id, COLUMNS)
+        except (RunError, StoreError) as error:
+            fail(f"{entry.name} is left out: {error}")
+            continue
+        for name in wanted:
+            own = rows[rows["policy"] == name]
+            if len(own):
+                found.add(name)
+                yield Played(name, digests[name], entry.name, entry.started_at, own)
+
+
+def accept(
+    run: Annotated[str, typer.Argument(help="Name of a run's folder, or the beginning of its id.")],
+    url: HistoryUrl = None,
+) -> None:
+    """Let later runs be held against this one, although it was found worse."""
+    with open_history(url) as kept:
+        entry = kept.find(Path(run).name)
+        if entry is None:
+            raise BadInput(f"no run '{run}' in the history; see: gauntlet history")
+        kept.accept(entry.run_id)
+    out.print(f"{entry.name}: later runs of {entry.suite} are held against it", markup=False, soft_wrap=True)
+
+
+def _runs_table(entries: Sequence[RunEntry]) -> TextTable:
+    header = ("begun (UTC)", "run", "suite", "status", "verdict", "rate", "interval", "done", "planned", "errors")
+    rows = tuple(
+        (
+            when(entry.started_at),
+            entry.name,
+            entry.suite,
+            entry.status,
+            verdict_text(entry.verdict, accepted=entry.accepted),
+            percent(entry.counts.rate),
+            span(entry.counts.interval),
+            count(entry.counts.done),
+            count(entry.counts.planned),
+            count(entry.counts.errors),
+        )
+        for entry in entries
+    )
+    return TextTable(header, rows, 5)

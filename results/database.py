@@ -1,0 +1,194 @@
+"""Databases by URL, SQLite or PostgreSQL: opened, tuned, brought to the present schema, explained when they fail."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import sqlite3
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+BUSY_S = 30.0
+"""Time to wait for another process that writes (s)."""
+BACKENDS = ("sqlite", "postgresql")
+Migration = Callable[[sa.Connection], None]
+
+
+class StoreError(Exception):
+    """The store cannot be opened, read or written; the message says why and what to do."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Schema:
+    """Tables that belong together, and how older ones become these."""
+
+    metadata: sa.MetaData
+    version_table: sa.Table
+    """Its one column `version` says what the database has."""
+    version: int
+    migrations: Mapping[int, Migration]
+    """Version to what leads from it to the next."""
+    what: str
+    """What such a database is called in messages: "store"."""
+
+
+class Database:
+    """An open database that has a schema."""
+
+    def __init__(self, engine: sa.Engine, where: str) -> None:
+        self.engine = engine
+        self.where = where
+
+    @classmethod
+    def open(cls, url: str, schema: Schema) -> Database:
+        """Open what is at an SQLAlchemy URL; create tables that are missing, migrate those of an older version.
+
+        Raises:
+            StoreError: It cannot be reached, is something else, or belongs to a newer version (and is left as it is).
+        """
+        parsed = parse(url)
+        where = parsed.render_as_string(hide_password=True)
+        try:
+            engine = sa.create_engine(parsed)
+        except (ImportError, sa.exc.SQLAlchemyError) as error:
+            raise StoreError(f"{where}: {error}") from None
+        if parsed.get_backend_name() == "sqlite":
+            sa.event.listen(engine, "connect", _tune_sqlite)
+        database = cls(engine, where)
+        with database.explained():
+            database._prepare(schema)
+        return database
+
+    def _prepare(self, schema: Schema) -> None:
+        existing = set(sa.inspect(self.engine).get_table_names())
+        marker = schema.version_table
+        if marker.name not in existing and (others := existing & set(schema.metadata.tables)):
+            raise StoreError(
+                f"{self.where}: not a RoboGauntlet {schema.what}: it has a table {min(others)} of another program"
+            )
+        if marker.name in existing:
+            with self.engine.connect() as connection:
+                version = connection.scalar(sa.select(sa.func.max(marker.c.version)))
+            if version == schema.version:
+                return
+            if version is not None:
+                self._migrate(schema, version)
+                return
+        # Another process may be creating the tables right now, or was killed between two: SQLite commits each.
+        with self.engine.begin() as connection:
+            for table in schema.metadata.sorted_tables:
+                connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
+                for index in table.indexes:
+                    connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
+            connection.execute(self.insert_new(marker).values(version=schema.version))
+
+    def _migrate(self, schema: Schema, version: int) -> None:
+        """Bring the tables from an older version to the present, all steps or none, one process at a time."""
+        steps = range(version, schema.version)
+        if version > schema.version or any(step not in schema.migrations for step in steps):
+            raise StoreError(
+                f"{self.where}: {schema.what} version {version}, this program reads version {schema.version}"
+            )
+        with self.engine.begin() as connection:
+            if self.engine.dialect.name == "sqlite":
+                connection.exec_driver_sql("BEGIN IMMEDIATE")
+            else:
+                connection.exec_driver_sql(f"LOCK TABLE {schema.version_table.name} IN ACCESS EXCLUSIVE MODE")
+            found = connection.scalar(sa.select(sa.func.max(schema.version_table.c.version)))
+            for step in range(found or version, schema.version):  # another process may have been quicker
+                schema.migrations[step](connection)
+                connection.execute(sa.update(schema.version_table).values(version=step + 1))
+
+    def insert_new(self, table: sa.Table) -> Any:
+        """An insertion that leaves out rows whose primary key is there already."""
+        return self.insert(table).on_conflict_do_nothing()
+
+    def insert(self, table: sa.Table) -> Any:
+        """An insertion that can say what is to happen on a conflict."""
+        dialect = postgresql if self.engine.dialect.name == "postgresql" else sqlite
+        return dialect.insert(table)
+
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[sa.Connection]:
+        """A connection to read on. Raises StoreError."""
+        with self.explained(), self.engine.connect() as connection:
+            yield connection
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[sa.Connection]:
+        """A connection in a transaction: everything or nothing. Raises StoreError."""
+        with self.explained(), self.engine.begin() as connection:
+            yield connection
+
+    def explained(self) -> contextlib.AbstractContextManager[None]:
+        """Turns database errors inside into a StoreError of one line."""
+        return _Explained(self.where)
+
+    def close(self) -> None:
+        """Free the connections."""
+        self.engine.dispose()
+
+
+def parse(url: str) -> sa.URL:
+    """A database URL, checked. Raises StoreError: it is none, or not of SQLite or PostgreSQL."""
+    try:
+        parsed = sa.make_url(url)
+    except sa.exc.ArgumentError:
+        raise StoreError(
+            f"not a store URL: {url}; expected sqlite:///FILE or postgresql+psycopg://HOST/DATABASE"
+        ) from None
+    if parsed.get_backend_name() not in BACKENDS:
+        where = parsed.render_as_string(hide_password=True)
+        raise StoreError(f"{where}: expected an sqlite or postgresql URL, got {parsed.get_backend_name()}")
+    return parsed
+
+
+def without_password(url: str) -> str:
+    """A database URL as it may be shown and kept. Raises StoreError: it is none."""
+    return parse(url).render_as_string(hide_password=True)
+
+
+def file_url(path: Path) -> str:
+    """URL of an SQLite store in a file, whatever characters its name has."""
+    return f"sqlite:///{quote(str(path))}"
+
+
+@dataclasses.dataclass
+class _Explained:
+    where: str
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, sa.exc.DBAPIError):
+            reason = str(error.orig).splitlines()[0]
+            if "not a database" in reason:
+                reason = "expected a store, this file is something else"
+            raise StoreError(f"{self.where}: {reason}") from error
+        if isinstance(error, sa.exc.SQLAlchemyError):
+            raise StoreError(f"{self.where}: {str(error).splitlines()[0]}") from error
+
+
+def _tune_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
+    cursor = connection.cursor()
+    cursor.execute(f"PRAGMA busy_timeout={int(1000 * BUSY_S)}")
+    cursor.execute("PRAGMA trusted_schema=OFF")  # a store may be another's file
+    deadline = time.monotonic() + BUSY_S
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+            break
+        except sqlite3.OperationalError as error:
+            # SQLite does not wait for its lock here, whatever the time-out: another process is opening the store too.
+            if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+    cursor.execute("PRAGMA synchronous=NORMAL")
+    cursor.close()

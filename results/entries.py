@@ -1,0 +1,139 @@
+"""What a history says of runs: frozen values, without a database."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from results.database import file_url, without_password
+from results.live import Live
+from results.run import STORE_FILE, RunError
+from results.statistics.rates import Interval, wilson_interval
+
+CellKey = tuple[str, str, str, int]
+"""Policy digest, task, axis and severity: `schema.CELL`."""
+GOOD = ("improved", "no evidence")
+"""Verdicts of runs that later ones may be held against."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What became of episodes."""
+
+    planned: int = 0
+    successes: int = 0
+    failures: int = 0
+    errors: int = 0
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(
+            self.planned + other.planned,
+            self.successes + other.successes,
+            self.failures + other.failures,
+            self.errors + other.errors,
+        )
+
+    @property
+    def done(self) -> int:
+        """Episodes with a row."""
+        return self.successes + self.failures + self.errors
+
+    @property
+    def verdicts(self) -> int:
+        """Episodes that count in the rate: errors do not."""
+        return self.successes + self.failures
+
+    @property
+    def rate(self) -> float | None:
+        """Successes among those that count; None if there are none."""
+        return self.successes / self.verdicts if self.verdicts else None
+
+    @property
+    def interval(self) -> Interval | None:
+        """Wilson interval of the rate, 95 %."""
+        return wilson_interval(self.successes, self.verdicts)
+
+
+@dataclass(frozen=True)
+class CellCounts:
+    """What became of one policy on one task under one condition."""
+
+    policy: str
+    policy_digest: str
+    task: str
+    axis: str
+    severity: int
+    counts: Counts
+
+    @property
+    def simulator(self) -> str:
+        """Where."""
+        return self.task.partition("/")[0]
+
+
+@dataclass(frozen=True)
+class RunEntry:
+    """A run as the history has it."""
+
+    run_id: str
+    suite: str
+    status: str
+    started_at: float
+    """Seconds since 1970, UTC."""
+    finished_at: float | None
+    counts: Counts
+    folder: str | None
+    """Where its report lies."""
+    rows_url: str | None
+    """URL of the store that has its rows (password hidden); None: a file in the folder."""
+    verdict: str | None
+    """Of its comparison with `baseline`, see `results.comparison.Verdict`."""
+    baseline: str | None
+    """Id of the run that it was held against."""
+    reasons: tuple[str, ...]
+    """Of the verdict, a line each."""
+    accepted: bool
+    """A person said that later runs are to be held against it."""
+    schedule: str | None
+    live: Live | None
+    """What it does, while it runs."""
+
+    @property
+    def name(self) -> str:
+        """What people call it: its folder."""
+        return Path(self.folder).name if self.folder else self.run_id[:12]
+
+    @property
+    def is_baseline_material(self) -> bool:
+        """Whether later runs may be held against it: complete, and not itself found worse."""
+        return self.status == "complete" and (self.accepted or self.verdict in (None, *GOOD))
+
+
+@dataclass(frozen=True)
+class Night:
+    """How one policy did in one run."""
+
+    run: RunEntry
+    policy: str
+    policy_digest: str
+    counts: Counts
+    """Over the cells asked for."""
+
+
+def rows_url(entry: RunEntry, history: str) -> str:
+    """URL of the store that has a run's rows.
+
+    Args:
+        entry: The run.
+        history: URL of the store that the entry is from, with the password that the entry hides.
+
+    Raises:
+        RunError: Its rows are in a database whose URL (with its password) has to be given.
+    """
+    if entry.rows_url is not None:
+        if entry.rows_url == without_password(history):
+            return history
+        raise RunError(f"{entry.name}: its rows are in {entry.rows_url}; give that address with --store")
+    if entry.folder is not None and (Path(entry.folder) / STORE_FILE).exists():
+        return file_url(Path(entry.folder) / STORE_FILE)
+    return history
