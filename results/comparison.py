@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from results.record import Status
-from results.run import EVERYWHERE, PlannedCell, Provenance, RunDocument
+from results.run import EVERYWHERE, PlannedCell, Provenance, RunDocument, RunStatus
 from results.statistics.multiplicity import ALPHA, holm
 from results.statistics.pairs import (
     MARGIN,
@@ -51,6 +51,8 @@ class Difference(StrEnum):
     SUITE = "suite"
     SIMULATOR = "simulator"
     RENDERER = "renderer"
+    UNFINISHED = "unfinished"
+    """One of them has not come to its end."""
     WORLD = "world"
     """Episodes of the same seed start from other physical states."""
 
@@ -245,6 +247,10 @@ def _verdict(policies: Sequence[PolicyComparison], alpha: float) -> Verdict:
 def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Difference, str]:
     found: dict[Difference, str] = {}
     now, before = run.document, baseline.document
+    for side in (run, baseline):
+        if side.document.status is not RunStatus.COMPLETE:
+            played = f"{len(side.rows):,} of {side.document.planned:,} episodes are played"
+            found[Difference.UNFINISHED] = f"{side.name} is {side.document.status}, {played}"
     if now.suite_name != before.suite_name:
         found[Difference.SUITE] = f"suite '{now.suite_name}', the baseline is of '{before.suite_name}'"
     elif (lines := _plan(now)) != (others := _plan(before)):

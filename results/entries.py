@@ -7,7 +7,7 @@ from pathlib import Path
 
 from results.database import file_url, without_password
 from results.live import Live
-from results.run import STORE_FILE, RunError
+from results.run import STORE_FILE, RunDocument, RunError
 from results.statistics.rates import Interval, wilson_interval
 
 CellKey = tuple[str, str, str, int]
@@ -98,6 +98,26 @@ class RunEntry:
     live: Live | None
     """What it does, while it runs."""
 
+    @classmethod
+    def of(cls, document: RunDocument, folder: Path) -> RunEntry:
+        """A run that need not be in a history."""
+        return cls(
+            run_id=document.run_id,
+            suite=document.suite_name,
+            status=str(document.status),
+            started_at=document.started_at,
+            finished_at=document.finished_at,
+            counts=Counts(planned=document.planned),
+            folder=str(folder.absolute()),
+            rows_url=document.store_url,
+            verdict=None,
+            baseline=None,
+            reasons=(),
+            accepted=False,
+            schedule=None,
+            live=None,
+        )
+
     @property
     def name(self) -> str:
         """What people call it: its folder."""
@@ -134,6 +154,8 @@ def rows_url(entry: RunEntry, history: str) -> str:
         if entry.rows_url == without_password(history):
             return history
         raise RunError(f"{entry.name}: its rows are in {entry.rows_url}; give that address with --store")
-    if entry.folder is not None and (Path(entry.folder) / STORE_FILE).exists():
-        return file_url(Path(entry.folder) / STORE_FILE)
-    return history
+    if entry.folder is None:
+        return history
+    if not (Path(entry.folder) / STORE_FILE).exists():
+        raise RunError(f"{entry.name}: expected its rows in {entry.folder}/{STORE_FILE}, they are gone")
+    return file_url(Path(entry.folder) / STORE_FILE)

@@ -103,6 +103,10 @@ class History:
         """Let later runs be held against this one, whatever its verdict. Raises StoreError."""
         self._change(run_id, accepted=True)
 
+    def lose_folder(self, run_id: str) -> None:
+        """Write down that a run's folder was removed: its numbers stay. Raises StoreError."""
+        self._change(run_id, folder=None)
+
     def forget(self, run_id: str) -> None:
         """Remove a run with everything that this store has of it. Raises StoreError."""
         with self.database.writing() as connection:

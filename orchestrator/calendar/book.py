@@ -12,6 +12,8 @@ from orchestrator.calendar.schedule import CatchUp, Firing, Schedule, ScheduleEr
 from results.database import Database, Schema
 
 VERSION = 1
+LOOK_BACK_S = 31 * 86_400.0
+"""What was due longer ago, while nobody asked, is not written down (s)."""
 metadata = sa.MetaData()
 _version = sa.Table("robogauntlet_calendar", metadata, sa.Column("version", sa.Integer, primary_key=True))
 _schedules = sa.Table(
@@ -122,7 +124,7 @@ class Book:
         for schedule, seen in self._seen():
             if now <= seen:
                 continue
-            moments = list(schedule.due(seen, now))
+            moments = list(schedule.due(max(seen, now - LOOK_BACK_S), now))
             with self.database.writing() as connection:
                 clause = sa.and_(_schedules.c.name == schedule.name, _schedules.c.seen_until == seen)
                 moved = connection.execute(sa.update(_schedules).where(clause).values(seen_until=now)).rowcount

@@ -146,7 +146,7 @@ def trigger_of(cron: str, timezone: str) -> Any:
         )
     minute, hour, day, month, weekday = fields
     try:
-        week = _weekdays(weekday)
+        week = weekdays(weekday)
 
         def trigger(**days: str) -> Any:
             return CronTrigger(minute=minute, hour=hour, month=month, timezone=zone, **days)
@@ -168,8 +168,8 @@ def _zone(name: str) -> ZoneInfo:
         ) from None
 
 
-def _weekdays(field: str) -> str:
-    """Cron's weekdays (0 and 7 are Sunday) as names. Raises ValueError."""
+def weekdays(field: str) -> str:
+    """Cron's weekdays (0 and 7 are Sunday) as names, or `*`. Raises ValueError."""
     if field == "*":
         return field
     found: set[int] = set()

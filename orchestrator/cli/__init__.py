@@ -21,6 +21,7 @@ from orchestrator.cli import (
     replay,
     report,
     run,
+    schedule,
     validate,
     verify,
 )
@@ -50,6 +51,7 @@ app.command("accept")(history.accept)
 app.command("export")(carry.export)
 app.command("import")(carry.take)
 app.command("profile")(profile.profile)
+app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")
 app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging.")
 

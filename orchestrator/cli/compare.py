@@ -8,13 +8,15 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import BadInput, StoreUrl, newest_run, out
+from orchestrator.cli.shared import BadInput, HistoryUrl, StoreUrl, newest_run, open_history, out
 from orchestrator.cli.tables import rich_table
+from orchestrator.judging import judge
 from results.comparison import Comparison, Difference, Verdict
 from results.opening import compare as compare_folders
 from results.opening import open_run
-from results.run import RUN_FILE, RunDocument, RunError, RunStatus, read_run
+from results.run import RunDocument, RunError, read_run
 from results.store import StoreError
+from results.syncing import take_in_run
 from suites.plugins import nearest
 
 EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
@@ -67,7 +69,7 @@ def gate(
     run: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
     baseline: Annotated[
         Path | None,
-        typer.Option(help="Run folder to hold it against; by default the last complete one of its suite before it."),
+        typer.Option(help="Run folder to hold it against; by default the last good one of its suite before it."),
     ] = None,
     policy: Only = None,
     allow: Allow = None,
@@ -76,12 +78,16 @@ def gate(
     told: HowTold = Format.TEXT,
     file: OutFile = None,
     store: StoreUrl = None,
+    url: HistoryUrl = None,
 ) -> None:
     """Hold a run against the one before it: verdict and reasons only. Exit code 1: worse; 0: not; 2: not comparable."""
     from results.report.comparison import as_text
 
     run = run or newest_run()
-    found = _compared(run, baseline or _before(run), policy or [], allow or [], alpha, margin, store)
+    if baseline is not None or store is not None:
+        found = _compared(run, baseline or _missing(run), policy or [], allow or [], alpha, margin, store)
+    else:
+        found = _judged(run, policy or [], allow or [], alpha, margin, url)
     if told is Format.TEXT and file is None:
         out.print(as_text(found), markup=False, soft_wrap=True, end="")
     else:
@@ -100,45 +106,52 @@ def _compared(
 ) -> Comparison:
     try:
         sides = [open_run(folder, store) for folder in (run, baseline)]
-        for name in policies:
-            for side in sides:
-                known = dict.fromkeys(cell.policy for cell in side.document.plan)
-                if name not in known:
-                    raise BadInput(f"{side.folder}: it has no policy '{name}'{nearest(name, known)}")
+        for side in sides:
+            _check_names(side.folder, side.document, policies)
         return compare_folders(*sides, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
 
 
-def _before(run: Path) -> Path:
-    """The last complete run of the same suite beside it that was begun before it.
+def _missing(run: Path) -> Path:
+    raise BadInput(f"{run}: with --store, name the run to hold it against with --baseline")
+
+
+def _judged(
+    run: Path,
+    policies: list[str],
+    allowed: list[Difference],
+    alpha: float | None,
+    margin: float | None,
+    url: str | None,
+) -> Comparison:
+    """The run against the last good one of its suite, written into the history.
 
     Raises:
-        BadInput: There is none.
+        BadInput: There is none, or one of them cannot be read.
     """
     try:
         document = read_run(run)
-    except RunError as error:
+        _check_names(run, document, policies)
+        with open_history(url, run.absolute().parent if url is None else None) as history:
+            if history.find(document.run_id) is None:
+                take_in_run(history, run, document)
+            found = judge(history, document, run, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
+    except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
-    earlier: list[tuple[float, Path]] = []
-    for file in run.absolute().parent.glob(f"*/{RUN_FILE}"):
-        found = _document(file.parent)
-        same = found is not None and found.suite_name == document.suite_name and found.run_id != document.run_id
-        if found and same and found.status is RunStatus.COMPLETE and found.started_at < document.started_at:
-            earlier.append((found.started_at, file.parent))
-    if not earlier:
+    if found is None:
         raise BadInput(
             f"{run}: expected a complete earlier run of suite '{document.suite_name}' beside it, found none; "
             "name one with --baseline"
         )
-    return max(earlier)[1]
+    return found
 
 
-def _document(folder: Path) -> RunDocument | None:
-    try:
-        return read_run(folder)
-    except RunError:
-        return None  # another version's, or broken: not what is looked for
+def _check_names(folder: Path, document: RunDocument, policies: list[str]) -> None:
+    known = dict.fromkeys(cell.policy for cell in document.plan)
+    for name in policies:
+        if name not in known:
+            raise BadInput(f"{folder}: it has no policy '{name}'{nearest(name, known)}")
 
 
 def _tell(found: Comparison, told: Format, file: Path | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +20,6 @@ from orchestrator.cli.shared import (
     history_url,
     out,
     plan_of,
-    runs_root,
 )
 from orchestrator.cli.tables import print_summary
 from orchestrator.folders import FolderError
@@ -45,7 +43,10 @@ def run(
     require: Annotated[
         list[str] | None, typer.Option("--require", help="Simulator without which nothing is started. Repeatable.")
     ] = None,
-    store: Annotated[str | None, typer.Option(help="URL of a store, instead of a file in the run folder.")] = None,
+    store: Annotated[
+        str | None,
+        typer.Option(envvar="GAUNTLET_STORE", help="URL of a store for the rows, instead of a file in the run folder."),
+    ] = None,
     address: Annotated[str | None, typer.Option(help="Ray cluster to run on, instead of this machine.")] = None,
     retry_errors: Annotated[
         bool, typer.Option("--retry-errors", help="Play episodes again that ended in an error.")
@@ -64,23 +65,13 @@ def run(
     out.print(f"{plan.suite.name}: {plan.episodes} episodes into {folder}", markup=False, soft_wrap=True)
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
-    options = RunOptions(store, address, retry_errors, media, _history(history, store), schedule)
+    known = store if history is None and store is not None else history_url(history, folder.parent)
+    options = RunOptions(store, address, retry_errors, media, known, schedule)
     try:
         outcome = run_plan(plan, folder, options, Progress(out))
     except (PlanError, FolderError, RunError, StoreError) as error:
         raise BadInput(str(error)) from None
     _conclude(outcome)
-
-
-def _history(url: str | None, store: str | None) -> str:
-    """URL of the history; a store that many runs share is one."""
-    if url is None and store is not None:
-        return store
-    made = history_url(url)
-    if made.startswith("sqlite"):
-        with contextlib.suppress(OSError):  # the run says that the history cannot be opened
-            runs_root(url).mkdir(parents=True, exist_ok=True)
-    return made
 
 
 def _conclude(outcome: RunOutcome) -> None:

@@ -19,6 +19,7 @@ from results.syncing import take_in
 from suites.loading import SuiteError
 from suites.part import Part
 
+RUNS = Path("runs")
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 3
 EXIT_INTERRUPTED = 130
@@ -45,7 +46,7 @@ HistoryUrl = Annotated[
         "--history",
         envvar="GAUNTLET_HISTORY",
         show_envvar=True,
-        help="URL of the store that knows all runs; by default runs/history.sqlite.",
+        help="URL of the store that knows all runs; by default history.sqlite beside the run folders.",
     ),
 ]
 SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first so many seeds of the suite.")]
@@ -73,7 +74,7 @@ def plan_of(suite: str, *, part: Part = WHOLE, only: tuple[str, ...] = ()) -> Pl
         raise BadInput(str(error)) from None
 
 
-def newest_run(root: Path = Path("runs")) -> Path:
+def newest_run(root: Path = RUNS) -> Path:
     """The run folder under `root` that was touched last.
 
     Raises:
@@ -85,39 +86,44 @@ def newest_run(root: Path = Path("runs")) -> Path:
     return found[-1].parent
 
 
-def history_url(url: str | None) -> str:
-    """URL of the history: the one given, or that of the usual file.
+def history_url(url: str | None, root: Path = RUNS) -> str:
+    """URL of the history: the one given, or that of the file beside the run folders.
 
     Raises:
         BadInput: It is no URL of a store.
     """
+    if url is None:
+        return file_url((root / HISTORY_FILE).absolute())
     try:
-        return file_url((Path("runs") / HISTORY_FILE).absolute()) if url is None else parse(url).render_as_string(False)
+        return parse(url).render_as_string(hide_password=False)
     except StoreError as error:
         raise BadInput(str(error)) from None
 
 
 def runs_root(url: str | None) -> Path:
     """Where runs are looked for and put: beside a history that is a file, else `runs`."""
-    path = parse(history_url(url)).database or ""
-    return Path(path).parent if url is not None and history_url(url).startswith("sqlite") and path else Path("runs")
+    parsed = parse(history_url(url))
+    return Path(parsed.database).parent if parsed.get_backend_name() == "sqlite" and parsed.database else RUNS
 
 
 @contextmanager
-def open_history(url: str | None) -> Iterator[History]:
+def open_history(url: str | None, root: Path | None = None) -> Iterator[History]:
     """The history, told of the runs beside it that it does not know.
+
+    Args:
+        url: Where it is, or None for the file beside the run folders.
+        root: Of the run folders; None for what `runs_root` says.
 
     Raises:
         BadInput: It cannot be opened, read or written.
     """
-    root = runs_root(url)
+    root = root or runs_root(url)
     try:
-        if history_url(url).startswith("sqlite"):
+        if url is None:
             root.mkdir(parents=True, exist_ok=True)
-        history = History.open(history_url(url))
+        history = History.open(history_url(url, root))
         try:
-            if root.is_dir():
-                take_in(history, root)
+            take_in(history, root)
             yield history
         finally:
             history.close()

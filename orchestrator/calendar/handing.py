@@ -1,0 +1,159 @@
+"""Hands a schedule to what a group already uses: systemd timers, cron, GitHub Actions. Nothing is installed."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+
+from orchestrator.calendar.schedule import SHORTHANDS, Schedule, ScheduleError, weekdays
+
+
+class Target(StrEnum):
+    """What is to begin the runs."""
+
+    SYSTEMD = "systemd"
+    CRON = "cron"
+    GITHUB = "github"
+
+
+def hand_over(schedule: Schedule, target: Target, root: Path) -> str:
+    """The schedule in the words of another program.
+
+    Args:
+        schedule: What is to run when.
+        target: For whom.
+        root: Working directory of the runs.
+
+    Raises:
+        ScheduleError: It cannot be said in those words.
+    """
+    makers: dict[Target, Callable[[Schedule, Path], str]] = {
+        Target.SYSTEMD: _systemd,
+        Target.CRON: _cron,
+        Target.GITHUB: _github,
+    }
+    return makers[target](schedule, root)
+
+
+def _command(schedule: Schedule, gauntlet: str, folder: str) -> tuple[str, str | None]:
+    """The commands of one run, for a shell: play, and hold it against the run before."""
+    run = " ".join([gauntlet, "run", *map(shlex.quote, (schedule.suite, *schedule.arguments)), "--out", folder])
+    return run, f"{gauntlet} gate {folder}" if schedule.gate else None
+
+
+def _gauntlet() -> str:
+    return shlex.quote(str(Path(sys.executable).with_name("gauntlet")))
+
+
+def _cron(schedule: Schedule, root: Path) -> str:
+    stamp = r"runs/" + schedule.name + r"-$(date -u +\%Y\%m\%d-\%H\%M\%S)"
+    run, gate = _command(schedule, _gauntlet(), '"$RUN"')
+    commands = f"cd {shlex.quote(str(root))} && RUN={stamp} && {run}" + (f" && {gate}" if gate else "")
+    return f"CRON_TZ={schedule.timezone}\n{SHORTHANDS.get(schedule.cron, schedule.cron)} {commands}\n"
+
+
+def _systemd(schedule: Schedule, root: Path) -> str:
+    run, gate = _command(schedule, _gauntlet(), '"$RUN"')
+    # A per cent sign and a dollar sign have a meaning of their own in a unit.
+    shell = f"RUN=runs/{schedule.name}-$(date -u +%Y%m%d-%H%M%S) && {run}" + (f" && {gate}" if gate else "")
+    shell = shell.replace("%", "%%").replace("$", "$$")
+    return "\n".join(
+        [
+            f"# /etc/systemd/system/gauntlet-{schedule.name}.service",
+            "[Unit]",
+            f"Description=RoboGauntlet: {schedule.name}",
+            "",
+            "[Service]",
+            "Type=oneshot",
+            f"WorkingDirectory={str(root).replace('%', '%%')}",
+            f"ExecStart=/bin/sh -c {shlex.quote(shell)}",
+            "",
+            f"# /etc/systemd/system/gauntlet-{schedule.name}.timer",
+            "[Unit]",
+            f"Description=RoboGauntlet: {schedule.name}",
+            "",
+            "[Timer]",
+            *(f"OnCalendar={line} {schedule.timezone}" for line in on_calendar(schedule.cron)),
+            f"Persistent={'false' if schedule.catch_up == 'skip' else 'true'}",
+            "",
+            "[Install]",
+            "WantedBy=timers.target",
+            "",
+        ]
+    )
+
+
+def on_calendar(cron: str) -> list[str]:
+    """A cron expression as systemd's calendar events, one of which has to match.
+
+    Raises:
+        ScheduleError: It has something that they have no words for.
+    """
+    minute, hour, day, month, weekday = SHORTHANDS.get(cron.strip().lower(), cron).split()
+    time = f"{_numbers(hour, cron)}:{_numbers(minute, cron)}:00"
+    names = weekdays(weekday)
+    week = "" if names == "*" else ",".join(day.capitalize() for day in names.split(",")) + " "
+    months, days = _numbers(month, cron), _numbers(day, cron)
+    if day.startswith("*") or weekday.startswith("*"):
+        return [f"{week}*-{months}-{days} {time}"]
+    return [f"*-{months}-{days} {time}", f"{week}*-{months}-* {time}"]
+
+
+def _numbers(field: str, cron: str) -> str:
+    parts = []
+    for part in field.split(","):
+        span, _, step = part.partition("/")
+        if not all(c.isdigit() or c in "*-" for c in span):
+            raise ScheduleError(f"cron '{cron}': '{field}' has no words in systemd; write it in numbers")
+        low, dash, high = span.partition("-")
+        low = "0" if low == "*" and step else low
+        parts.append((f"{low}..{high}" if dash else low) + (f"/{step}" if step else ""))
+    return ",".join(parts)
+
+
+def _github(schedule: Schedule, root: Path) -> str:
+    if schedule.timezone not in ("UTC", "Etc/UTC"):
+        raise ScheduleError(
+            f"time zone '{schedule.timezone}': GitHub runs schedules in UTC; add one with --timezone UTC for it"
+        )
+    run, gate = _command(schedule, "gauntlet", "runs/tonight")
+    cron = SHORTHANDS.get(schedule.cron, schedule.cron)
+    lines = [
+        f"name: {schedule.name}",
+        "on:",
+        "  schedule:",
+        f'    - cron: "{cron}"',
+        "  workflow_dispatch:",
+        "jobs:",
+        "  gauntlet:",
+        "    runs-on: ubuntu-latest",
+        "    steps:",
+        "      - uses: actions/checkout@v4",
+        "      - run: sudo make setup",
+        '      - run: echo "$PWD/.venv/bin" >> "$GITHUB_PATH"',
+    ]
+    if gate:
+        lines += [
+            "      - uses: actions/cache@v4",
+            '        with: {path: runs/history, key: "gauntlet-${{ github.run_id }}", restore-keys: gauntlet-}',
+        ]
+    lines.append(f"      - run: {run}")
+    if gate:
+        lines += [
+            "      - run: |",
+            "          if [ -d runs/history/baseline ]; then",
+            "            gauntlet gate runs/tonight --baseline runs/history/baseline --format markdown --out gate.md "
+            "|| worse=$?",
+            '            cat gate.md >> "$GITHUB_STEP_SUMMARY"; [ -z "${worse:-}" ] || exit "$worse"',
+            "          fi",
+            "          rm -rf runs/history && mkdir -p runs/history && cp -r runs/tonight runs/history/baseline",
+        ]
+    lines += [
+        "      - uses: actions/upload-artifact@v4",
+        "        if: always()",
+        "        with: {name: report, path: runs/tonight}",
+    ]
+    return "\n".join(lines) + "\n"
