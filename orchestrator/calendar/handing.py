@@ -8,7 +8,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 
-from orchestrator.calendar.schedule import SHORTHANDS, Schedule, ScheduleError, weekdays
+from orchestrator.calendar.schedule import DAYS, PARTS, Schedule, ScheduleError, expanded, numbers
 
 
 class Target(StrEnum):
@@ -52,7 +52,7 @@ def _cron(schedule: Schedule, root: Path) -> str:
     stamp = r"runs/" + schedule.name + r"-$(date -u +\%Y\%m\%d-\%H\%M\%S)"
     run, gate = _command(schedule, _gauntlet(), '"$RUN"')
     commands = f"cd {shlex.quote(str(root))} && RUN={stamp} && {run}" + (f" && {gate}" if gate else "")
-    return f"CRON_TZ={schedule.timezone}\n{SHORTHANDS.get(schedule.cron, schedule.cron)} {commands}\n"
+    return f"CRON_TZ={schedule.timezone}\n{' '.join(expanded(schedule.cron))} {commands}\n"
 
 
 def _systemd(schedule: Schedule, root: Path) -> str:
@@ -87,31 +87,14 @@ def _systemd(schedule: Schedule, root: Path) -> str:
 
 
 def on_calendar(cron: str) -> list[str]:
-    """A cron expression as systemd's calendar events, one of which has to match.
-
-    Raises:
-        ScheduleError: It has something that they have no words for.
-    """
-    minute, hour, day, month, weekday = SHORTHANDS.get(cron.strip().lower(), cron).split()
-    time = f"{_numbers(hour, cron)}:{_numbers(minute, cron)}:00"
-    names = weekdays(weekday)
-    week = "" if names == "*" else ",".join(day.capitalize() for day in names.split(",")) + " "
-    months, days = _numbers(month, cron), _numbers(day, cron)
-    if day.startswith("*") or weekday.startswith("*"):
-        return [f"{week}*-{months}-{days} {time}"]
-    return [f"*-{months}-{days} {time}", f"{week}*-{months}-* {time}"]
-
-
-def _numbers(field: str, cron: str) -> str:
-    parts = []
-    for part in field.split(","):
-        span, _, step = part.partition("/")
-        if not all(c.isdigit() or c in "*-" for c in span):
-            raise ScheduleError(f"cron '{cron}': '{field}' has no words in systemd; write it in numbers")
-        low, dash, high = span.partition("-")
-        low = "0" if low == "*" and step else low
-        parts.append((f"{low}..{high}" if dash else low) + (f"/{step}" if step else ""))
-    return ",".join(parts)
+    """A cron expression as systemd's calendar events, one of which has to match. Raises ScheduleError."""
+    fields = expanded(cron)
+    minute, hour, day, month, weekday = (numbers(field, part, cron) for field, part in zip(fields, PARTS, strict=True))
+    time = f"{hour}:{minute}:00"
+    week = "" if weekday == "*" else ",".join(DAYS[int(number)].capitalize() for number in weekday.split(",")) + " "
+    if fields[2].startswith("*") or fields[4].startswith("*"):
+        return [f"{week}*-{month}-{day} {time}"]
+    return [f"*-{month}-{day} {time}", f"{week}*-{month}-* {time}"]
 
 
 def _github(schedule: Schedule, root: Path) -> str:
@@ -120,7 +103,7 @@ def _github(schedule: Schedule, root: Path) -> str:
             f"time zone '{schedule.timezone}': GitHub runs schedules in UTC; add one with --timezone UTC for it"
         )
     run, gate = _command(schedule, "gauntlet", "runs/tonight")
-    cron = SHORTHANDS.get(schedule.cron, schedule.cron)
+    cron = " ".join(expanded(schedule.cron))
     lines = [
         f"name: {schedule.name}",
         "on:",

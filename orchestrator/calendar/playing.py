@@ -73,6 +73,15 @@ def is_under_way(folder: Path) -> bool:
     return False
 
 
+def has_ended(folder: Path) -> bool:
+    """Whether a run into which nobody plays any more has come to its end, or to one that it chose, and was reported."""
+    try:
+        status = read_run(folder).status
+    except RunError:
+        return False
+    return status in (RunStatus.COMPLETE, RunStatus.STOPPED) and (folder / "report.html").exists()
+
+
 def conclude(book: Book, history: History, schedule: Schedule, firing: Firing, code: int | None, say: Say) -> Firing:
     """Write down what a run that has ended came to, tell people what they should know, remove old folders.
 

@@ -14,6 +14,7 @@ from suites.plugins import nearest
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 DAYS = ("sun", "mon", "tue", "wed", "thu", "fri", "sat")
+MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 SHORTHANDS = {
     "@hourly": "0 * * * *",
     "@daily": "0 0 * * *",
@@ -23,6 +24,38 @@ SHORTHANDS = {
     "@yearly": "0 0 1 1 *",
     "@annually": "0 0 1 1 *",
 }
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of the five fields of a cron expression."""
+
+    name: str
+    low: int
+    high: int
+    names: tuple[str, ...] = ()
+    """Of the numbers from `low` on."""
+    cycle: int | None = None
+    """After so many numbers the first comes again, and a range may go over the end."""
+
+    def number(self, word: str, field: str, cron: str) -> int:
+        """A number or name. Raises ScheduleError."""
+        if word in self.names:
+            return self.low + self.names.index(word)
+        most = self.high if self.cycle is None else self.cycle
+        if word.isdecimal() and self.low <= int(word) <= most:
+            return int(word)
+        known = f"{self.low} to {most}" + (f" or {self.names[0]} to {self.names[-1]}" if self.names else "")
+        raise ScheduleError(f"cron '{cron}': {self.name} '{field}': expected {known}, got '{word}'")
+
+
+PARTS = (
+    Part("minute", 0, 59),
+    Part("hour", 0, 23),
+    Part("day of month", 1, 31),
+    Part("month", 1, 12, MONTHS),
+    Part("day of week", 0, 6, DAYS, cycle=7),
+)
 
 
 class ScheduleError(Exception):
@@ -74,17 +107,24 @@ class Schedule:
 
     def due(self, after: float, until: float) -> Iterator[float]:
         """Times at which it is due, later than `after` and not later than `until` (seconds since 1970, UTC)."""
-        trigger = trigger_of(self.cron, self.timezone)
-        moment = datetime.fromtimestamp(after, UTC) + timedelta(microseconds=1)
-        while (found := trigger.get_next_fire_time(None, moment)) is not None and found.timestamp() <= until:
-            yield found.timestamp()
-            moment = found.astimezone(UTC) + timedelta(microseconds=1)
+        for moment in self._moments(after):
+            if moment > until:
+                return
+            yield moment
 
     def next_due(self, after: float) -> float | None:
         """The next time at which it is due (seconds since 1970, UTC), or None if never."""
+        return next(self._moments(after), None)
+
+    def _moments(self, after: float) -> Iterator[float]:
+        trigger = trigger_of(self.cron, self.timezone)
         moment = datetime.fromtimestamp(after, UTC) + timedelta(microseconds=1)
-        found = trigger_of(self.cron, self.timezone).get_next_fire_time(None, moment)
-        return None if found is None else float(found.timestamp())
+        once = not expanded(self.cron)[1].startswith("*")
+        while (found := trigger.get_next_fire_time(None, moment)) is not None:
+            # At the end of summer an hour comes twice. What is due at certain hours is not due in the second.
+            if not (once and found.fold):
+                yield float(found.timestamp())
+            moment = found.astimezone(UTC) + timedelta(microseconds=1)
 
 
 @dataclass(frozen=True)
@@ -138,24 +178,31 @@ def trigger_of(cron: str, timezone: str) -> Any:
     from apscheduler.triggers.cron import CronTrigger
 
     zone = _zone(timezone)
+    fields = expanded(cron)
+    minute, hour, day, month, weekday = (numbers(field, part, cron) for field, part in zip(fields, PARTS, strict=True))
+    week = "*" if weekday == "*" else ",".join(DAYS[int(number)] for number in weekday.split(","))
+
+    def trigger(**days: str) -> Any:
+        return CronTrigger(minute=minute, hour=hour, month=month, timezone=zone, **days)
+
+    if fields[2].startswith("*") or fields[4].startswith("*"):
+        return trigger(day=day, day_of_week=week)
+    return OrTrigger([trigger(day=day), trigger(day_of_week=week)])
+
+
+def expanded(cron: str) -> list[str]:
+    """The five fields of a cron expression.
+
+    Raises:
+        ScheduleError: There are more or fewer.
+    """
     fields = SHORTHANDS.get(cron.strip().lower(), cron).split()
-    if len(fields) != 5:
+    if len(fields) != len(PARTS):
         raise ScheduleError(
             f"cron '{cron}': expected five fields (minute, hour, day of month, month, day of week), got {len(fields)}; "
             "every night at two is '0 2 * * *'"
         )
-    minute, hour, day, month, weekday = fields
-    try:
-        week = weekdays(weekday)
-
-        def trigger(**days: str) -> Any:
-            return CronTrigger(minute=minute, hour=hour, month=month, timezone=zone, **days)
-
-        if day.startswith("*") or weekday.startswith("*"):
-            return trigger(day=day, day_of_week=week)
-        return OrTrigger([trigger(day=day), trigger(day_of_week=week)])
-    except ValueError as error:
-        raise ScheduleError(f"cron '{cron}': {str(error).splitlines()[0]}") from None
+    return fields
 
 
 def _zone(name: str) -> ZoneInfo:
@@ -168,30 +215,28 @@ def _zone(name: str) -> ZoneInfo:
         ) from None
 
 
-def weekdays(field: str) -> str:
-    """Cron's weekdays (0 and 7 are Sunday) as names, or `*`. Raises ValueError."""
+def numbers(field: str, part: Part, cron: str) -> str:
+    """A field of a cron expression as `*`, or as numbers with commas between. Sunday is 0.
+
+    Raises:
+        ScheduleError: It is no such field.
+    """
     if field == "*":
         return field
     found: set[int] = set()
-    for part in field.lower().split(","):
-        days, _, step = part.partition("/")
-        if step and not (step.isdigit() and int(step)):
-            raise ValueError(f"day of week '{field}': expected a step of 1 or more, got '{step}'")
-        first, dash, last = days.partition("-")
-        if days == "*":
-            low, high = 0, 6
+    for piece in field.lower().split(","):
+        span, slash, step = piece.partition("/")
+        if slash and not (step.isdecimal() and int(step)):
+            raise ScheduleError(f"cron '{cron}': {part.name} '{field}': expected a step of 1 or more, got '{step}'")
+        first, dash, last = span.partition("-")
+        if span == "*":
+            low, high = part.low, part.high
         else:
-            low = _weekday(first, field)
-            high = _weekday(last, field) if dash else (6 if step else low)
-        if dash and high < low:
-            high += 7
-        found |= {day % 7 for day in range(low, high + 1, int(step or 1))}
-    return ",".join(DAYS[day] for day in sorted(found))
-
-
-def _weekday(word: str, field: str) -> int:
-    if word in DAYS:
-        return DAYS.index(word)
-    if word.isdigit() and int(word) <= 7:
-        return int(word)
-    raise ValueError(f"day of week '{field}': expected 0 to 7 or sun to sat, got '{word}'")
+            low = part.number(first, field, cron)
+            high = part.number(last, field, cron) if dash else (part.high if slash else low)
+        if high < low:
+            if part.cycle is None:
+                raise ScheduleError(f"cron '{cron}': {part.name} '{field}': expected the lower number first")
+            high += part.cycle
+        found |= {n if part.cycle is None else n % part.cycle for n in range(low, high + 1, int(step or 1))}
+    return ",".join(map(str, sorted(found)))

@@ -19,7 +19,7 @@ import sqlalchemy as sa
 from filelock import FileLock, Timeout
 
 from orchestrator.calendar.book import Book
-from orchestrator.calendar.playing import Playing, Say, begin, conclude, is_under_way, missed
+from orchestrator.calendar.playing import Playing, Say, begin, conclude, has_ended, is_under_way, missed
 from orchestrator.calendar.schedule import CatchUp, Firing, Schedule, State
 from results.database import Database, StoreError
 from results.history import History
@@ -150,6 +150,8 @@ class Server:
                 busy.append(schedule.suite if schedule else firing.schedule)
             elif schedule is None:
                 self._book.change(firing, state=State.FAILED, outcome="its schedule was removed while it ran")
+            elif has_ended(Path(firing.folder)):
+                self._conclude(schedule, firing, None)
             elif len(busy) < self._at_once and schedule.suite not in busy:
                 self._log(f"{schedule.name}: going on with {Path(firing.folder).name}")
                 busy.append(schedule.suite)
@@ -176,8 +178,11 @@ class Server:
             self._log(f"{playing.schedule.name}: its process was killed (signal {-code})")
             if self._deaths[key] < DEATHS:
                 return  # it is adopted, and continued
-        closed = conclude(self._book, self._history, playing.schedule, playing.firing, code, self._say)
-        self._log(f"{playing.schedule.name}: {closed.state}, {closed.outcome}")
+        self._conclude(playing.schedule, playing.firing, code)
+
+    def _conclude(self, schedule: Schedule, firing: Firing, code: int | None) -> None:
+        closed = conclude(self._book, self._history, schedule, firing, code, self._say)
+        self._log(f"{schedule.name}: {closed.state}, {closed.outcome}")
 
 
 @contextlib.contextmanager

@@ -1,0 +1,91 @@
+"""Kills the process that serves the calendar, again and again: `python -m tests.chaos.calendar --kills 100`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from orchestrator.calendar.book import Book
+from orchestrator.calendar.schedule import Schedule, State
+from orchestrator.calendar.serving import Server
+from results.database import file_url
+from results.history import History
+from results.run import RunStatus, read_run
+from results.store import Store
+
+SERVE = [sys.executable, "-c", "from orchestrator.cli import main; main()", "schedule", "serve"]
+PATIENCE_S = 300.0
+
+
+def serve_and_kill(url: str, kills: int, done: Callable[[], bool], seed: int = 5) -> int:
+    """Serve the calendar at `url` until all is done, killing the process `kills` times; return how often it was."""
+    environment, generator = {**os.environ, "GAUNTLET_HISTORY": url}, random.Random(seed)
+    killed = 0
+    while not done():
+        process = subprocess.Popen(SERVE, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        lives_s = generator.uniform(0.5, 6.0) if killed < kills else PATIENCE_S
+        until = time.monotonic() + lives_s
+        while time.monotonic() < until and not done():
+            time.sleep(0.1)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        if killed == kills:
+            break
+        killed += 1
+    return killed
+
+
+def played(root: Path, history: History) -> dict[str, int]:
+    """Folder of each complete run to its number of rows. Raises AssertionError: one is in the history twice."""
+    folders = [entry.name for entry in history.runs()]
+    assert len(folders) == len(set(folders))
+    found = {}
+    for name in folders:
+        run = read_run(root / name)
+        store = Store.open_file(root / name / "episodes.sqlite", run.run_id)
+        found[name] = len(list(store.results())) if run.status is RunStatus.COMPLETE else -1
+        store.close()
+    return found
+
+
+def main() -> None:
+    """Fire runs, kill servers, count what there is."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--runs", type=int, default=20)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "runs"
+        root.mkdir()
+        url = file_url(root / "history.sqlite")
+        suite = Path(folder) / "nights.yaml"
+        suite.write_text("name: nights\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 40}\n")
+        book, history = Book.open(url), History.open(url)
+        schedule = Schedule("nightly", str(suite), "0 0 1 1 *", arguments=("--no-media",), created_at=time.time())
+        book.add(schedule)
+        server = Server(book, history, root, say=print, log=print)
+        for number in range(options.runs):
+            book.fire(schedule, time.time() + number, server.folder)
+        killed = serve_and_kill(url, options.kills, lambda: all(f.state is State.DONE for f in book.firings()))
+        states = sorted(str(firing.state) for firing in book.firings())
+        rows = played(root, history)
+        whole = sum(count == 40 for count in rows.values())
+        print(
+            f"{killed} kills: {states.count('done')} of {options.runs} firings done, {whole} complete runs of 40 rows,"
+        )
+        print(f"{options.runs - whole} lost, {len(rows) - options.runs} more than were due")
+        book.close()
+        history.close()
+        sys.exit(whole != options.runs or len(rows) != options.runs)
+
+
+if __name__ == "__main__":
+    main()
