@@ -9,6 +9,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from results.history import History
+from results.syncing import take_in
+from tests.orchestrator.test_cli_compare import bad, good, save
+
 ROOT = Path(__file__).parents[1]
 SUITE = """
 name: nightly
@@ -16,7 +20,6 @@ policies: [oracle, random]
 tasks: [null/Reach]
 seeds: {count: 40}
 """
-pytestmark = pytest.mark.ray
 
 
 @pytest.fixture
@@ -46,6 +49,7 @@ def night(tmp_path):
     return run
 
 
+@pytest.mark.ray
 def test_the_workflow_passes_on_good_nights_and_fails_on_a_regression(night, tmp_path):
     assert night("play") == (0, "")
     assert night("judge") == (0, "the first night: nothing to hold it against\n")
@@ -59,3 +63,40 @@ def test_the_workflow_passes_on_good_nights_and_fails_on_a_regression(night, tmp
     code, summary = night("judge")
     assert code == 1
     assert "oracle, null/Reach: 100 % before, 70 % now of 40 episodes, -30.0 points" in summary
+
+
+def example(name, *arguments, cwd):
+    command = [sys.executable, ROOT / "examples" / name, *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def two_nights(tmp_path):
+    save(tmp_path / "runs" / "monday", good, run_id="1", started_at=1.0)
+    save(tmp_path / "runs" / "tuesday", bad, run_id="2", started_at=86_400.0)
+    return tmp_path
+
+
+def test_a_run_is_a_table(two_nights):
+    said = example("open_a_run.py", "runs/monday", cwd=two_nights)
+    assert "runs/monday: suite synthetic, 160 episodes planned, complete" in said
+    assert "p on maniskill/A: 0.75 [0.60, 0.86]" in said
+
+
+def test_two_runs_are_compared_and_lost_episodes_named(two_nights):
+    said = example("compare_two_runs.py", "runs/tuesday", "runs/monday", cwd=two_nights)
+    assert "REGRESSED: tuesday against monday" in said
+    assert "20 episodes were lost that had been won" in said
+    assert said.count("gauntlet replay ") == 5
+
+
+def test_a_policy_is_followed_and_drawn(two_nights):
+    history = History.open_file(two_nights / "runs" / "history.sqlite")
+    take_in(history, two_nights / "runs")
+    history.close()
+    said = example("follow_a_policy.py", "runs/history.sqlite", "p", "plot.svg", cwd=two_nights)
+    assert [line.split()[2] for line in said.splitlines()[1:3]] == ["monday", "tuesday"]
+    assert (two_nights / "plot.svg").read_text().startswith("<svg")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from collections.abc import Callable
@@ -98,45 +99,21 @@ def on_calendar(cron: str) -> list[str]:
 
 
 def _github(schedule: Schedule, root: Path) -> str:
+    """The workflow of `examples/github-nightly.yml`, with this schedule's time and arguments."""
     if schedule.timezone not in ("UTC", "Etc/UTC"):
         raise ScheduleError(
-            f"time zone '{schedule.timezone}': GitHub runs schedules in UTC; add one with --timezone UTC for it"
+            f"time zone '{schedule.timezone}': GitHub runs schedules in UTC; add one with --timezone UTC"
         )
-    run, gate = _command(schedule, "gauntlet", "runs/tonight")
-    cron = " ".join(expanded(schedule.cron))
-    lines = [
-        f"name: {schedule.name}",
-        "on:",
-        "  schedule:",
-        f'    - cron: "{cron}"',
-        "  workflow_dispatch:",
-        "jobs:",
-        "  gauntlet:",
-        "    runs-on: ubuntu-latest",
-        "    steps:",
-        "      - uses: actions/checkout@v4",
-        "      - run: sudo make setup",
-        '      - run: echo "$PWD/.venv/bin" >> "$GITHUB_PATH"',
-    ]
-    if gate:
-        lines += [
-            "      - uses: actions/cache@v4",
-            '        with: {path: runs/history, key: "gauntlet-${{ github.run_id }}", restore-keys: gauntlet-}',
-        ]
-    lines.append(f"      - run: {run}")
-    if gate:
-        lines += [
-            "      - run: |",
-            "          if [ -d runs/history/baseline ]; then",
-            "            gauntlet gate runs/tonight --baseline runs/history/baseline --format markdown --out gate.md "
-            "|| worse=$?",
-            '            cat gate.md >> "$GITHUB_STEP_SUMMARY"; [ -z "${worse:-}" ] || exit "$worse"',
-            "          fi",
-            "          rm -rf runs/history && mkdir -p runs/history && cp -r runs/tonight runs/history/baseline",
-        ]
-    lines += [
-        "      - uses: actions/upload-artifact@v4",
-        "        if: always()",
-        "        with: {name: report, path: runs/tonight}",
-    ]
-    return "\n".join(lines) + "\n"
+    template = (Path(__file__).parent / "github-nightly.yml").read_text(encoding="utf-8")
+    suite = Path(schedule.suite)
+    if suite.is_absolute():
+        if not suite.is_relative_to(root):
+            raise ScheduleError(f"suite {suite}: GitHub has only what is in the repository, expected it under {root}")
+        suite = suite.relative_to(root)
+    arguments = "".join(f" {shlex.quote(one)}" for one in schedule.arguments)
+    return (
+        template.replace("name: nightly gauntlet", f"name: {schedule.name}", 1)
+        .replace('cron: "17 2 * * *"', f'cron: "{" ".join(expanded(schedule.cron))}"', 1)
+        .replace("SUITE: suites/smoke.yaml", f"SUITE: {json.dumps(str(suite))}", 1)
+        .replace('gauntlet run "$SUITE"', f'gauntlet run "$SUITE"{arguments}', 1)
+    )

@@ -15,6 +15,7 @@ from orchestrator.cli import (
     doctor,
     history,
     listing,
+    log,
     plan,
     policies,
     profile,
@@ -50,6 +51,7 @@ app.command("leaderboard")(history.show_leaderboard)
 app.command("accept")(history.accept)
 app.command("export")(carry.export)
 app.command("import")(carry.take)
+app.command("log")(log.log)
 app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")

@@ -1,4 +1,7 @@
-"""One local Ray for all tests that need one, and a record of what a scheduler tells."""
+"""One local Ray for the tests that need one, a record of what a scheduler tells, the command line in this process."""
+
+import sys
+from dataclasses import dataclass
 
 import pytest
 
@@ -38,3 +41,34 @@ class Told:
 @pytest.fixture
 def told():
     return Told()
+
+
+@dataclass(frozen=True)
+class Said:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def gauntlet(monkeypatch, capsys, tmp_path):
+    """`gauntlet(...)` in an empty folder, without a second for a new interpreter each time."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("GAUNTLET_HISTORY", "GAUNTLET_STORE"):
+        monkeypatch.delenv(name, raising=False)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["gauntlet", *map(str, arguments)])
+        capsys.readouterr()
+        try:
+            from orchestrator.cli import main
+
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code or 0
+        said = capsys.readouterr()
+        assert "Traceback" not in said.out + said.err
+        return Said(code, said.out, said.err)
+
+    return call

@@ -1,0 +1,31 @@
+"""Hold one run against another: `python examples/compare_two_runs.py runs/TODAY runs/YESTERDAY`.
+
+The cells between `# %%` can be run one by one in an editor or a notebook, where a comparison shows itself.
+"""
+
+# %%
+import sys
+
+import results
+
+comparison = results.compare(sys.argv[1], sys.argv[2])
+print(comparison)
+
+# %% The same as values: which tasks are worse, by how much, and how sure that is.
+for policy in comparison.policies:
+    for line in policy.lines:
+        change = line.difference
+        print(
+            f"{policy.policy}, {line.task or 'all tasks'}: {line.pairs.trials} pairs, "
+            f"{100 * change.value:+.1f} points, p of worse {line.p_worse:.3f}"
+            if change is not None
+            else f"{policy.policy}, {line.task or 'all tasks'}: no pairs"
+        )
+
+# %% Episodes that were won before and are lost now: the ones to look at.
+today, before = (results.open(folder).episodes() for folder in sys.argv[1:3])
+both = today.merge(before, on=["policy", "pair_id"], suffixes=("", "_before"))
+lost = both[(both["status"] == "failure") & (both["status_before"] == "success")]
+print(f"{len(lost)} episodes were lost that had been won")
+for episode in lost.head(5).itertuples():
+    print(f"gauntlet replay {episode.episode_id[:8]} --run {sys.argv[1]}    # {episode.policy} on {episode.task}")

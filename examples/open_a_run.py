@@ -1,0 +1,31 @@
+"""Open a run and look at its episodes as a table: `python examples/open_a_run.py runs/NAME`.
+
+The cells between `# %%` can be run one by one in an editor or a notebook.
+"""
+
+# %%
+import sys
+
+import results
+
+run = results.open(sys.argv[1])
+print(run)
+
+# %% A row per episode. What each column means: `results.record.EpisodeResult`.
+episodes = run.episodes()
+print(episodes[["task", "policy", "seed", "status", "steps"]].head().to_string(index=False))
+
+# %% Errors are neither successes nor failures: leave them out of rates, and say how many they are.
+judged = episodes[episodes["status"] != "error"]
+success = judged.assign(success=judged["status"] == "success").pivot_table("success", "task", "policy")
+print(success.map("{:.0%}".format).to_string())
+print(f"{len(episodes) - len(judged)} errors, which are in no rate")
+
+# %% The same with intervals, as the report has it.
+for cell in run.tables().cells:
+    interval = cell.tally.interval
+    if interval is not None:
+        print(f"{cell.policy} on {cell.task}: {cell.tally.rate:.2f} [{interval.low:.2f}, {interval.high:.2f}]")
+
+# %% Where the time went (seconds).
+print(episodes[["reset_s", "physics_s", "render_s", "inference_s"]].sum().round(2).to_string())

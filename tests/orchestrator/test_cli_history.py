@@ -1,0 +1,100 @@
+"""`gauntlet history`, `leaderboard`, `accept`, `export`, `import` as a person types them."""
+
+import sqlite3
+
+import pytest
+
+from results.run import RunStatus
+from tests.orchestrator.test_cli_compare import bad, good, save
+
+
+@pytest.fixture
+def runs(tmp_path):
+    root = tmp_path / "runs"
+    save(root / "monday", good, run_id="1", started_at=1.0)
+    save(root / "tuesday", bad, run_id="2", started_at=86_400.0)
+    save(root / "other", good, run_id="3", started_at=2 * 86_400.0, suite_name="another")
+    save(root / "half", bad, run_id="4", started_at=3 * 86_400.0, status=RunStatus.INTERRUPTED)
+    return root
+
+
+def test_runs_that_lie_there_are_listed_the_newest_first(gauntlet, runs):
+    said = gauntlet("history")
+    assert said.code == 0
+    names = [line.split()[2] for line in said.out.splitlines()[2:]]
+    assert names == ["half", "other", "tuesday", "monday"]
+    assert [line.split()[2] for line in gauntlet("history", "--suite", "another").out.splitlines()[2:]] == ["other"]
+
+
+def test_a_policy_is_followed_with_intervals_and_verdicts(gauntlet, runs, tmp_path):
+    assert gauntlet("gate", "runs/tuesday").code == 1
+    said = gauntlet("history", "p", "--suite", "synthetic", "--out", "plot.svg")
+    lines = said.out.splitlines()
+    assert "75 %  [65, 83]" in lines[2]
+    assert "▼ regressed" in lines[3]
+    assert "▇▅▅  success" in said.out
+    picture = (tmp_path / "plot.svg").read_text()
+    assert picture.startswith("<svg")
+    assert picture.count('class="bad"') == 1
+    page = gauntlet("history", "p", "--task", "maniskill/A", "--out", "plot.html")
+    assert page.code == 0
+    assert (tmp_path / "plot.html").read_text().startswith("<!doctype html>")
+
+
+def test_a_worse_run_is_no_baseline_until_it_is_accepted(gauntlet, runs):
+    assert gauntlet("gate", "runs/tuesday").code == 1
+    save(runs / "wednesday", bad, run_id="5", started_at=4 * 86_400.0)
+    assert "wednesday against monday" in gauntlet("gate", "runs/wednesday").out
+    assert gauntlet("accept", "tuesday").code == 0
+    said = gauntlet("gate", "runs/wednesday")
+    assert (said.code, "wednesday against tuesday" in said.out) == (0, True)
+
+
+def test_the_leaderboard_gives_letters_and_no_ranks(gauntlet, runs):
+    said = gauntlet("leaderboard", "synthetic")
+    assert said.code == 0
+    rows = {line.split()[0]: line.split()[2] for line in said.out.splitlines()[2:4]}
+    assert rows == {"q": "a", "p": "b"}
+
+
+def test_a_run_travels_as_one_file(gauntlet, runs, tmp_path):
+    assert gauntlet("export", "runs/monday").out == "160 episodes into monday.gauntlet\n"
+    said = gauntlet("import", "monday.gauntlet", "--out", "elsewhere/monday")
+    assert said.code == 0
+    assert (tmp_path / "elsewhere" / "monday" / "report.html").exists()
+    assert "monday" in gauntlet("history", "--history", f"sqlite:///{tmp_path}/runs/history.sqlite").out
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("history", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
+        (("history", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
+        (("history", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
+        (("history", "p", "--out", "no/such/folder.svg"), "cannot be written"),
+        (("history", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
+        (("history", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
+        (("leaderboard", "nothing"), "no run of a suite 'nothing'"),
+        (("accept", "nothing"), "no run 'nothing' in the history"),
+        (("export", "nothing"), "expected a run folder, there is nothing"),
+        (("import", "nothing"), "expected an exported run"),
+        (("import", "runs/monday/run.json"), "this is something else"),
+    ],
+)
+def test_what_cannot_be_is_one_line(gauntlet, runs, typed, words):
+    said = gauntlet(*typed)
+    assert said.code == 2
+    assert words in said.err
+    assert said.err.count("\n") == 1
+    assert "secret" not in said.err
+
+
+def test_a_history_of_a_newer_version_is_refused_and_untouched(gauntlet, runs):
+    gauntlet("history")
+    with sqlite3.connect(runs / "history.sqlite") as connection:
+        connection.execute("UPDATE robogauntlet_schema SET version = 99")
+    connection.close()
+    before = (runs / "history.sqlite").read_bytes()
+    said = gauntlet("history")
+    assert (said.code, "store version 99, this program reads version 4" in said.err) == (2, True)
+    assert (runs / "history.sqlite").read_bytes() == before
