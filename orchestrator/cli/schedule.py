@@ -166,7 +166,8 @@ def serve(
         try:
             with served_alone(desk.book.database, desk.root):
                 names = ", ".join(one.name for one in desk.book.schedules()) or "no schedule yet"
-                _log(f"serving {names}; people are told by {', '.join(map(str, told)) or 'nothing but this log'}")
+                ways = ", ".join(one.name for one in told) or "nothing but this log"
+                _log(f"serving {names}; people are told by {ways}")
                 desk.server(at_once).serve()
         except AlreadyServed as error:
             raise BadInput(str(error)) from None

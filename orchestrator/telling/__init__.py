@@ -2,15 +2,15 @@
 
 from orchestrator.telling.message import Kind, Message, message_for
 from orchestrator.telling.settings import tellers
-from orchestrator.telling.teller import SCHEDULE, NotTold, Schedule, Teller, TellingError
+from orchestrator.telling.teller import RETRIES, NotTold, Retries, Teller, TellingError
 from orchestrator.telling.telling import tell
 
 __all__ = [
-    "SCHEDULE",
+    "RETRIES",
     "Kind",
     "Message",
     "NotTold",
-    "Schedule",
+    "Retries",
     "Teller",
     "TellingError",
     "message_for",

@@ -14,7 +14,7 @@ from enum import StrEnum
 from urllib3.exceptions import MaxRetryError
 
 from orchestrator.telling.message import Message
-from orchestrator.telling.teller import SCHEDULE, NotTold, Schedule, what_came
+from orchestrator.telling.teller import RETRIES, NotTold, Retries, what_came
 
 
 class Tls(StrEnum):
@@ -41,7 +41,7 @@ class Mail:
     tls: Tls = Tls.STARTTLS
     user: str | None = field(default=None, repr=False)
     password: str | None = field(default=None, repr=False)
-    schedule: Schedule = SCHEDULE
+    retries: Retries = RETRIES
     ssl_context: ssl.SSLContext | None = field(default=None, repr=False)
     """None for one that checks certificates by the system's authorities, or by SSL_CERT_FILE."""
 
@@ -63,7 +63,7 @@ class Mail:
             raise NotTold(trouble)
 
     def _deliver(self, mail: EmailMessage) -> str | None:
-        retry = self.schedule.retry()
+        retry = self.retries.retry()
         while True:
             try:
                 return self._refused(self._try(mail))
@@ -79,13 +79,13 @@ class Mail:
             try:
                 retry = retry.increment("SMTP", "")
             except MaxRetryError:
-                return f"{trouble} (after {self.schedule.tries} tries)"
+                return f"{trouble} (after {self.retries.tries} tries)"
             retry.sleep()
 
     def _try(self, mail: EmailMessage) -> dict[str, tuple[int, bytes]]:
         """Send once; returns the recipients that were refused, if not all were."""
         context = self.ssl_context or ssl.create_default_context()
-        timeout = self.schedule.timeout_s
+        timeout = self.retries.timeout_s
         if self.tls is Tls.TLS:
             server: smtplib.SMTP = smtplib.SMTP_SSL(self.host, self.port, timeout=timeout, context=context)
         else:

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import requests
 
 from orchestrator.telling.mail import PORTS, Mail, Tls
-from orchestrator.telling.teller import SCHEDULE, Schedule, Teller, TellingError
+from orchestrator.telling.teller import RETRIES, Retries, Teller, TellingError
 from orchestrator.telling.webhook import VARIABLE, Webhook
 
 NEEDED = ("GAUNTLET_SMTP_HOST", "GAUNTLET_MAIL_FROM", "GAUNTLET_MAIL_TO")
@@ -22,13 +22,13 @@ OTHERS = ("GAUNTLET_SMTP_PORT", "GAUNTLET_SMTP_TLS")
 
 
 def tellers(
-    environment: Mapping[str, str], *, schedule: Schedule = SCHEDULE, ssl_context: ssl.SSLContext | None = None
+    environment: Mapping[str, str], *, retries: Retries = RETRIES, ssl_context: ssl.SSLContext | None = None
 ) -> list[Teller]:
     """The tellers that the environment names: a webhook per address, and one e-mail. Nothing is connected to.
 
     Args:
         environment: Such as `os.environ`; see docs/telling.md. A variable that is empty is as one that is not there.
-        schedule: How often to try.
+        retries: How often to try.
         ssl_context: For e-mail; None for one that checks certificates by the system's authorities.
 
     Returns:
@@ -39,16 +39,16 @@ def tellers(
     """
     problems: list[str] = []
     given = {name: value for name, value in environment.items() if name.startswith("GAUNTLET_") and value.strip()}
-    found: list[Teller] = [*_webhooks(given.get(VARIABLE, "").split(), schedule, problems)]
+    found: list[Teller] = [*_webhooks(given.get(VARIABLE, "").split(), retries, problems)]
     if any(name in given for name in (*NEEDED, *LOGIN, *OTHERS)):
-        mail = _mail(given, schedule, ssl_context, problems)
+        mail = _mail(given, retries, ssl_context, problems)
         found += [mail] if mail is not None else []
     if problems:
         raise TellingError("\n".join(problems))
     return found
 
 
-def _webhooks(urls: list[str], schedule: Schedule, problems: list[str]) -> list[Webhook]:
+def _webhooks(urls: list[str], retries: Retries, problems: list[str]) -> list[Webhook]:
     found = []
     for number, url in enumerate(urls, 1):
         place = f"webhook {number} of {len(urls)}" if len(urls) > 1 else "webhook"
@@ -57,7 +57,7 @@ def _webhooks(urls: list[str], schedule: Schedule, problems: list[str]) -> list[
             which = f", address {number} of {len(urls)}" if len(urls) > 1 else ""
             problems.append(f"{VARIABLE}{which}: expected https://HOST/..., got something else")
         else:
-            found.append(Webhook(f"{place} ({host})", url, schedule))
+            found.append(Webhook(f"{place} ({host})", url, retries))
     return found
 
 
@@ -76,7 +76,7 @@ def _host(url: str) -> str | None:
 
 
 def _mail(
-    given: Mapping[str, str], schedule: Schedule, context: ssl.SSLContext | None, problems: list[str]
+    given: Mapping[str, str], retries: Retries, context: ssl.SSLContext | None, problems: list[str]
 ) -> Mail | None:
     before = len(problems)
     problems += [f"{name}: not set, and an e-mail needs it" for name in NEEDED if name not in given]
@@ -101,7 +101,7 @@ def _mail(
     if len(problems) > before or tls is None:
         return None
     user, password = (given.get(name) for name in LOGIN)
-    return Mail(host, port, sender[0], tuple(recipients), tls, user, password, schedule, context)
+    return Mail(host, port, sender[0], tuple(recipients), tls, user, password, retries, context)
 
 
 def _tls(given: Mapping[str, str], problems: list[str]) -> Tls | None:

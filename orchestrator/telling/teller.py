@@ -47,7 +47,7 @@ class Teller(Protocol):
 
 
 @dataclass(frozen=True)
-class Schedule:
+class Retries:
     """How often to try, and how long to wait in between."""
 
     tries: int = 4
@@ -71,7 +71,7 @@ class Schedule:
         )
 
 
-SCHEDULE = Schedule()
+RETRIES = Retries()
 
 
 class _Retry(Retry):

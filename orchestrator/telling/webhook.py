@@ -12,7 +12,7 @@ from requests.adapters import HTTPAdapter
 
 from orchestrator.telling.message import Message
 from orchestrator.telling.quiet import quiet
-from orchestrator.telling.teller import SCHEDULE, NotTold, Schedule, what_came
+from orchestrator.telling.teller import RETRIES, NotTold, Retries, what_came
 
 VARIABLE = "GAUNTLET_WEBHOOK_URL"
 LONGEST_TEXT, LONGEST_HEADER, LONGEST_SECTION = 4_000, 150, 3_000
@@ -34,7 +34,7 @@ class Webhook:
 
     name: str
     url: str = field(repr=False)
-    schedule: Schedule = SCHEDULE
+    retries: Retries = RETRIES
 
     def send(self, message: Message) -> None:
         """Post the message.
@@ -49,13 +49,13 @@ class Webhook:
             raise NotTold(trouble)
 
     def _post(self, content: dict[str, Any]) -> str | None:
-        tried = f"after {self.schedule.tries} tries"
+        tried = f"after {self.retries.tries} tries"
         with quiet(), requests.Session() as session:
             for scheme in ("http://", "https://"):
-                session.mount(scheme, HTTPAdapter(max_retries=self.schedule.retry()))
+                session.mount(scheme, HTTPAdapter(max_retries=self.retries.retry()))
             try:
                 with session.post(
-                    self.url, json=content, timeout=self.schedule.timeout_s, allow_redirects=False, stream=True
+                    self.url, json=content, timeout=self.retries.timeout_s, allow_redirects=False, stream=True
                 ) as response:
                     if 200 <= response.status_code < 300:
                         return None

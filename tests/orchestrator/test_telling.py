@@ -94,7 +94,7 @@ def test_all_are_told_and_none_that_fails_keeps_another_from_it():
             "GAUNTLET_MAIL_FROM": "gauntlet@example.org",
             "GAUNTLET_MAIL_TO": "lab@example.org",
         }
-        troubles = tell(MESSAGE, tellers(environment, schedule=QUICK))
+        troubles = tell(MESSAGE, tellers(environment, retries=QUICK))
     assert troubles == [
         "could not tell of demo: webhook 1 of 2 (http://localhost): connection refused, after 4 tries; "
         "check that the host is up, and GAUNTLET_WEBHOOK_URL"

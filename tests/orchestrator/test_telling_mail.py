@@ -42,7 +42,7 @@ def environment(port, tls, **more):
 
 
 def told(port, tls="none", context=None, **more):
-    return tell(MESSAGE, tellers(environment(port, tls, **more), schedule=QUICK, ssl_context=context))
+    return tell(MESSAGE, tellers(environment(port, tls, **more), retries=QUICK, ssl_context=context))
 
 
 def test_a_letter_arrives_with_its_subject_and_lines():

@@ -70,7 +70,7 @@ def chain(error):
 
 def told(environment, secret, context=None):
     """Tell, and look for the secret in all that can be seen."""
-    found = tellers(environment, schedule=QUICK, ssl_context=context)
+    found = tellers(environment, retries=QUICK, ssl_context=context)
     with logged() as texts:
         lines = tell(MESSAGE, found)
     assert_hidden(secret, *lines, *texts, repr(found), str(found), *(one.name for one in found))

@@ -13,7 +13,7 @@ MESSAGE = Message(Kind.REGRESSED, "REGRESSED: a against b", ("one & two", "<!cha
 
 
 def told(url):
-    return tell(MESSAGE, tellers({"GAUNTLET_WEBHOOK_URL": url}, schedule=QUICK))
+    return tell(MESSAGE, tellers({"GAUNTLET_WEBHOOK_URL": url}, retries=QUICK))
 
 
 def test_what_arrives_is_json_that_slack_takes():

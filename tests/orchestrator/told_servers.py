@@ -12,10 +12,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from aiosmtpd.controller import Controller
 from aiosmtpd.smtp import AuthResult
 
-from orchestrator.telling import Schedule
+from orchestrator.telling import Retries
 
 os.environ["NO_PROXY"] = "*"  # whatever the machine has, what is told here goes to this machine
-QUICK = Schedule(tries=4, wait_s=0.001, timeout_s=10.0, longest_wait_s=1)
+QUICK = Retries(tries=4, wait_s=0.001, timeout_s=10.0, longest_wait_s=1)
 
 
 class Hook(ThreadingHTTPServer):
