@@ -122,9 +122,9 @@ class Book:
         """
         noted = 0
         for schedule, seen in self._seen():
-            if now <= seen:
-                continue
             moments = list(schedule.due(max(seen, now - LOOK_BACK_S), now))
+            if not moments:
+                continue
             with self.database.writing() as connection:
                 clause = sa.and_(_schedules.c.name == schedule.name, _schedules.c.seen_until == seen)
                 moved = connection.execute(sa.update(_schedules).where(clause).values(seen_until=now)).rowcount
