@@ -57,7 +57,7 @@ def history(
     out.print(f"\n{sparkline(nights)}  success, 0 to 100 %, the newest on the right", markup=False)
     if file is not None:
         try:
-            write_plot(file, nights, title)
+            write_plot(file, nights, f"{title}: success from run to run")
         except OSError as error:
             raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
         out.print(f"plot: {file}", markup=False, soft_wrap=True)

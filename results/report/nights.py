@@ -132,7 +132,9 @@ def write_plot(path: Path, nights: Sequence[Night], title: str) -> None:
             '<meta name="viewport" content="width=device-width">'
             f"<title>{escape(title)}</title>"
             "<body style='font:16px system-ui,sans-serif;max-width:900px;margin:32px auto'>"
-            f"<h1 style='font-size:20px'>{escape(title)}</h1>{drawn}</body></html>"
+            f"<h1 style='font-size:20px'>{escape(title)}</h1>{drawn}"
+            "<p>Success with 95 % intervals. ▼ worse than the last good run before it; dashed: the policy's content is "
+            "another from here on. Hover over a point for its run.</p></body></html>"
         )
     path.write_text(drawn + "\n", encoding="utf-8")
 

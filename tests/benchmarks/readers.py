@@ -1,0 +1,92 @@
+"""A run while fifty people watch it, against the same run unwatched: does watching slow it down?"""
+
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import urllib.request
+from pathlib import Path
+
+from results.run import read_run
+from results.store import Store
+from tests.benchmarks.shared import table
+
+SUITE = """
+name: watched
+policies: [random]
+tasks: [pybullet/PandaPush-v3, robosuite/Lift]
+seeds: {count: 60}
+workers: 1
+render_profile: fast
+"""
+READERS, POLL_S, PAGES = 50, 2.0, ("/", "/runs", "/schedule", "/history?policy=random")
+PAIRS = 3
+MAIN = "from orchestrator.cli import main; main()"
+
+
+def measure() -> list[dict[str, object]]:
+    """Pairs of runs, watched and not, in turn; the middle ratio."""
+    rows: list[dict[str, object]] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "suite.yaml").write_text(SUITE, encoding="utf-8")
+        environment = {**os.environ, "GAUNTLET_HISTORY": f"sqlite:///{folder / 'history.sqlite'}"}
+        _play(folder, environment, "warm-up")
+        for pair in range(PAIRS):
+            alone = _play(folder, environment, f"alone-{pair}")
+            command = [sys.executable, "-c", MAIN, "serve", "--port", "0"]
+            server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
+            assert server.stdout is not None
+            address = server.stdout.readline().split()[1].rstrip("/")
+            over, answers, errors = threading.Event(), [0], [0]
+            readers = [
+                threading.Thread(target=_read, args=(address, number, over, answers, errors))
+                for number in range(READERS)
+            ]
+            for reader in readers:
+                reader.start()
+            watched = _play(folder, environment, f"watched-{pair}")
+            over.set()
+            for reader in readers:
+                reader.join()
+            server.terminate()
+            server.wait()
+            row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone}
+            rows.append({**row, "answers": answers[0], "errors": errors[0]})
+    table(
+        ("pair", "alone (s)", f"watched by {READERS} (s)", "ratio", "answers", "errors"),
+        [
+            (r["pair"], f"{r['alone_s']:.1f}", f"{r['watched_s']:.1f}", f"{r['ratio']:.3f}", r["answers"], r["errors"])
+            for r in rows
+        ],
+    )
+    return rows
+
+
+def _play(folder: Path, environment: dict[str, str], name: str) -> float:
+    """Seconds from the first episode's beginning to the last one's end."""
+    command = [sys.executable, "-c", MAIN, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
+    subprocess.run(command, check=True, capture_output=True, env=environment)
+    store = Store.open_file(folder / name / "episodes.sqlite", read_run(folder / name).run_id)
+    played = list(store.results())
+    store.close()
+    return max(row.started_at + row.wall_s for row in played) - min(row.started_at for row in played)
+
+
+def _read(address: str, number: int, over: threading.Event, answers: list[int], errors: list[int]) -> None:
+    """A person with the overview open, who looks at another page every ten polls."""
+    generator = random.Random(number)
+    time.sleep(generator.uniform(0, POLL_S))
+    turn = 0
+    while not over.wait(POLL_S):
+        turn += 1
+        page = generator.choice(PAGES) if turn % 10 == number % 10 else "/api/live"
+        try:
+            with urllib.request.urlopen(address + page, timeout=30) as answer:
+                answer.read()
+            answers[0] += 1
+        except OSError:
+            errors[0] += 1
