@@ -94,14 +94,21 @@ def _put(desk: Desk, file: Path) -> tuple[Path, RunDocument]:
         try:
             folder, document = import_run(file, desk.settings.root, check=check)
         except (RunError, StoreError) as error:
-            there = str(error).replace(str(file), "the body").replace(f"{desk.settings.root.absolute()}/", "")
-            raise HTTPException(400, there.replace(f"{desk.settings.root}/", "")) from None
+            raise HTTPException(400, _in_their_words(str(error), desk.settings.root, file)) from None
         try:
             take_in_run(desk.history, folder, document)
         except StoreError:
             shutil.rmtree(folder, ignore_errors=True)
             raise
     return folder, document
+
+
+def _in_their_words(message: str, root: Path, file: Path) -> str:
+    """What is wrong with what was sent, without where it was kept here."""
+    said = message.removeprefix("sqlite:///").replace(str(file), "the body")
+    for place in (root.absolute(), root):
+        said = said.replace(f"{place}/", "")
+    return said if "exported run" in said else f"expected an exported run (gauntlet export): {said}"
 
 
 def _report(folder: Path) -> None:

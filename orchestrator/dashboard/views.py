@@ -93,20 +93,21 @@ def live_view(entry: RunEntry, now: float) -> LiveView:
         now: Seconds since 1970, UTC.
     """
     counts, live = counts_of(entry), entry.live
+    silent = state_of(entry, now) == SILENT
     return LiveView(
         id=entry.run_id,
         name=entry.name,
         suite=entry.suite,
         state=state_of(entry, now),
         said=said_of(entry, now),
-        phase="" if live is None else live.phase,
+        phase="" if live is None or silent else live.phase,
         done=counts.done,
         planned=counts.planned,
         errors=counts.errors,
         rate=_rate(counts),
-        simulators=() if live is None else tuple(map(_simulator, live.simulators)),
+        simulators=() if live is None else tuple(_simulator(one, silent) for one in live.simulators),
         workers=()
-        if live is None
+        if live is None or silent
         else tuple(WorkerView(w.worker, w.simulator, w.doing, brief(now - w.since)) for w in live.workers),
         says=() if live is None else live.says[-5:],
     )
@@ -148,10 +149,12 @@ def _rate(counts: Counts) -> str:
     return "no verdict yet" if counts.rate is None else f"{percent(counts.rate)} {span(counts.interval)}"
 
 
-def _simulator(one: LiveSimulator) -> SimulatorView:
+def _simulator(one: LiveSimulator, silent: bool) -> SimulatorView:
+    """How fast a run was and what is left is nothing that a silent one can be held to."""
+    pace, left_s = (None, None) if silent else (one.per_minute, one.left_s)
     counts = _counts(one)
     whole = max(one.planned, one.done, 1)
-    rate, left = _rate(counts), NOTHING if one.left_s is None else brief(one.left_s)
+    rate, left = _rate(counts), NOTHING if left_s is None else brief(left_s)
     progress = f"{count(one.done)} of {count(one.planned)} episodes, success {rate}, {count(one.errors)} errors"
     return SimulatorView(
         simulator=one.simulator,
@@ -166,7 +169,7 @@ def _simulator(one: LiveSimulator) -> SimulatorView:
             round(100 * one.errors / whole, 2),
         ),
         rate=rate,
-        per_minute=NOTHING if one.per_minute is None else f"{one.per_minute:,.3g}",
+        per_minute=NOTHING if pace is None else f"{pace:,.3g}",
         left=left,
-        progress=progress + ("" if one.left_s is None else f", {left} left"),
+        progress=progress + ("" if left_s is None else f", {left} left"),
     )

@@ -17,7 +17,7 @@ BENCHMARKS = (
     "vector_env",
     "workers",
 )
-LONG = ("coverage", "million", "resume", "scale")
+LONG = ("coverage", "dashboard", "million", "resume", "scale")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""
