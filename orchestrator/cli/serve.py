@@ -30,7 +30,7 @@ def serve(
     from results.database import StoreError
 
     token = _token(host)
-    listening = _listen(host, port)
+    listening = listen(host, port)
     try:
         with open_history(url) as history:
             try:
@@ -73,8 +73,12 @@ def _token(host: str) -> str | None:
     return token
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    """Raises BadInput: the port is taken, or the address is not of this machine."""
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that listens at an address (a name or a number) and a port (0: any that is free).
+
+    Raises:
+        BadInput: The port is taken, or the address is not of this machine.
+    """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host.strip("[]"), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE

@@ -24,6 +24,7 @@ from results.history import History
 from results.leaderboard import Standing
 from results.report import text
 from results.report.nights import verdict_text, when
+from results.statistics.rates import wilson_interval
 from results.syncing import take_in
 
 HERE = Path(__file__).parent
@@ -109,6 +110,7 @@ class Desk:
         self._ended.set()
 
     def _keep_looking(self) -> None:
+        wilson_interval(1, 2)  # loads what computes it, which takes seconds, before a page waits for it
         while True:
             try:
                 with self.taking_in:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import statistics
 import tempfile
 import threading
@@ -121,13 +120,14 @@ def _serve(root: Path) -> tuple[str, Callable[[], None]]:
     import uvicorn
 
     from orchestrator.calendar.book import Book
+    from orchestrator.cli.serve import listen
     from orchestrator.dashboard.app import create_app
     from orchestrator.dashboard.desk import Settings
     from results.history import History
 
     history = History.open_file(root / "history.sqlite")
     book = Book.open(history.url)
-    listening = socket.create_server(("127.0.0.1", 0))
+    listening = listen("127.0.0.1", 0)
     app = create_app(history, book, Settings(root / "none"))
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, ws="none"))
     thread = threading.Thread(target=server.run, args=([listening],), daemon=True)

@@ -1,7 +1,6 @@
 """A dashboard that is really served, on a free port, from a real store."""
 
 import contextlib
-import socket
 import threading
 import time
 
@@ -10,6 +9,7 @@ import pytest
 import uvicorn
 
 from orchestrator.calendar.book import Book
+from orchestrator.cli.serve import listen
 from orchestrator.dashboard.app import create_app
 from orchestrator.dashboard.desk import Settings
 from results.history import History
@@ -38,7 +38,7 @@ def serving(root, before=None, **settings):
     """Serve the history under `root`; `before(path)` is called in the server before each answer."""
     history = History.open_file(root / "history.sqlite")
     book = Book.open(history.url)
-    listening = socket.create_server(("127.0.0.1", 0))
+    listening = listen("127.0.0.1", 0)
     served = Served(root, history, book, f"http://127.0.0.1:{listening.getsockname()[1]}")
     app = create_app(history, book, Settings(root, **settings))
 
