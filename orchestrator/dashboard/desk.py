@@ -15,7 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, Response
 
 from orchestrator.calendar.book import Book
-from orchestrator.dashboard import queries, views
+from orchestrator.dashboard import assets, queries, views
 from orchestrator.dashboard.guard import Sessions
 from orchestrator.dashboard.memory import Memory
 from results.comparison import Comparison
@@ -27,7 +27,6 @@ from results.report.nights import verdict_text, when
 from results.statistics.rates import wilson_interval
 from results.syncing import take_in
 
-HERE = Path(__file__).parent
 SYNC_S = 30.0
 """Time between two looks for runs in folders that the history does not know (s)."""
 NAMES_S = 15.0
@@ -72,13 +71,15 @@ class Desk:
         """Held while runs are put under the root or recorded from there."""
         self._ended = threading.Event()
         self._templates = Environment(
-            loader=FileSystemLoader(HERE / "templates"),
+            loader=FileSystemLoader(assets.HERE / "templates"),
             autoescape=True,
             undefined=StrictUndefined,
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        self._templates.globals.update(text=text, views=views, when=when, verdict_text=verdict_text, query=query)
+        self._templates.globals.update(
+            text=text, views=views, when=when, verdict_text=verdict_text, query=query, asset=assets.address
+        )
 
     def page(self, template: str, *, status: int = 200, **values: Any) -> Response:
         """A page of this template."""

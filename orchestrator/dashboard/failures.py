@@ -123,7 +123,7 @@ def _films(desk: Desk, entry: RunEntry, folder: Path) -> Iterator[Film]:
         )
 
 
-def _failed(url: str, run_id: str, ids: list[str]) -> Sequence[sa.Row[Any]]:
+def _failed(url: str, run_id: str, ids: list[str]) -> Sequence[Any]:
     e = episodes.c
     columns = (e.episode_id, e.policy, e.task, e.axis, e.severity, e.seed, e.steps)
     query = sa.select(*columns).where(e.run_id == run_id, e.episode_id.in_(ids), e.status == str(Status.FAILURE))

@@ -7,16 +7,11 @@ from urllib.parse import parse_qs
 from fastapi import APIRouter, HTTPException, Request
 from starlette.responses import FileResponse, RedirectResponse, Response
 
-from orchestrator.dashboard.desk import HERE, TheDesk
+from orchestrator.dashboard.assets import FILES
+from orchestrator.dashboard.desk import TheDesk
 from orchestrator.dashboard.guard import COOKIE, SESSION_S, cookies, is_same
-from results.report import page as report_page
 
 FORM_BYTES = 8192
-STATIC = {
-    "report.css": report_page.HERE / "report.css",
-    "dashboard.css": HERE / "static" / "dashboard.css",
-    "live.js": HERE / "static" / "live.js",
-}
 router = APIRouter()
 
 
@@ -65,9 +60,9 @@ def logout(desk: TheDesk, request: Request) -> Response:
 @router.get("/static/{name}")
 def static(name: str) -> Response:
     """A style or a script."""
-    if name not in STATIC:
+    if name not in FILES:
         raise HTTPException(404, "There is no such file.")
-    return FileResponse(STATIC[name], headers={"cache-control": "public, max-age=300"})
+    return FileResponse(FILES[name], headers={"cache-control": "public, max-age=86400"})
 
 
 def _local(address: str) -> str:

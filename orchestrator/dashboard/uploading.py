@@ -87,6 +87,8 @@ def _put(desk: Desk, file: Path) -> tuple[Path, RunDocument]:
     def check(document: RunDocument) -> None:
         if not RUN_ID.fullmatch(document.run_id):
             raise RunError("its run id is none that this program gives")
+        if document.store_url is not None:
+            raise RunError("it says that its rows are elsewhere")
         if queries.run_of(desk.history, document.run_id) is not None:
             raise HTTPException(409, f"run {document.run_id} is here already")
 

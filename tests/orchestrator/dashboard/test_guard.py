@@ -3,11 +3,13 @@
 import http.client
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
 from urllib.parse import urlsplit
 
+import httpx2
 import pytest
 
 from orchestrator.dashboard.files import known_file
@@ -217,6 +219,16 @@ def test_a_port_that_is_taken_is_said_to_be(tmp_path):
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert f"127.0.0.1:{port}: cannot listen there: Address already in use" in done.stderr
+
+
+def test_the_command_serves_until_it_is_interrupted(tmp_path):
+    command = [*SERVE, "--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        address = re.search(r"http://[0-9.:]+/", process.stdout.readline())[0]
+        assert httpx2.get(address, trust_env=False, timeout=30).status_code == 200
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=60)
+    assert (process.returncode, complaints) == (0, "")
 
 
 def test_a_store_that_is_none_is_said_to_be(tmp_path):

@@ -88,11 +88,12 @@ def test_a_run_whose_rows_were_changed_is_refused(served, tmp_path, exported):
     assert served.history.count() == 0
 
 
-def test_a_run_whose_id_is_none_of_ours_is_refused(served, tmp_path, exported):
+@pytest.mark.parametrize("forged", [{"run_id": "../<script>"}, {"store_url": "sqlite:////etc/passwd"}])
+def test_a_document_that_this_program_did_not_write_is_refused(served, tmp_path, exported, forged):
     file = tmp_path / "forged.gauntlet"
     file.write_bytes(exported[1])
     with sqlite3.connect(file) as connection:
-        text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | {"run_id": "../<script>"}
+        text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | forged
         connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
     connection.close()
     assert served.post("/runs", content=file.read_bytes()).status_code == 400
