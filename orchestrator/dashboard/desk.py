@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import urlencode
@@ -41,7 +41,7 @@ class Settings:
     root: Path
     """Folder of runs: looked through for new ones; uploads go there."""
     host: str = "127.0.0.1"
-    token: str | None = None
+    token: str | None = field(default=None, repr=False)
     """Demanded of every request; None: of none, which is for loopback only."""
     max_upload: int = 256 * 1024 * 1024
     """Bytes of an uploaded run."""

@@ -12,7 +12,7 @@ from fastapi import APIRouter, HTTPException, Query
 from starlette.responses import JSONResponse, Response
 
 from orchestrator.dashboard import queries
-from orchestrator.dashboard.desk import Desk, TheDesk
+from orchestrator.dashboard.desk import Desk, TheDesk, query
 from orchestrator.dashboard.files import known_file
 from orchestrator.dashboard.views import live_view, shape_of
 from results.entries import CellCounts, Counts, RunEntry
@@ -90,7 +90,7 @@ def show_run(desk: TheDesk, run_id: str) -> Response:
         reports=[] if entry.folder is None else _reports(Path(entry.folder)),
         live=live,
         shape=shape_of(live),
-        poll=f"/api/live?run={run_id}" if live else "",
+        poll=f"/api/live{query(run=run_id)}" if live else "",
     )
 
 

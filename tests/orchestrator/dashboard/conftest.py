@@ -34,9 +34,12 @@ class Served:
 
 
 @contextlib.contextmanager
-def serving(root, before=None, **settings):
-    """Serve the history under `root`; `before(path)` is called in the server before each answer."""
-    history = History.open_file(root / "history.sqlite")
+def serving(root, before=None, url=None, **settings):
+    """Serve the history under `root`, or that at a URL.
+
+    `before(served, path)` is called in the server before each answer.
+    """
+    history = History.open_file(root / "history.sqlite") if url is None else History.open(url)
     book = Book.open(history.url)
     listening = listen("127.0.0.1", 0)
     served = Served(root, history, book, f"http://127.0.0.1:{listening.getsockname()[1]}")
@@ -64,9 +67,9 @@ def serving(root, before=None, **settings):
         listening.close()
 
 
-def fill(root, nights=4):
+def fill(root, nights=4, url=None):
     """Nights with a regression in the last; filmed."""
-    history = History.open_file(root / "history.sqlite")
+    history = History.open_file(root / "history.sqlite") if url is None else History.open(url)
     made = []
     for number in range(nights):
         last = number == nights - 1
