@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -56,7 +56,12 @@ def export_run(document: RunDocument, rows: Store, file: Path) -> int:
 
 
 def import_run(
-    file: Path, root: Path, *, store: str | None = None, name: str | None = None
+    file: Path,
+    root: Path,
+    *,
+    store: str | None = None,
+    name: str | None = None,
+    check: Callable[[RunDocument], None] | None = None,
 ) -> tuple[Path, RunDocument]:
     """Make a run folder of an exported run.
 
@@ -65,6 +70,7 @@ def import_run(
         root: Folder of runs, where the new one goes.
         store: URL of a store for its rows, or None for a file in the folder.
         name: Of the new folder; None for the suite's name and the beginning of the run's id.
+        check: Called with the document before anything is put in its place; raises RunError to refuse it.
 
     Returns:
         The folder and the document.
@@ -82,6 +88,8 @@ def import_run(
     try:
         shutil.copyfile(file, arriving / STORE_FILE)  # opening migrates: the file that was given stays as it is
         document = _document_of(arriving / STORE_FILE, file)
+        if check is not None:
+            check(document)
         folder = root / (name or f"{_plain(document.suite_name)}-{_plain(document.run_id)[:8]}")
         if folder.exists():
             raise RunError(f"{folder}: expected a new folder, there is one already; name another with --out")

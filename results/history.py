@@ -134,6 +134,10 @@ class History:
         wanted = query.limit(limit) if limit is not None else query.limit(-1 if self._is_sqlite else None)
         return self._entries(runs.c.run_id.in_(wanted))
 
+    def entries(self, ids: sa.Select[tuple[str]]) -> list[RunEntry]:
+        """The runs whose ids a query gives, the newest first. Raises StoreError."""
+        return self._entries(runs.c.run_id.in_(ids))
+
     def count(self, *, suite: str | None = None, status: str | None = None) -> int:
         """Number of runs. Raises StoreError."""
         with self.database.reading() as connection:

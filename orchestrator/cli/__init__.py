@@ -23,6 +23,7 @@ from orchestrator.cli import (
     report,
     run,
     schedule,
+    serve,
     validate,
     verify,
 )
@@ -52,6 +53,7 @@ app.command("accept")(history.accept)
 app.command("export")(carry.export)
 app.command("import")(carry.take)
 app.command("log")(log.log)
+app.command("serve")(serve.serve)
 app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,11 +10,9 @@ import typer
 
 from orchestrator.cli.shared import BadInput, HistoryUrl, fail, open_history, out
 from orchestrator.cli.tables import rich_table
-from results.database import StoreError
-from results.entries import RunEntry, rows_url
-from results.history import History
-from results.leaderboard import COLUMNS, Played, leaderboard
-from results.opening import read_episodes
+from orchestrator.standings import newest_played
+from results.entries import RunEntry
+from results.leaderboard import leaderboard
 from results.report.nights import (
     nights_table,
     sparkline,
@@ -24,11 +22,7 @@ from results.report.nights import (
     write_plot,
 )
 from results.report.text import TextTable, count, percent, span
-from results.run import RunError
 from suites.plugins import nearest
-
-NEWEST = 500
-"""Runs of a suite among which a leaderboard looks for each policy's newest."""
 
 
 def history(
@@ -72,33 +66,13 @@ def show_leaderboard(
     with open_history(url) as kept:
         if suite not in kept.suites():
             raise BadInput(f"no run of a suite '{suite}'{nearest(suite, kept.suites())}")
-        played = list(_newest(kept, suite))
+        played = list(newest_played(kept, suite, fail))
     if not played:
         raise BadInput(f"expected a complete run of suite '{suite}', there is none")
     out.print(rich_table(standings_table(leaderboard(played, alpha)), title=f"{suite}, clean episodes"))
     out.print(
         f"\nPolicies that share a letter were not shown to differ (McNemar, Holm, alpha {alpha:g}).", markup=False
     )
-
-
-def _newest(kept: History, suite: str) -> Iterator[Played]:
-    """Each policy's rows in the newest complete run that has it and can be read."""
-    found: set[str] = set()
-    for entry in kept.runs(suite=suite, status="complete", limit=NEWEST):
-        digests = {cell.policy: cell.policy_digest for cell in kept.cells(entry.run_id)}
-        wanted = [name for name in digests if name not in found]
-        if not wanted:
-            continue
-        try:
-            rows = read_episodes(rows_url(entry, kept.url), entry.run_id, COLUMNS)
-        except (RunError, StoreError) as error:
-            fail(f"{entry.name} is left out: {error}")
-            continue
-        for name in wanted:
-            own = rows[rows["policy"] == name]
-            if len(own):
-                found.add(name)
-                yield Played(name, digests[name], entry.name, entry.started_at, own)
 
 
 def accept(

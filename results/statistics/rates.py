@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 CONFIDENCE = 0.95
 """Probability with which an interval covers the true rate, unless another is asked for."""
@@ -38,6 +39,7 @@ class RateBounds:
     """From the lower Wilson end of `low` to the upper Wilson end of `high`."""
 
 
+@lru_cache(maxsize=1 << 16)  # pages ask for the same ones again and again
 def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE) -> Interval | None:
     """Wilson score interval of a rate.
 

@@ -17,7 +17,7 @@ BENCHMARKS = (
     "vector_env",
     "workers",
 )
-LONG = ("coverage", "million", "readers", "resume", "scale")
+LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale")
 NEED_DEMONSTRATIONS = ("merges",)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""

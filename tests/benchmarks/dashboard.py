@@ -1,0 +1,144 @@
+"""Milliseconds until a page of the dashboard is there, with 10,000 runs of 27 cells in the store."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.shared import table
+
+RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0
+POLICIES, SUITES = ("experts", "merged", "merged-blind"), ("nightly", "screening", "smoke")
+
+
+def measure() -> list[dict[str, object]]:
+    """Fill a store, serve it, ask for each page again and again."""
+    import httpx2
+
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        start = time.perf_counter()
+        newest = _fill(root)
+        print(f"{RUNS:,} runs stored in {time.perf_counter() - start:.0f} s", flush=True)
+        address, stop = _serve(root)
+        try:
+            rows = [_page(httpx2.Client(base_url=address, trust_env=False), path) for path in _paths(newest)]
+        finally:
+            stop()
+    table(
+        ("page", "median", "worst", "size"),
+        [(r["page"], f"{r['median_ms']:.0f} ms", f"{r['worst_ms']:.0f} ms", f"{r['bytes']:,} B") for r in rows],
+    )
+    return rows
+
+
+def _paths(newest: str) -> tuple[str, ...]:
+    last = -(-RUNS // 50)
+    return (
+        "/",
+        "/api/live",
+        "/runs",
+        f"/runs?page={last // 2}",
+        f"/runs?page={last}",
+        "/runs?suite=nightly&status=complete&policy=merged",
+        f"/runs?policy=merged&page={last}",
+        "/runs?status=stopped",
+        f"/runs/{newest}",
+        "/history?policy=merged",
+        "/history?policy=merged&suite=smoke&task=robosuite/Task2",
+        "/leaderboard?suite=nightly",
+        f"/compare?run={newest}",
+        "/failures",
+        "/schedule",
+        "/metrics",
+        "/healthz",
+    )
+
+
+def _page(client: Any, path: str) -> dict[str, object]:
+    times, size = [], 0
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        answer = client.get(path, timeout=120)
+        times.append(1000 * (time.perf_counter() - start))
+        size = len(answer.raise_for_status().content)
+    return {"page": path, "median_ms": statistics.median(times), "worst_ms": max(times), "bytes": size}
+
+
+def _fill(root: Path) -> str:
+    """Runs of three policies and nine tasks in three suites; the newest has rows. Returns its id."""
+    from results.entries import Counts
+    from results.history import History
+    from results.run import RunStatus
+    from tests.orchestrator.dashboard.filled import PROVENANCE, said
+    from tests.results.synthetic import cells, document, row, run_folder
+
+    tasks = tuple(f"{name}/Task{number}" for name in ("maniskill", "pybullet", "robosuite") for number in range(3))
+    of = cells(POLICIES, tasks)
+    history = History.open_file(root / "history.sqlite")
+    with history.database.engine.connect() as connection:
+        connection.exec_driver_sql("PRAGMA synchronous=OFF")
+    packages = {f"package-{number}": "1.2.3" for number in range(40)}
+    begun, run_id = time.time() - RUNS * 3600, ""
+    for number in range(RUNS):
+        run_id = f"{number:032x}"
+        status = RunStatus.STOPPED if number % 97 == 5 else RunStatus.COMPLETE
+        run = document(
+            10,
+            of=of,
+            run_id=run_id,
+            suite_name=SUITES[number % 3],
+            suite_text="# as long as a suite is\n" * 40,
+            started_at=begun + 3600 * number,
+            finished_at=begun + 3600 * number + 900,
+            status=RunStatus.RUNNING if number == RUNS - 4 else status,
+            provenance=PROVENANCE.model_copy(update={"packages": packages}),
+        )
+        counted = {(c.policy_digest, c.task, "clean", 0): Counts(10, 6 + (number + i) % 4, 3) for i, c in enumerate(of)}
+        folder = root / f"{run.suite_name}-{number:05}"
+        if number >= RUNS - 3:
+            run_folder(
+                folder, run, [row(c, seed, "failure" if seed > 6 else "success") for c in of for seed in range(10)]
+            )
+        history.record(run, folder, counted)
+        if number % 2 and number > 3:
+            history.judge(
+                run_id, "regressed" if number % 31 == 0 else "no evidence", f"{number - 3:032x}", ["a reason"]
+            )
+    history.tell(f"{RUNS - 4:032x}", said(120))
+    history.close()
+    return run_id
+
+
+def _serve(root: Path) -> tuple[str, Callable[[], None]]:
+    """Address, and what ends it."""
+    import uvicorn
+
+    from orchestrator.calendar.book import Book
+    from orchestrator.cli.serve import listen
+    from orchestrator.dashboard.app import create_app
+    from orchestrator.dashboard.desk import Settings
+    from results.history import History
+
+    history = History.open_file(root / "history.sqlite")
+    book = Book.open(history.url)
+    listening = listen("127.0.0.1", 0)
+    app = create_app(history, book, Settings(root / "none"))
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, ws="none"))
+    thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+
+    def stop() -> None:
+        server.should_exit = True
+        thread.join(10)
+        history.close()
+        book.close()
+
+    return f"http://127.0.0.1:{listening.getsockname()[1]}", stop

@@ -1,0 +1,94 @@
+"""A dashboard that is really served, on a free port, from a real store."""
+
+import contextlib
+import threading
+import time
+
+import httpx2
+import pytest
+import uvicorn
+
+from orchestrator.calendar.book import Book
+from orchestrator.cli.serve import listen
+from orchestrator.dashboard.app import create_app
+from orchestrator.dashboard.desk import Settings
+from results.history import History
+from results.syncing import take_in_run
+from tests.orchestrator.dashboard.filled import DAY, film, judged, night
+
+NOW = 1_790_000_000.0
+
+
+class Served:
+    """A served dashboard and what it is served from."""
+
+    def __init__(self, root, history, book, address):
+        self.root, self.history, self.book, self.address = root, history, book, address
+        self.asked = []
+
+    def get(self, path, **options):
+        return httpx2.get(self.address + path, timeout=30, trust_env=False, **options)
+
+    def post(self, path, **options):
+        return httpx2.post(self.address + path, timeout=30, trust_env=False, **options)
+
+
+@contextlib.contextmanager
+def serving(root, before=None, url=None, **settings):
+    """Serve the history under `root`, or that at a URL.
+
+    `before(served, path)` is called in the server before each answer.
+    """
+    history = History.open_file(root / "history.sqlite") if url is None else History.open(url)
+    book = Book.open(history.url)
+    listening = listen("127.0.0.1", 0)
+    served = Served(root, history, book, f"http://127.0.0.1:{listening.getsockname()[1]}")
+    app = create_app(history, book, Settings(root, **settings))
+
+    async def noting(scope, receive, send):
+        if scope["type"] == "http":
+            served.asked.append(scope["path"])
+            if before is not None:
+                before(served, scope["path"])
+        await app(scope, receive, send)
+
+    server = uvicorn.Server(uvicorn.Config(noting, log_level="critical", access_log=False, ws="none"))
+    thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
+    thread.start()
+    while not server.started:
+        time.sleep(0.01)
+    try:
+        yield served
+    finally:
+        server.should_exit = True
+        thread.join(10)
+        book.close()
+        history.close()
+        listening.close()
+
+
+def fill(root, nights=4, url=None):
+    """Nights with a regression in the last; filmed."""
+    history = History.open_file(root / "history.sqlite") if url is None else History.open(url)
+    made = []
+    for number in range(nights):
+        last = number == nights - 1
+        folder, run, results = night(
+            root, number, NOW + number * DAY, version=2 if last else 1, rate=0.5 if last else 0.95
+        )
+        take_in_run(history, folder, run)
+        judged(history, folder, run)
+        made.append((folder, run, results))
+    film(*made[-1], count=3)
+    history.close()
+    return made
+
+
+@pytest.fixture(scope="session")
+def filled(tmp_path_factory):
+    """A served dashboard with four nights; tests of this fixture change nothing."""
+    root = tmp_path_factory.mktemp("runs")
+    made = fill(root)
+    with serving(root) as served:
+        served.made = made
+        yield served

@@ -1,0 +1,151 @@
+"""The pages in a real browser: nothing that a name says is run, and numbers change while one looks."""
+
+import html
+import re
+import shutil
+import subprocess
+from urllib.parse import quote
+
+import pytest
+
+from results.entries import Counts
+from results.live import LiveSimulator, LiveWorker
+from results.run import RunStatus
+from suites.vocabulary import Cell, Protocol
+from tests.orchestrator.dashboard.conftest import serving
+from tests.orchestrator.dashboard.filled import running, said
+from tests.results.synthetic import document, row, run_folder
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: sudo apt-get install chromium"),
+]
+OWN = "document.documentElement.dataset.owned=1"
+BAD = f"x'\"><script>{OWN}</script><img src=x onerror={OWN}>"
+MEASURE = """
+<!doctype html><body><iframe id="page" width="380" height="800" srcdoc="{page}"></iframe><pre id="found"></pre>
+<script>
+onload = () => {{
+  const page = document.getElementById("page").contentDocument.documentElement;
+  document.getElementById("found").textContent = page.clientWidth + " " + page.scrollWidth;
+}};
+</script></body>
+"""
+
+
+def seen(address, profile, budget=3000):
+    """The page as it is after so many milliseconds of the browser's time."""
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", f"--virtual-time-budget={budget}"]
+    done = subprocess.run([*command, "--dump-dom", address], capture_output=True, text=True, timeout=120, check=True)
+    return done.stdout
+
+
+def bad_live(done=5):
+    line = LiveSimulator(simulator=BAD, planned=10, successes=done, failures=0, errors=0)
+    worker = LiveWorker(worker=BAD, simulator=BAD, doing=f"{BAD} {done}", since=0.0)
+    return said(1).model_copy(update={"phase": BAD, "simulators": (line,), "workers": (worker,), "says": (BAD,)})
+
+
+def is_owned(page):
+    return "data-owned" in re.search(r"<html[^>]*>", page)[0] or re.search(r"<img[^>]*onerror", page) is not None
+
+
+def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
+    of = [Cell(policy, policy, f"null/{BAD}", Protocol(horizon=10)) for policy in (BAD, "other")]
+    named = {"suite_name": BAD, "suite_description": BAD, "reason": BAD, "suite_text": BAD}
+    with serving(tmp_path) as served:
+        for run_id, status in (("one", "failure"), ("two", "success")):
+            results = [row(cell, seed, status) for cell in of for seed in range(9)]
+            run = document(9, of=of, run_id=run_id, **named)
+            folder = run_folder(tmp_path / run_id, run, results)
+            counted = {(cell.policy_digest, cell.task, "clean", 0): Counts(9, 9) for cell in of}
+            served.history.record(run, folder, counted)
+        served.history.judge("two", BAD, "one", [BAD])
+        running(served.history, suite=BAD)
+        served.history.tell("running-1", bad_live())
+        paths = ("/", "/runs/two", "/runs/running-1", "/compare?run=one&baseline=two", "/leaderboard?suite={}")
+        paths += ("/history?policy={}", "/runs?suite={}", "/failures?run=one&policy={}&task={}")
+        for path in paths:
+            page = seen(served.address + path.replace("{}", quote(BAD, safe="")), tmp_path / "profile")
+            assert "&lt;script&gt;" in page, path
+            assert not is_owned(page), path
+
+
+def test_numbers_change_while_one_looks_without_loading_the_page_again(tmp_path):
+    asked = []
+
+    def tell(served, path):
+        if path == "/api/live":
+            asked.append(path)
+            served.history.tell("running-1", said(120 + 7 * len(asked)))
+
+    with serving(tmp_path, before=tell) as served:
+        running(served.history)
+        served.history.tell("running-1", said(120))
+        page = seen(served.address + "/", tmp_path / "profile", 9000)
+        pages = served.asked.count("/")
+    assert pages == 1
+    last = max(int(number) for number in re.findall(r'data-field="done">(\d+)<', page))
+    assert last > 121
+    assert len(asked) >= 2
+    assert f'aria-valuenow="{last}"' in page
+    assert "of 1,500 episodes" in re.search(r'id="announced">([^<]*)<', page)[1]
+
+
+def test_a_script_in_what_a_run_says_later_is_not_run_either(tmp_path):
+    number = iter(range(1, 99))
+
+    def tell(served, path):
+        if path == "/api/live":
+            served.history.tell("running-1", bad_live(next(number)))
+
+    with serving(tmp_path, before=tell) as served:
+        running(served.history)
+        served.history.tell("running-1", bad_live(0))
+        page = seen(served.address + "/", tmp_path / "profile", 7000)
+    assert not is_owned(page)
+    assert re.search(r'data-field="doing">[^<]*&lt;script&gt;.* [1-9]\d*<', page)
+
+
+def test_a_run_that_ends_shows_what_came_of_it_without_a_reload(tmp_path):
+    def end(served, path):
+        if path == "/api/live":
+            run = served.history.document("running-1")
+            served.history.record(run.model_copy(update={"status": RunStatus.COMPLETE}))
+
+    with serving(tmp_path, before=end) as served:
+        running(served.history)
+        served.history.tell("running-1", said(120))
+        page = seen(served.address + "/runs/running-1", tmp_path / "profile", 7000)
+    assert 'class="pill complete"' in page
+    assert "progressbar" not in page
+
+
+def test_an_old_number_is_said_to_be_old_when_the_server_fails(tmp_path):
+    def fail(served, path):
+        if path == "/api/live":
+            with served.history.database.writing() as connection:
+                connection.exec_driver_sql("UPDATE runs SET live = 'this is not JSON'")
+
+    with serving(tmp_path, before=fail) as served:
+        running(served.history)
+        served.history.tell("running-1", said(120))
+        page = seen(served.address + "/", tmp_path / "profile", 5000)
+    assert re.search(r'id="note"[^>]*>The server does not answer', page)
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/runs", "/run", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures", "/schedule"]
+)
+def test_a_page_fits_a_phone(filled, tmp_path, path):
+    page = filled.get(f"/runs/{filled.made[-1][1].run_id}" if path == "/run" else path).text
+    for link in re.findall(r'<link rel="stylesheet"[^>]*>', page):
+        style = filled.get(re.search(r'href="([^"]+)"', link)[1]).text
+        page = page.replace(link, f"<style>{style}</style>")
+    file = tmp_path / "measure.html"
+    file.write_text(MEASURE.format(page=html.escape(page, quote=True)))
+    found = re.search(r'<pre id="found">(\d+) (\d+)<', seen(file.as_uri(), tmp_path / "profile"))
+    width, scroll = int(found[1]), int(found[2])
+    assert 0 < scroll <= width <= 380

@@ -1,0 +1,238 @@
+"""Who is let in, and what of files is shown."""
+
+import http.client
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from urllib.parse import urlsplit
+
+import httpx2
+import pytest
+
+from orchestrator.dashboard.files import known_file
+from orchestrator.dashboard.guard import is_loopback
+from results.report import write_report
+from tests.orchestrator.dashboard.conftest import serving
+from tests.orchestrator.dashboard.filled import night
+
+TOKEN = "correct-horse-battery-staple"
+SERVE = [
+    sys.executable,
+    "-c",
+    "import sys, typer\nfrom orchestrator.cli.serve import serve\nfrom orchestrator.cli.shared import BadInput, fail\n"
+    "app = typer.Typer()\napp.command()(serve)\n"
+    "try:\n app()\nexcept BadInput as error:\n fail(str(error))\n sys.exit(2)\n",
+]
+
+
+@pytest.fixture
+def locked(tmp_path):
+    with serving(tmp_path, token=TOKEN, host="0.0.0.0") as served:
+        yield served
+
+
+def raw(served, path, **headers):
+    """The answer to a path as it is: nothing between normalises it."""
+    connection = http.client.HTTPConnection(urlsplit(served.address).netloc, timeout=30)
+    connection.putrequest("GET", path, skip_host="Host" in headers)
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, body.decode()
+
+
+def test_every_page_asks_for_the_token(locked):
+    for path in ("/", "/runs", "/api/live", "/metrics", "/healthz", "/runs/x/files/report.html", "/nowhere"):
+        answer = locked.get(path)
+        assert (answer.status_code, answer.headers["www-authenticate"]) == (401, "Bearer")
+        assert len(answer.text.splitlines()) == 1
+    assert locked.post("/runs", content=b"x").status_code == 401
+
+
+def test_a_browser_is_led_to_the_form(locked):
+    answer = locked.get("/runs?suite=a", headers={"accept": "text/html"}, follow_redirects=False)
+    assert answer.headers["location"] == "/login?next=%2Fruns%3Fsuite%3Da"
+    assert 'value="/runs?suite=a"' in locked.get(answer.headers["location"]).text
+    assert locked.get("/static/dashboard.css").status_code == 200
+
+
+def test_the_token_opens_every_page(locked):
+    assert locked.get("/", headers={"authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+@pytest.mark.parametrize("shown", [f"Bearer {TOKEN}x", "Bearer", "", f"Basic {TOKEN}", TOKEN, "Bearer \xe9\xff"])
+def test_another_token_opens_none(locked, shown):
+    assert locked.get("/", headers={"authorization": shown.encode("latin-1")}).status_code == 401
+
+
+def test_the_form_gives_a_session_that_says_nothing_of_the_token(locked):
+    answer = locked.post("/login", data={"token": TOKEN, "next": "/runs"}, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/runs")
+    cookie = answer.headers["set-cookie"]
+    assert TOKEN not in cookie
+    assert "httponly" in cookie.lower()
+    assert "samesite=strict" in cookie.lower()
+    value = re.match(r"gauntlet_session=([^;]+)", cookie)[1]
+    assert locked.get("/", headers={"cookie": f"gauntlet_session={value}"}).status_code == 200
+    assert locked.get("/", headers={"cookie": f"gauntlet_session={value[:-1]}"}).status_code == 401
+    locked.post("/logout", headers={"cookie": f"gauntlet_session={value}"})
+    assert locked.get("/", headers={"cookie": f"gauntlet_session={value}"}).status_code == 401
+
+
+def test_the_form_refuses_another_token_and_leads_nowhere_else(locked):
+    assert locked.post("/login", data={"token": "guess"}).status_code == 401
+    for elsewhere in ("//evil.example", "https://evil.example", "/\\evil.example", "javascript:alert(1)"):
+        answer = locked.post("/login", data={"token": TOKEN, "next": elsewhere}, follow_redirects=False)
+        assert answer.headers["location"] == "/"
+    assert locked.post("/login", content=b"token=" + b"x" * 10_000).status_code == 413
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8770", "127.0.0.1.evil.example", "", "[::1", "localhost."]
+)
+def test_another_host_name_is_refused_on_loopback(filled, host):
+    status, body = raw(filled, "/", Host=host)
+    assert status == 400
+    assert len(body.splitlines()) == 1
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:99", "127.0.0.1:8770", "[::1]:8770"])
+def test_this_machines_names_are_served_on_loopback(filled, host):
+    assert raw(filled, "/", Host=host)[0] == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "https://evil.example"},
+        {"origin": "null"},
+        {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},
+    ],
+)
+def test_nothing_is_taken_from_another_sites_page(filled, headers):
+    for path in ("/runs", "/login", "/logout"):
+        assert filled.post(path, content=b"x", headers=headers).status_code == 403
+
+
+def test_answers_carry_headers_that_bind_browsers(filled):
+    for path in ("/", "/nowhere", "/api/live", "/static/live.js"):
+        headers = filled.get(path).headers
+        assert "script-src 'self';" in headers["content-security-policy"]
+        assert "unsafe" not in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "same-origin"
+        assert headers["x-frame-options"] == "DENY"
+
+
+def test_no_page_has_a_script_or_a_style_inside(filled):
+    run = filled.made[-1][1].run_id
+    for path in ("/", "/runs", f"/runs/{run}", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures"):
+        page = filled.get(path).text
+        assert not re.search(r"<script(?! src=)|\son[a-z]+=|\sstyle=|javascript:", page)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "run.json",
+        "episodes.sqlite",
+        "../history.sqlite",
+        "media/../run.json",
+        "media/../../history.sqlite",
+        "..%2fhistory.sqlite",
+        "%2e%2e/history.sqlite",
+        "%2e%2e%2fhistory.sqlite",
+        "media/..%2f..%2fhistory.sqlite",
+        "..%5chistory.sqlite",
+        "media/%2e%2e/%2e%2e/%2e%2e/%2e%2e/etc/passwd",
+        "%252e%252e/history.sqlite",
+        "/etc/passwd",
+        "%2fetc%2fpasswd",
+        "report.html%00.png",
+        "media/videos/%00.mp4",
+        "media/videos",
+        "media",
+        "",
+        "media/..png",
+        "report.html/",
+        "REPORT.HTML",
+    ],
+)
+def test_no_other_file_is_shown_however_it_is_asked_for(filled, path):
+    status, body = raw(filled, f"/runs/{filled.made[-1][1].run_id}/files/{path}")
+    assert status in (400, 404)
+    assert "SQLite" not in body
+    assert "root:" not in body
+
+
+def test_links_that_lead_out_of_the_run_are_not_followed(tmp_path):
+    folder, secret = tmp_path / "run", tmp_path / "secret.png"
+    (folder / "media").mkdir(parents=True)
+    secret.write_text("secret")
+    (folder / "episodes.sqlite").write_text("rows")
+    (folder / "media" / "out.png").symlink_to(secret)
+    (folder / "media" / "rows.png").symlink_to(folder / "episodes.sqlite")
+    (folder / "report.html").symlink_to("/etc/passwd")
+    (folder / "media" / "in.png").write_text("picture")
+    (folder / "media" / "linked").symlink_to(tmp_path)
+    assert known_file(folder, "media/in.png") == folder / "media" / "in.png"
+    for path in ("media/out.png", "media/rows.png", "report.html", "media/linked/secret.png"):
+        assert known_file(folder, path) is None
+
+
+def test_every_file_of_a_report_is_shown(tmp_path):
+    folder, _, _ = night(tmp_path, 0, 0.0, seeds=2)
+    write_report(folder)
+    for name in ("report.html", "report.md", "summary.json", "cells.csv"):
+        assert known_file(folder, name) == folder / name
+
+
+def test_which_addresses_are_only_this_machines():
+    assert all(map(is_loopback, ("127.0.0.1", "127.9.9.9", "::1", "localhost")))
+    assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.1.5", "example.org", "localhost.evil.example", "")))
+
+
+def served_by_command(*arguments, token=None):
+    environment = {name: value for name, value in os.environ.items() if name != "GAUNTLET_TOKEN"}
+    environment |= {"GAUNTLET_TOKEN": token} if token else {}
+    return subprocess.run([*SERVE, *arguments], capture_output=True, text=True, timeout=120, env=environment)
+
+
+def test_an_address_that_others_reach_needs_a_token():
+    done = served_by_command("--host", "0.0.0.0")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "GAUNTLET_TOKEN" in done.stderr
+
+
+def test_a_port_that_is_taken_is_said_to_be(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        done = served_by_command("--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert f"127.0.0.1:{port}: cannot listen there: Address already in use" in done.stderr
+
+
+def test_the_command_serves_until_it_is_interrupted(tmp_path):
+    command = [*SERVE, "--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        address = re.search(r"http://[0-9.:]+/", process.stdout.readline())[0]
+        assert httpx2.get(address, trust_env=False, timeout=30).status_code == 200
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=60)
+    assert (process.returncode, complaints) == (0, "")
+
+
+def test_a_store_that_is_none_is_said_to_be(tmp_path):
+    (tmp_path / "history.sqlite").write_text("this is a letter to my aunt, and no store, whatever it is called\n" * 99)
+    done = served_by_command("--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "expected a store" in done.stderr

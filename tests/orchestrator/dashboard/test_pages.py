@@ -1,0 +1,250 @@
+"""What the pages show."""
+
+import re
+import time
+
+import pytest
+
+from orchestrator.calendar.schedule import Schedule, State
+from results.live import STALE_S
+from results.report import write_report
+from tests.orchestrator.dashboard.conftest import fill, serving
+from tests.orchestrator.dashboard.filled import night, running, said
+from tests.results.synthetic import document
+
+
+@pytest.fixture
+def served(tmp_path):
+    with serving(tmp_path) as found:
+        yield found
+
+
+def run_links(page):
+    return list(dict.fromkeys(re.findall(r'href="/runs/([0-9a-z-]+)"', page)))
+
+
+@pytest.mark.parametrize("path", ["/", "/runs", "/history", "/leaderboard", "/failures", "/schedule", "/compare"])
+def test_a_page_of_an_empty_store_says_so_and_is_well_formed(served, path):
+    page = served.get(path)
+    assert page.status_code == 200
+    assert page.text.count("<h1") == 1
+    assert '<a class="skip" href="#main">' in page.text
+
+
+def test_the_overview_shows_what_runs_with_bars_workers_and_intervals(served):
+    running(served.history)
+    served.history.tell("running-1", said(120))
+    page = served.get("/").text
+    assert page.count('role="progressbar"') == 3
+    assert 'aria-valuenow="121"' in page  # robosuite, with its error
+    assert "91 % [84, 95]" in page
+    assert "experts on maniskill/StackCube-v1" in page
+    assert "worker robosuite-1 died" in page
+
+
+def test_a_run_that_fell_silent_is_not_shown_as_running(served):
+    running(served.history)
+    served.history.tell("running-1", said(at=time.time() - 7 * STALE_S))
+    for path in ("/", "/runs", "/runs/running-1"):
+        page = served.get(path).text
+        assert "silent for 7 min" in page
+        assert "pill running" not in page
+    assert served.get("/api/live").json()["runs"][0]["state"] == "silent"
+
+
+def test_the_live_numbers_are_there_for_programs(served):
+    running(served.history)
+    served.history.tell("running-1", said(120))
+    found = served.get("/api/live").json()["runs"]
+    assert [(one["id"], one["state"], one["done"], one["planned"]) for one in found] == [
+        ("running-1", "running", 361, 1500)
+    ]
+    assert found[0]["simulators"][0]["shares"] == [18.17, 1.83, 0.0]
+    assert found[0]["workers"][1]["doing"] == "merged on pybullet/PandaPush-v3"
+
+
+def test_last_verdicts_and_what_is_due_next_are_on_the_overview(filled):
+    page = filled.get("/").text
+    assert "▼ regressed" in page
+    reason = next(one for one in filled.history.runs() if one.verdict == "regressed").reasons[0]
+    assert reason.replace("<", "&lt;") in page
+
+
+def test_runs_are_listed_the_newest_first(filled):
+    assert run_links(filled.get("/runs").text) == [run.run_id for _, run, _ in reversed(filled.made)]
+
+
+def test_runs_are_paged(served):
+    for number in range(120):
+        served.history.record(document(run_id=f"run-{number:03}", started_at=float(number)))
+    first, last = served.get("/runs").text, served.get("/runs?page=3").text
+    assert run_links(first) == [f"run-{number:03}" for number in range(119, 69, -1)]
+    assert run_links(last) == [f"run-{number:03}" for number in range(19, -1, -1)]
+    assert "101 to 120 of 120 runs" in last
+    assert "There are only 3 pages" in served.get("/runs?page=9").text
+
+
+@pytest.mark.parametrize("page", ["0", "-1", "x", "1" * 40])
+def test_a_page_number_that_cannot_be_is_answered_in_a_line(served, page):
+    answer = served.get(f"/runs?page={page}")
+    assert answer.status_code == 400
+    assert "page: " in answer.text
+
+
+def test_runs_are_filtered_by_suite_status_and_policy(served):
+    from tests.results.synthetic import cells
+
+    served.history.record(document(run_id="one", suite_name="a"))
+    served.history.record(document(run_id="two", suite_name="b", status="stopped"))
+    served.history.record(document(run_id="three", suite_name="b", of=cells(policies=("merged",))))
+    assert run_links(served.get("/runs?suite=a").text) == ["one"]
+    assert run_links(served.get("/runs?status=stopped").text) == ["two"]
+    assert run_links(served.get("/runs?policy=merged").text) == ["three"]
+    assert run_links(served.get("/runs?suite=b&policy=oracle&status=").text) == ["two"]
+    assert "No run is like that" in served.get("/runs?suite=c").text
+
+
+def test_a_run_shows_counts_with_intervals_the_verdict_and_its_baseline(filled):
+    _, run, results = filled.made[-1]
+    page = filled.get(f"/runs/{run.run_id}").text
+    own = [one for one in results if (one.task, one.policy) == ("robosuite/Lift", "experts")]
+    won = sum(one.status == "success" for one in own)
+    row = re.search(r'robosuite/Lift</th><td class="name">experts<.*?</tr>', page, re.DOTALL)[0]
+    assert re.findall(r'wide">(\d+)<', row) == [str(won), str(len(own) - won), "0", "20", "20"]
+    assert re.search(r"<b>\d+ %</b> <span class=\"span\">\[\d+, \d+\]", row)
+    assert "▼ regressed" in page
+    baseline = filled.made[-2][1].run_id
+    assert f'href="/runs/{baseline}"' in page
+    assert f"/compare?run={run.run_id}&amp;baseline={baseline}" in page
+    assert "4f1c2a9 (clean)" in page
+
+
+def test_a_run_that_is_not_there_is_said_not_to_be(filled):
+    answer = filled.get("/runs/nothing")
+    assert answer.status_code == 404
+    assert "The history has no run of this id." in answer.text
+
+
+def test_a_comparison_says_what_the_command_says(filled):
+    _, run, _ = filled.made[-1]
+    baseline = filled.made[-2][1]
+    page = filled.get(f"/compare?run={run.run_id}&baseline={baseline.run_id}").text
+    assert "<h1>REGRESSED</h1>" in page
+    entry = next(one for one in filled.history.runs() if one.run_id == run.run_id)
+    for reason in entry.reasons:
+        assert reason.replace("<", "&lt;") in page
+    assert 'class="worse"' in page
+
+
+def test_a_comparison_whose_rows_are_elsewhere_is_answered_in_a_line(served):
+    far = {"store_url": "postgresql+psycopg://user:***@far/db"}
+    served.history.record(document(run_id="one", **far))
+    served.history.record(document(run_id="two", **far))
+    page = served.get("/compare?run=one&baseline=two").text
+    assert "its rows are in postgresql+psycopg://user:***@far/db" in page
+
+
+def test_the_history_draws_a_mark_per_night_that_leads_to_the_run(filled):
+    page = filled.get("/history?policy=merged&suite=nightly&task=robosuite/Lift").text
+    plot = re.search(r'<svg class="nights".*?</svg>', page, re.DOTALL)[0]
+    assert len(re.findall(r'<a href="/runs/[0-9a-f]+"', plot)) == 4
+    assert 'class="bad"' in plot
+    assert page.count('<th scope="row"') == 4
+    assert "No run is like that" in filled.get("/history?policy=nobody").text
+
+
+def test_the_style_of_the_plot_is_allowed_by_its_hash_alone(filled):
+    policy = filled.get("/history?policy=merged").headers["content-security-policy"]
+    style = next(part for part in policy.split("; ") if part.startswith("style-src"))
+    assert re.fullmatch(r"style-src 'self' 'sha256-[A-Za-z0-9+/=]+'", style)
+
+
+def test_the_leaderboard_has_each_policys_newest_run_and_letters(filled):
+    page = filled.get("/leaderboard?suite=nightly").text
+    assert page.count('<th scope="row"') == 3
+    assert f'href="/runs/{filled.made[-1][1].run_id}"' in page
+    assert re.search(r"<td><b>a</b></td>", page)
+
+
+def test_a_run_whose_rows_are_gone_is_named_by_the_leaderboard_and_an_older_takes_its_place(tmp_path):
+    made = fill(tmp_path, nights=2)
+    (made[1][0] / "episodes.sqlite").write_bytes(b"garbage that is no store at all")
+    with serving(tmp_path) as served:
+        page = served.get("/leaderboard?suite=nightly").text
+    assert "nightly-001 is left out" in page
+    assert f'href="/runs/{made[0][1].run_id}"' in page
+
+
+def test_the_schedule_shows_when_it_is_due_and_what_became_of_it(served):
+    schedule = Schedule("nightly", "mergevla", "0 2 * * *", "Europe/Berlin", created_at=time.time() - 86_400)
+    served.book.add(schedule)
+    served.book.take_note(time.time(), lambda one, at: "folder")
+    served.book.change(served.book.firings()[0], state=State.FAILED, outcome="the disk was full")
+    page = served.get("/schedule").text
+    assert "<code>0 2 * * *</code>" in page
+    assert "Europe/Berlin" in page
+    assert "the disk was full" in page
+    assert 'class="bad"' in page
+    assert ">nightly</a>" in served.get("/").text
+
+
+def test_films_of_failures_are_shown_and_filtered(filled):
+    page = filled.get("/failures").text
+    films = re.findall(r'<video[^>]* src="([^"]+)"', page)
+    assert len(films) == 3
+    assert page.count('preload="none"') == 3
+    assert page.count(" poster=") == 3
+    assert filled.get(films[0]).headers["content-type"] == "video/mp4"
+    failed = next(one for one in filled.made[-1][2] if one.status == "failure")
+    assert "<video" in filled.get(f"/failures?task={failed.task}&policy={failed.policy}").text
+    assert "<video" not in filled.get("/failures?policy=nobody").text
+    assert "<video" not in filled.get(f"/failures?run={filled.made[0][1].run_id}").text
+
+
+def test_a_video_can_be_wound_forward(filled):
+    film = re.search(r'<video[^>]* src="([^"]+)"', filled.get("/failures").text)[1]
+    part = filled.get(film, headers={"range": "bytes=10-19"})
+    assert part.status_code == 206
+    assert len(part.content) == 10
+
+
+def test_a_report_is_shown_in_a_sandbox_without_scripts(tmp_path):
+    folder, run, _ = night(tmp_path, 0, 0.0, seeds=2)
+    write_report(folder)
+    with serving(tmp_path) as served:
+        while not served.get(f"/runs/{run.run_id}").is_success:
+            time.sleep(0.05)  # it is being taken in
+        answer = served.get(f"/runs/{run.run_id}/files/report.html")
+        page = served.get(f"/runs/{run.run_id}").text
+    assert answer.status_code == 200
+    assert answer.headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert "script-src" not in answer.headers["content-security-policy"]
+    assert f"/runs/{run.run_id}/files/report.html" in page
+    assert "explore.html" not in page
+
+
+def test_numbers_for_prometheus_say_what_runs_what_was_found_and_what_is_due(served):
+    running(served.history, suite='we"ird\nname')
+    served.history.tell("running-1", said(120))
+    served.history.record(document(run_id="old", suite_name="nightly", started_at=1.0))
+    served.history.judge("old", "improved", None, [])
+    served.history.record(document(run_id="new", suite_name="nightly", started_at=2.0))
+    served.history.judge("new", "regressed", None, [])
+    served.book.add(Schedule("night", "mergevla", "0 2 * * *", created_at=0.0))
+    text = served.get("/metrics").text
+    assert 'robogauntlet_runs{status="running"} 1.0' in text
+    assert 'robogauntlet_runs{status="complete"} 2.0' in text
+    label = r'run="running-1",simulator="pybullet",suite="we\"ird\nname"'
+    assert f"robogauntlet_running_done{{{label}}} 120.0" in text
+    assert f'robogauntlet_running_episodes{{outcome="success",{label}}} 116.0' in text
+    assert 'robogauntlet_last_verdict{suite="nightly",verdict="regressed"} 1.0' in text
+    assert 'robogauntlet_last_verdict{suite="nightly",verdict="improved"} 0.0' in text
+    due = float(re.search(r'next_due_seconds\{schedule="night"\} (\S+)', text)[1])
+    assert 0 < due - time.time() <= 86_400
+
+
+def test_what_is_found_in_folders_is_taken_in_without_being_asked(tmp_path):
+    _, run, _ = night(tmp_path, 0, 0.0, seeds=2)
+    with serving(tmp_path) as served:
+        while run.run_id not in served.get("/runs").text:
+            time.sleep(0.05)

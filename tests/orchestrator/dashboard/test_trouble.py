@@ -1,0 +1,124 @@
+"""What is answered when something is wrong, and while others write."""
+
+import threading
+import time
+
+import pytest
+
+from orchestrator.dashboard.memory import Memory
+from tests.orchestrator.dashboard.conftest import fill, serving
+from tests.orchestrator.dashboard.filled import running, said
+
+PAGES = (
+    "/",
+    "/runs",
+    "/runs/x",
+    "/history?policy=merged",
+    "/leaderboard?suite=a",
+    "/failures",
+    "/schedule",
+    "/compare",
+)
+FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
+
+
+@pytest.fixture
+def broken(tmp_path):
+    """Served from a store that something else was written over."""
+    fill(tmp_path, nights=1)
+    with serving(tmp_path) as served:
+        assert served.get("/healthz").text == "ok\n"
+        for one in (served.history, served.book):
+            one.close()  # what is connected keeps what it has read
+        (tmp_path / "garbage").write_bytes(b"garbage, and much of it. " * 9999)
+        (tmp_path / "garbage").replace(tmp_path / "history.sqlite")
+        yield served
+
+
+@pytest.mark.parametrize("path", [*PAGES, *FOR_PROGRAMS])
+def test_a_broken_store_is_a_line_and_never_a_trace(broken, path):
+    answer = broken.get(path)
+    assert answer.status_code == 503
+    assert "Traceback" not in answer.text
+    assert "sqlalchemy" not in answer.text.lower()
+    assert ".py" not in answer.text
+    if path in PAGES:
+        assert "<h1>No answer</h1>" in answer.text
+    elif path == "/api/live":
+        assert list(answer.json()) == ["error"]
+    else:
+        assert len(answer.text.splitlines()) == 1
+
+
+def test_what_nobody_thought_of_is_a_line_and_never_a_trace(tmp_path):
+    with serving(tmp_path) as served:
+        running(served.history)
+        with served.history.database.writing() as connection:
+            connection.exec_driver_sql("UPDATE runs SET live = 'this is not JSON'")
+        page, programs = served.get("/"), served.get("/api/live")
+    assert (page.status_code, programs.status_code) == (500, 500)
+    assert "Something went wrong" in page.text
+    assert programs.json() == {"error": "The server's log says what happened."}
+
+
+def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
+    fill(tmp_path, nights=1)
+    answers, ended = [], threading.Event()
+    with serving(tmp_path) as served:
+        running(served.history)
+
+        def write():
+            done = 0
+            while not ended.wait(0.05):
+                done += 1
+                served.history.tell("running-1", said(done))
+
+        def read(number):
+            for turn in range(4):
+                path = ("/", "/api/live", "/runs", "/runs/running-1", "/metrics")[(number + turn) % 5]
+                answers.append((path, served.get(path).status_code))
+
+        writer = threading.Thread(target=write)
+        readers = [threading.Thread(target=read, args=(number,)) for number in range(50)]
+        for thread in (writer, *readers):
+            thread.start()
+        for thread in readers:
+            thread.join()
+        ended.set()
+        writer.join()
+        assert served.get("/api/live").json()["runs"][0]["done"] > 0
+    assert len(answers) == 200
+    assert {status for _, status in answers} == {200}
+
+
+def test_a_slow_answer_is_made_once_for_all_who_ask_at_once():
+    memory, made = Memory(2), []
+
+    def make():
+        time.sleep(0.05)
+        made.append(1)
+        return "answer"
+
+    threads = [threading.Thread(target=memory.get, args=("key", make)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert made == [1]
+
+
+def test_old_answers_make_room_and_errors_are_not_kept():
+    memory = Memory(2)
+    assert [memory.get(key, lambda key=key: key) for key in "abca"] == [*"abca"]
+    assert memory.get("a", lambda: "new") == "a"
+    assert memory.get("b", lambda: "new") == "new"
+    with pytest.raises(ZeroDivisionError):
+        memory.get("d", lambda: 1 / 0)
+    assert memory.get("d", lambda: "right") == "right"
+
+
+def test_an_answer_is_kept_for_so_long_only():
+    memory = Memory(2, seconds=0.0)
+    memory.get("a", lambda: "old")
+    time.sleep(0.001)
+    assert memory.get("a", lambda: "new") == "new"

@@ -1,0 +1,134 @@
+"""Runs that are sent in."""
+
+import http.client
+import json
+import sqlite3
+import time
+from urllib.parse import urlsplit
+
+import pytest
+
+from results.carrying import export_run
+from results.run import store_url
+from results.store import Store
+from tests.orchestrator.dashboard.conftest import serving
+from tests.orchestrator.dashboard.filled import night
+from tests.results.synthetic import document
+
+LIMIT = 1_000_000
+
+
+@pytest.fixture
+def served(tmp_path):
+    with serving(tmp_path / "runs", max_upload=LIMIT) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """A run, and the file that it was exported into."""
+    root = tmp_path_factory.mktemp("elsewhere")
+    folder, run, _ = night(root, 7, 1_790_000_000.0, seeds=2)
+    rows = Store.open(store_url(folder, run), run.run_id)
+    export_run(run, rows, root / "run.gauntlet")
+    rows.close()
+    return run, (root / "run.gauntlet").read_bytes()
+
+
+def left_over(root):
+    return [path.name for path in root.iterdir() if path.name.startswith((".upload", ".arriving"))]
+
+
+def test_a_run_that_is_sent_in_is_there_with_its_report(served, exported):
+    run, body = exported
+    answer = served.post("/runs", content=body)
+    assert answer.status_code == 201
+    assert answer.headers["location"] == f"/runs/{run.run_id}"
+    assert answer.text == f"/runs/{run.run_id}\n"
+    assert "30 of 30 episodes done" in served.get(answer.headers["location"]).text
+    while served.get(f"/runs/{run.run_id}/files/report.html").status_code != 200:
+        time.sleep(0.05)  # it is written after the answer
+    assert left_over(served.root) == []
+
+
+def test_a_run_that_is_here_already_is_refused_and_stays_as_it_is(served, exported):
+    run, body = exported
+    served.history.record(document(run_id=run.run_id, suite_name="mine"))
+    answer = served.post("/runs", content=body)
+    assert answer.status_code == 409
+    assert answer.text == f"run {run.run_id} is here already\n"
+    assert served.history.document(run.run_id).suite_name == "mine"
+    assert not list(served.root.glob("*/run.json"))
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"hello", b"SQLite format 3\0", b"SQLite format 3\0" + b"x" * 9000],
+    ids=["empty", "text", "head", "torn"],
+)
+def test_what_is_no_run_is_refused_in_a_line(served, body):
+    answer = served.post("/runs", content=body)
+    assert answer.status_code == 400
+    assert len(answer.text.splitlines()) == 1
+    assert "expected an exported run" in answer.text
+    assert str(served.root) not in answer.text
+    assert left_over(served.root) == []
+
+
+def test_a_run_whose_rows_were_changed_is_refused(served, tmp_path, exported):
+    file = tmp_path / "forged.gauntlet"
+    file.write_bytes(exported[1])
+    with sqlite3.connect(file) as connection:
+        text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | {"rows_hash": "0" * 16}
+        connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
+    connection.close()
+    answer = served.post("/runs", content=file.read_bytes())
+    assert answer.status_code == 400
+    assert "it was changed" in answer.text
+    assert served.history.count() == 0
+
+
+@pytest.mark.parametrize("forged", [{"run_id": "../<script>"}, {"store_url": "sqlite:////etc/passwd"}])
+def test_a_document_that_this_program_did_not_write_is_refused(served, tmp_path, exported, forged):
+    file = tmp_path / "forged.gauntlet"
+    file.write_bytes(exported[1])
+    with sqlite3.connect(file) as connection:
+        text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | forged
+        connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
+    connection.close()
+    assert served.post("/runs", content=file.read_bytes()).status_code == 400
+    assert served.history.count() == 0
+
+
+def test_more_than_may_be_sent_is_refused_by_its_length(served):
+    answer = served.post("/runs", content=b"x" * (LIMIT + 1))
+    assert answer.status_code == 413
+    assert "--max-upload-mb" in answer.text
+
+
+def test_more_than_may_be_sent_is_refused_without_a_length(served):
+    answer = served.post("/runs", content=(b"x" * 100_000 for _ in range(11)))
+    assert answer.status_code == 413
+    assert left_over(served.root) == []
+
+
+def test_a_length_that_lies_lets_no_more_in(served):
+    connection = http.client.HTTPConnection(urlsplit(served.address).netloc, timeout=30)
+    connection.putrequest("POST", "/runs")
+    connection.putheader("Content-Length", "10")
+    connection.endheaders(b"x" * 5000)
+    assert connection.getresponse().status == 400  # of the ten bytes that it said
+    connection.close()
+    assert left_over(served.root) == []
+
+
+def test_an_upload_that_breaks_off_leaves_nothing(served):
+    connection = http.client.HTTPConnection(urlsplit(served.address).netloc, timeout=30)
+    connection.putrequest("POST", "/runs")
+    connection.putheader("Content-Length", "500000")
+    connection.endheaders(b"SQLite format 3\0")
+    while not left_over(served.root):
+        time.sleep(0.01)
+    connection.close()
+    while left_over(served.root):
+        time.sleep(0.01)
