@@ -316,5 +316,13 @@ def _entry(row: Any) -> RunEntry:
         reasons=tuple((row.reasons or "").splitlines()),
         accepted=bool(row.accepted),
         schedule=row.schedule,
-        live=Live.model_validate_json(row.live) if row.live else None,
+        live=_live(row.live),
     )
+
+
+def _live(text: str | None) -> Live | None:
+    """What a run says of itself, if this version understands it."""
+    try:
+        return Live.model_validate_json(text) if text else None
+    except ValidationError:
+        return None

@@ -31,6 +31,7 @@ def serve(
 
     token = _token(host)
     listening = listen(host, port)
+    os.nice(19)  # who watches takes no time from what runs: Ray's workers have 15
     try:
         with open_history(url) as history:
             try:

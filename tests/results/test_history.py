@@ -92,6 +92,13 @@ def test_what_a_running_suite_says_is_there_until_it_ends(history):
     assert history.find("run-1").live is None
 
 
+def test_what_a_run_of_another_version_says_is_passed_over(history):
+    history.record(night(1, status=RunStatus.RUNNING))
+    with history.database.writing() as connection:
+        connection.exec_driver_sql("UPDATE runs SET live = '{}'")
+    assert history.find("run-1").live is None
+
+
 def test_a_forgotten_run_leaves_nothing(history):
     history.record(night(1), counted=counted())
     history.forget("run-1")
