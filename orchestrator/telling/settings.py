@@ -65,8 +65,8 @@ def _host(url: str) -> str | None:
     """Scheme and host of an address to which something can be posted, or None."""
     try:
         parts = urlsplit(url)
-        if parts.scheme.lower() not in ("http", "https") or not parts.hostname or "@" in parts.hostname:
-            return None
+        if parts.scheme.lower() not in ("http", "https") or not parts.hostname or "@" in parts.netloc:
+            return None  # with a name and a password before the host, a part of them could be taken for the host
         requests.Request("POST", url, json={}).prepare()
         if not url.isascii() or not url.isprintable() or "\\" in parts.netloc or parts.port == 0:
             return None

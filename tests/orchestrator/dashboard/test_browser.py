@@ -127,7 +127,7 @@ def test_an_old_number_is_said_to_be_old_when_the_server_fails(tmp_path):
     def fail(served, path):
         if path == "/api/live":
             with served.history.database.writing() as connection:
-                connection.exec_driver_sql("UPDATE runs SET live = 'this is not JSON'")
+                connection.exec_driver_sql("UPDATE runs SET started_at = 'no time'")
 
     with serving(tmp_path, before=fail) as served:
         running(served.history)

@@ -54,7 +54,7 @@ def test_what_nobody_thought_of_is_a_line_and_never_a_trace(tmp_path):
     with serving(tmp_path) as served:
         running(served.history)
         with served.history.database.writing() as connection:
-            connection.exec_driver_sql("UPDATE runs SET live = 'this is not JSON'")
+            connection.exec_driver_sql("UPDATE runs SET started_at = 'no time'")
         page, programs = served.get("/"), served.get("/api/live")
     assert (page.status_code, programs.status_code) == (500, 500)
     assert "Something went wrong" in page.text
