@@ -89,7 +89,7 @@ class PolicyServer:
         self.greeting = greeting_of(served.policy, served.digest)
         self._metadata = pack(as_metadata(self.greeting) | {"policy": served.name})
         self._thread = ThreadPoolExecutor(1)
-        self._batcher = Batcher[Query, Decision](
+        self.batcher = Batcher[Query, Decision](
             served.policy.act, self._thread, most=place.batch, wait_s=place.wait_s if place.batch > 1 else 0.0
         )
         self._players: dict[str, ServerConnection] = {}
@@ -169,7 +169,7 @@ class PolicyServer:
 
     async def ask(self, query: Query) -> Decision:
         """The policy's answer."""
-        (decision,) = await self._batcher.ask([query])
+        (decision,) = await self.batcher.ask([query])
         return decision
 
     async def _in_turn(self, call: Any, episodes: Sequence[Episode]) -> None:

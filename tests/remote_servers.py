@@ -15,17 +15,17 @@ class Running:
     """RoboGauntlet's server in a thread of this process."""
 
     def __init__(self, served, place):
-        self._server, self._place = PolicyServer(served, place), place
+        self._server, self.policy = PolicyServer(served, place), served.policy
         self.loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self._thread.start()
-        self.port = place.port
-        self.start()
-
-    def start(self):
         self.listening = self._call(self._server.start())
         self.port = self.listening.sockets[0].getsockname()[1]
         self.address = f"ws://127.0.0.1:{self.port}"
+
+    @property
+    def batches(self):
+        return dict(self._server.batcher.batches)
 
     def stop(self):
         async def close():

@@ -192,7 +192,9 @@ def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
     chunk[:, 3:6] *= card.rotation_scale
     if columns[-1] is not None:
         span = card.gripper_closed - card.gripper_open
-        if card.gripper_threshold is None:
+        if card.gripper_threshold is None and (card.gripper_open, card.gripper_closed) == (-1.0, 1.0):
+            pass  # ours already: no rounding
+        elif card.gripper_threshold is None:
             chunk[:, 6] = 2.0 * (chunk[:, 6] - card.gripper_open) / span - 1.0
         else:
             chunk[:, 6] = np.where((chunk[:, 6] - card.gripper_threshold) * span > 0, 1.0, -1.0)
