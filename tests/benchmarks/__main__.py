@@ -15,6 +15,7 @@ BENCHMARKS = (
     "inference",
     "overhead",
     "vector_env",
+    "remote",
     "workers",
 )
 LONG = ("coverage", "million", "resume", "scale")

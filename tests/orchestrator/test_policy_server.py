@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from adapters.contract import Observation
-from orchestrator.policy_server import Place, PolicyServer, ServeError, Served
+from orchestrator.policy_server import Place, PolicyServer, Served, ServeError
 from orchestrator.rollout import rollout
 from orchestrator.runner import EpisodeRunner, Lease
 from orchestrator.sources import PolicySource
@@ -264,7 +264,7 @@ def test_a_policy_that_raises_costs_its_client_a_line(caplog):
 
     with serving("mine", policy=Raising(), digest="x") as server:
         for _ in range(2):
-            with pytest.raises(PolicyError, match="got an error: the policy raised RuntimeError: the fuse is blown$"):
+            with pytest.raises(PolicyError, match=r"got an error: the policy raised RuntimeError: the fuse is blown$"):
                 policy_of(server).act([query()])
     assert "the policy raised" in caplog.text
 
