@@ -111,6 +111,7 @@ class PolicyServer:
                 place.port,
                 compression=None,
                 max_size=place.most_bytes,
+                max_queue=4,  # frames of one client that wait
                 process_request=self._admit,
                 origins=[None],  # browsers name theirs: no web page may talk to a server on this machine
                 close_timeout=2,
@@ -157,7 +158,11 @@ class PolicyServer:
         if self.greeting.remembers and player not in (None, connection):
             raise PackingError(f"expected an episode that nobody plays, got {episode.id}, which another client plays")
         self._players[episode.id] = connection
-        await self._in_turn(self.served.policy.reset, [episode])
+        try:
+            await self._in_turn(self.served.policy.reset, [episode])
+        except Exception:
+            self._players.pop(episode.id, None)
+            raise
 
     async def end(self, connection: ServerConnection, episodes: Sequence[Episode]) -> None:
         """Forget episodes, unless somebody else plays them now."""

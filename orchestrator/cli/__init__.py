@@ -55,7 +55,7 @@ app.command("log")(log.log)
 app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")
-app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging.")
+app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging. Serve them.")
 
 
 def main() -> None:

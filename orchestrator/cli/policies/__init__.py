@@ -1,4 +1,4 @@
-"""`gauntlet policies`: what makes policies. One verb, one file."""
+"""`gauntlet policies`: what makes policies, and serves them. One verb, one file."""
 
 from __future__ import annotations
 
