@@ -169,7 +169,7 @@ def _found(place: _Place) -> Any:
     """What the callable's name stands for."""
     origin, top = place.origin, place.module.partition(".")[0]
     if origin.is_relative_to(place.folder) and str(place.folder) not in sys.path:
-        sys.path.insert(0, str(place.folder))
+        sys.path.append(str(place.folder))  # last: what lies there must hide nothing that others import
     importlib.invalidate_caches()
     try:
         module = importlib.import_module(place.module)

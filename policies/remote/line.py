@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import math
 import os
 import socket
 import struct
@@ -23,6 +24,7 @@ from policies.remote.packing import PackingError, pack, unpack
 MOST_BYTES = 16 * 2**20
 """Of a frame that a server sends."""
 LONGEST_LINE = 300
+LONGEST_STALL_S = 10.0
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0
 Found = TypeVar("Found")
 REFUSED = (400, 401, 403, 404, 426)
@@ -135,7 +137,8 @@ class Line:
             raise PolicyError(f"{self._server}: expected a websocket, got HTTP {code}; {hint}") from None
         except (TimeoutError, InvalidHandshake, EOFError, OSError, WebSocketException) as error:
             raise _Lost(_why(error)) from None
-        wait = struct.pack("ll", int(card.timeout_s) + 1, 0)
+        # `recv` has a deadline, `send` has none: where nothing can be sent for so long, the kernel gives up.
+        wait = struct.pack("ll", math.ceil(min(card.timeout_s, LONGEST_STALL_S)), 0)
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, wait)
         return connection
 

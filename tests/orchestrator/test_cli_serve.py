@@ -9,12 +9,17 @@ import sys
 from contextlib import contextmanager
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 
+from adapters.contract import Observation
+from policies import catalog
+from policies.contract import PolicyError, Query
 from results.record import outcome_row, rows_hash
 from results.run import read_run
 from results.store import Store
+from suites.vocabulary import Episode, Protocol, View
 from tests.remote_servers import answering, serving, speaking
 
 COMMAND = [sys.executable, "-c", "from orchestrator.cli import main; main()", "policies", "serve"]
@@ -56,8 +61,6 @@ def rows(folder):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_serves_until_it_is_told_to_stop(number):
-    from policies import catalog
-
     with served("untrained") as server:
         digest = catalog.digest("untrained", {})
         assert f"serving untrained ({digest}) at ws://127.0.0.1:" in server.said
@@ -65,6 +68,21 @@ def test_it_serves_until_it_is_told_to_stop(number):
         server.process.send_signal(number)
         out, err = server.process.communicate(timeout=20)
         assert (server.process.returncode, out, err) == (0, "ended\n", "")
+
+
+@pytest.mark.parametrize("size", [32, 1024])  # more than the kernel keeps for a server that does not read
+def test_a_server_that_hangs_costs_a_line_and_is_asked_again_when_it_wakes(size):
+    images = {camera: np.zeros((size, size, 3), np.uint8) for camera in ("third_person", "wrist")}
+    episode = Episode("p", "d", "null/Reach", 0, Protocol(60, 8, View(image_size=size)))
+    query = Query(episode, 0, Observation(images, np.zeros(8), "reach"))
+    with served("untrained") as server:
+        policy = catalog.load("openpi", {"address": server.address, "timeout_s": 1.0, "retries": 0})
+        server.process.send_signal(signal.SIGSTOP)
+        with pytest.raises(PolicyError, match=r"expected an answer within [^\n]* got none"):
+            policy.act([query])
+        server.process.send_signal(signal.SIGCONT)
+        policy = catalog.load("openpi", {"address": server.address})
+        assert len(policy.act([query])) == 1
 
 
 def test_what_cannot_be_served_is_one_line(gauntlet, tmp_path, monkeypatch):
