@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 
 from suites.placement import Inference, Resources
 from suites.plugins import nearest
+from suites.shorthand import policy_entry
 from suites.vocabulary import CAMERAS, CLEAN, CONTROLS, Cell, Condition, Protocol, RenderProfile, View, content_hash
 
 MOST_SEVERE = 5
@@ -65,7 +66,7 @@ class PolicyEntry(_Model):
     @classmethod
     def _shorthand(cls, value: Any) -> Any:
         if isinstance(value, str):
-            return {"name": value, "kind": value}
+            return policy_entry(value)
         if isinstance(value, dict) and isinstance(value.get("kind"), str):
             return {"name": value["kind"], **value}
         return value

@@ -57,7 +57,7 @@ app.command("serve")(serve.serve)
 app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")
-app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging.")
+app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging. Serve them.")
 
 
 def main() -> None:

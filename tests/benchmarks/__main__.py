@@ -15,6 +15,7 @@ BENCHMARKS = (
     "inference",
     "overhead",
     "vector_env",
+    "remote",
     "workers",
 )
 LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale")

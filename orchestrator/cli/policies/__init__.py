@@ -1,10 +1,10 @@
-"""`gauntlet policies`: what makes policies. One verb, one file."""
+"""`gauntlet policies`: what makes policies, and serves them. One verb, one file."""
 
 from __future__ import annotations
 
 import typer
 
-from orchestrator.cli.policies import demonstrate, finetune, merge, pretrain, routing
+from orchestrator.cli.policies import demonstrate, finetune, merge, pretrain, routing, serve
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.command("demonstrate")(demonstrate.demonstrate)
@@ -12,3 +12,4 @@ app.command("pretrain")(pretrain.pretrain)
 app.command("finetune")(finetune.finetune)
 app.command("merge")(merge.merge)
 app.command("routing")(routing.routing)
+app.command("serve")(serve.serve)

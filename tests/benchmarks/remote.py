@@ -1,0 +1,95 @@
+"""What a query costs beyond inference when the policy is in another process: two 224 px cameras over loopback.
+
+The policy answers at once. Its server is the command that people start; the client is the one that workers use."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from adapters.contract import Observation
+from policies import catalog
+from policies.contract import Query
+from suites.vocabulary import Episode, Protocol, View
+from tests.benchmarks.shared import table
+
+SIZE = 224
+QUERIES, WARM = 1000, 50
+POLICY = """
+import numpy as np
+
+CHUNK = np.zeros((8, 7))
+
+def act(images, proprioception, instruction):
+    return CHUNK
+"""
+
+
+def measure() -> list[dict[str, object]]:
+    """Median and 95th percentile of a query, in the process and through a server, as it is and by a card."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "answers_at_once.py").write_text(POLICY)
+        options = {"callable": "answers_at_once:act", "folder": name}
+        rows = [_row("in the process", "python", options)]
+        with _server(folder) as address:
+            rows.append(_row("served", "openpi", {"address": address}))
+            rows.append(_row("served, by a card", "openpi", {"address": address, "execute": 8}))
+    here = float(str(rows[0]["median_ms"]))
+    for row in rows:
+        row["over_ms"] = float(str(row["median_ms"])) - here
+    load = os.getloadavg()[0]
+    print(f"{QUERIES} queries each; load of the machine {load:.1f} on {os.cpu_count()} cores")
+    table(
+        ("policy", "median ms", "p95 ms", "over the process ms"),
+        [(row["policy"], *(f"{row[key]:.3f}" for key in ("median_ms", "p95_ms", "over_ms"))) for row in rows],
+    )
+    return [{**row, "load": load} for row in rows]
+
+
+def _row(title: str, kind: str, options: dict[str, object]) -> dict[str, object]:
+    policy = catalog.load(kind, options)
+    generator = np.random.default_rng(0)
+    images = {c: generator.integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8) for c in ("third_person", "wrist")}
+    seen = Observation(images, np.zeros(8), "put the red cube on the green cube")
+    episode = Episode("policy", "digest", "null/Reach", 0, Protocol(60, 8, View(image_size=SIZE)))
+    policy.reset([episode])
+    times = _times(lambda step: policy.act([Query(episode, step, seen)]))
+    return {
+        "policy": title,
+        "median_ms": 1000 * float(np.median(times)),
+        "p95_ms": 1000 * float(np.percentile(times, 95)),
+    }
+
+
+def _times(ask: Callable[[int], object]) -> list[float]:
+    times = []
+    for step in range(WARM + QUERIES):
+        start = time.perf_counter()
+        ask(step)
+        times.append(time.perf_counter() - start)
+    return times[WARM:]
+
+
+@contextmanager
+def _server(folder: Path) -> Iterator[str]:
+    code = "from orchestrator.cli import main; main()"
+    arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
+    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    try:
+        found = re.search(r"ws://\S+?:\d+", process.stdout.readline())
+        assert found, "the server did not start"
+        yield found[0]
+    finally:
+        process.terminate()
+        process.wait(10)

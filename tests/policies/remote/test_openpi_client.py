@@ -1,0 +1,78 @@
+"""The field's own client (`openpi-client`, Apache 2.0), where it is installed: it and ours understand each other."""
+
+import numpy as np
+import pytest
+
+from adapters.contract import Observation
+from policies import catalog
+from policies.contract import PolicyError, Query
+from policies.remote.acting import resized
+from policies.remote.card import read_card
+from policies.remote.packing import pack
+from suites.vocabulary import Episode, Protocol, View
+from tests.remote_servers import serving, speaking
+
+client = pytest.importorskip("openpi_client.websocket_client_policy")
+packing = pytest.importorskip("openpi_client.msgpack_numpy")
+images = pytest.importorskip("openpi_client.image_tools")
+
+EPISODE = Episode("p", "d", "null/Reach", 0, Protocol(60, 8, View()))
+
+
+@pytest.fixture
+def query():
+    generator = np.random.default_rng(0)
+    seen = {name: generator.integers(0, 256, (96, 96, 3), dtype=np.uint8) for name in ("third_person", "wrist")}
+    return Query(EPISODE, 0, Observation(seen, generator.normal(size=8), "reach the goal"))
+
+
+def shown(seen):
+    return {
+        "observation/image": seen.images["third_person"],
+        "observation/wrist_image": seen.images["wrist"],
+        "observation/state": seen.proprioception,
+        "prompt": seen.instruction,
+    }
+
+
+def test_their_client_gets_from_our_server_what_the_policy_says(query):
+    (decision,) = catalog.load("untrained", {}).act([query])
+    with serving("untrained", token="sesame") as server:
+        theirs = client.WebsocketClientPolicy("127.0.0.1", server.port, api_key="sesame")
+        assert theirs.get_server_metadata()["policy"] == "untrained"
+        for _ in range(2):
+            np.testing.assert_array_equal(theirs.infer(shown(query.observation))["actions"], decision.actions)
+            with pytest.raises(RuntimeError, match="expected an image as observation/image"):
+                theirs.infer({"prompt": "reach the goal"})
+
+
+def test_our_client_understands_a_server_of_their_packer(query):
+    seen = []
+
+    def handle(connection):
+        connection.send(packing.packb({"name": "theirs", "rate": np.float32(20.0), "reset_pose": np.zeros(3)}))
+        for frame in connection:
+            seen.append(packing.unpackb(frame))
+            if len(seen) == 2:
+                connection.send("Traceback (most recent call last):\n  File serve.py\nKeyError: 'joints'\n")
+                connection.close(1011)
+                return
+            connection.send(packing.packb({"actions": np.arange(70, dtype=np.float32).reshape(10, 7)}))
+
+    with speaking(handle) as address:
+        ours = catalog.load("openpi", {"address": address, "image_size": 224, "execute": 5})
+        (decision,) = ours.act([query])
+        np.testing.assert_array_equal(decision.actions, np.arange(35.0).reshape(5, 7))
+        with pytest.raises(PolicyError, match=r"got an error: KeyError: 'joints'$"):
+            ours.act([query])
+        assert len(ours.act([query])) == 1
+    picture = images.resize_with_pad(query.observation.images["wrist"], 224, 224)
+    np.testing.assert_array_equal(seen[0]["observation/wrist_image"], picture)
+
+
+def test_frames_and_pictures_are_theirs_to_the_byte(query):
+    message = {**shown(query.observation), "one": np.float32(2), "plain": [1, 2.5, None, True]}
+    assert pack(message) == packing.packb(message)
+    for size in ((20, 40), (41, 20), (224, 300), (33, 97)):
+        ours = resized(read_card({"address": "a:1", "image_size": list(size)}), query.observation.images["wrist"])
+        np.testing.assert_array_equal(ours, images.resize_with_pad(query.observation.images["wrist"], *size))
