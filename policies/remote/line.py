@@ -139,7 +139,8 @@ class Line:
             raise _Lost(_why(error)) from None
         # `recv` has a deadline, `send` has none: where nothing can be sent for so long, the kernel gives up.
         wait = struct.pack("ll", math.ceil(min(card.timeout_s, LONGEST_STALL_S)), 0)
-        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, wait)
+        with contextlib.suppress(OSError):  # closed already: `recv` says what came before that
+            connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, wait)
         return connection
 
     def _headers(self) -> dict[str, str]:
