@@ -30,9 +30,11 @@ $(STAMP): pyproject.toml constraints.txt
 demo: setup
 	$(BIN)/gauntlet run mergevla --seeds 10
 
+# Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
 test: setup lint
 	@bash scripts/test_tools.sh
-	$(BIN)/python -m pytest -q -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -q --dist loadfile --no-loadscope-reorder \
+		-n $$($(BIN)/python -c "import os; print(min(4, len(os.sched_getaffinity(0)) * 3 // 2))")
 
 test-fast: setup
 	$(BIN)/python -m pytest -q -m "not simulator and not ray and not slow"
