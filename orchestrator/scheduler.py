@@ -114,7 +114,7 @@ class _Slot:
         words = "starts" if self.worker is not None and self.open_task is None else "waits"
         if self.lease is not None:
             cell, seeds = self.lease.cell, self.lease.seeds
-            words = f"{cell.policy} on {cell.task}, {cell.condition}, {self.back} of {len(seeds)} episodes done"
+            words = f"{cell.policy} on {cell.task}, {cell.condition}, episode {self.back + 1} of {len(seeds)}"
         return LiveWorker(worker=self.name, simulator=self.simulator, doing=words, since=since)
 
 
