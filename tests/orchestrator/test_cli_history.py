@@ -66,6 +66,24 @@ def test_a_run_travels_as_one_file(gauntlet, runs, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("form", "file"),
+    [
+        ("csv", "monday.csv"),
+        ("parquet", "monday.parquet"),
+        ("lerobot", "monday-eval_info.json"),
+        ("vla-eval", "monday-vla_eval.json"),
+    ],
+)
+def test_results_are_written_for_other_programs_and_over_nothing(gauntlet, runs, tmp_path, form, file):
+    typed = ("export", "runs/monday", "--format", form, "--policy", "p")
+    count = 160 if form in ("csv", "parquet") else 80
+    assert gauntlet(*typed).out == f"{count} episodes into {file}\n"
+    assert (tmp_path / file).stat().st_size
+    again = gauntlet(*typed)
+    assert (again.code, "there is one already" in again.err) == (2, True)
+
+
+@pytest.mark.parametrize(
     ("typed", "words"),
     [
         (("history", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
@@ -77,6 +95,7 @@ def test_a_run_travels_as_one_file(gauntlet, runs, tmp_path):
         (("leaderboard", "nothing"), "no run of a suite 'nothing'"),
         (("accept", "nothing"), "no run 'nothing' in the history"),
         (("export", "nothing"), "expected a run folder, there is nothing"),
+        (("export", "runs/monday", "--format", "lerobot"), "the run has p, q; name one with --policy"),
         (("import", "nothing"), "expected an exported run"),
         (("import", "runs/monday/run.json"), "this is something else"),
     ],
