@@ -195,8 +195,10 @@ def served_alone(database: Database, root: Path) -> Iterator[None]:
     """
     if database.engine.dialect.name == "postgresql":
         with database.reading() as connection:
+            connection.detach()  # it is closed afterwards, and its lock with it, instead of going back into the pool
             if not connection.scalar(sa.select(sa.func.pg_try_advisory_lock(_ADVISORY))):
                 raise AlreadyServed(f"another process serves the calendar in {database.where}")
+            connection.commit()  # no transaction has to stay open for a lock of the connection
             yield
         return
     lock = FileLock(root / ".schedule.lock")
