@@ -29,6 +29,8 @@ from results.syncing import take_in
 
 SYNC_S = 30.0
 """Time between two looks for runs in folders that the history does not know (s)."""
+LIVE_S = 0.5
+"""How long what runs is kept: however many watch, the database is asked that often (s)."""
 NAMES_S = 15.0
 """How long lists of names are kept (s)."""
 log = logging.getLogger("gauntlet.dashboard")
@@ -66,6 +68,7 @@ class Desk:
         self.comparisons: Memory[tuple[Any, ...], Comparison] = Memory(64)
         self.standings: Memory[tuple[Any, ...], tuple[list[Standing], list[str]]] = Memory(32)
         self.films: Memory[tuple[Any, ...], tuple[Any, ...]] = Memory(512)
+        self.lives: Memory[str, bytes] = Memory(64, LIVE_S)
         self.names: Memory[str, Names] = Memory(1, NAMES_S)
         self.taking_in = threading.Lock()
         """Held while runs are put under the root or recorded from there."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, HTTPException, Query
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from orchestrator.dashboard import queries
 from orchestrator.dashboard.desk import Desk, TheDesk, query
@@ -97,6 +98,10 @@ def show_run(desk: TheDesk, run_id: str) -> Response:
 @router.get("/api/live")
 def live(desk: TheDesk, run: str = "") -> Response:
     """What runs at this moment, or one run, for programs and for the pages' script."""
+    return Response(desk.lives.get(run, lambda: _live(desk, run)), media_type="application/json")
+
+
+def _live(desk: Desk, run: str) -> bytes:
     now = time.time()
     if run:
         entry = queries.run_of(desk.history, run)
@@ -104,7 +109,7 @@ def live(desk: TheDesk, run: str = "") -> Response:
     else:
         entries = running(desk)
     views = [live_view(entry, now) for entry in entries]
-    return JSONResponse({"at": now, "shape": shape_of(views), "runs": [asdict(view) for view in views]})
+    return json.dumps({"at": now, "shape": shape_of(views), "runs": [asdict(view) for view in views]}).encode()
 
 
 def running(desk: Desk) -> list[RunEntry]:
