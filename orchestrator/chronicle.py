@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from results.database import StoreError
+from results.database import StoreError, without_password
 from results.history import History
 from results.live import Live
 from results.run import RunDocument
@@ -40,7 +40,8 @@ class Chronicle:
         history, trouble = None, None
         if url is not None:
             try:
-                history = History.open(url)
+                same = without_password(url) == store.database.where
+                history = History(store.database) if same else History.open(url)
             except StoreError as error:
                 trouble = f"the history does not learn of this run: {error}"
         chronicle = cls(folder, store, history, schedule)
@@ -60,7 +61,7 @@ class Chronicle:
         """
         counts = self._own.counted(document.run_id) if counted else None
         self._own.record(document, self._folder, counts, self._schedule)
-        if self._history is not None:
+        if self._history is not None and self._history.database is not self._own.database:
             try:
                 self._history.record(document, self._folder, counts, self._schedule)
             except StoreError as error:
@@ -78,7 +79,7 @@ class Chronicle:
 
     def close(self) -> None:
         """Free the connections."""
-        if self._history is not None:
+        if self._history is not None and self._history.database is not self._own.database:
             self._history.close()
 
     def _lose(self, error: StoreError) -> None:

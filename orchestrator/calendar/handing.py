@@ -53,7 +53,9 @@ def _cron(schedule: Schedule, root: Path) -> str:
     stamp = r"runs/" + schedule.name + r"-$(date -u +\%Y\%m\%d-\%H\%M\%S)"
     run, gate = _command(schedule, _gauntlet(), '"$RUN"')
     commands = f"cd {shlex.quote(str(root))} && RUN={stamp} && {run}" + (f" && {gate}" if gate else "")
-    return f"CRON_TZ={schedule.timezone}\n{' '.join(expanded(schedule.cron))} {commands}\n"
+    # Debian's cron knows no time zones but the machine's own.
+    note = "# cronie reads CRON_TZ; where cron does not (Debian, Ubuntu), the machine's own time zone counts\n"
+    return f"{note}CRON_TZ={schedule.timezone}\n{' '.join(expanded(schedule.cron))} {commands}\n"
 
 
 def _systemd(schedule: Schedule, root: Path) -> str:

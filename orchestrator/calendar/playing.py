@@ -113,7 +113,7 @@ def conclude(book: Book, history: History, schedule: Schedule, firing: Firing, c
         message = message_for(document, None, str(folder / "report.html"))
         say(message or _stopped(schedule, firing, outcome))
         return _close(book, firing, State.FAILED, outcome, document.run_id)
-    comparison, outcome = _judged(history, schedule, document, folder)
+    comparison, outcome = _judged(history, schedule, document, folder, say)
     message = message_for(document, comparison, str(folder / "report.html"))
     if message is not None:
         say(message)
@@ -168,7 +168,9 @@ def remove_old(book: Book, history: History, schedule: Schedule) -> list[Path]:
     return removed
 
 
-def _judged(history: History, schedule: Schedule, document: RunDocument, folder: Path) -> tuple[Comparison | None, str]:
+def _judged(
+    history: History, schedule: Schedule, document: RunDocument, folder: Path, say: Say
+) -> tuple[Comparison | None, str]:
     """The comparison with the last good run, if there is one and it is wanted, and the outcome in a line."""
     entry = history.find(document.run_id)
     rate = f"{percent(entry.counts.rate)} of {entry.counts.verdicts:,} episodes" if entry is not None else "complete"
@@ -177,6 +179,8 @@ def _judged(history: History, schedule: Schedule, document: RunDocument, folder:
     try:
         comparison = judge(history, document, folder)
     except (RunError, StoreError) as error:
+        lines = (str(error), f"to hold later runs against this one: gauntlet accept {folder.name}")
+        say(Message(Kind.UNJUDGED, f"NOT COMPARED: {folder.name}", lines, folder.name, str(folder / "report.html")))
         return None, f"{rate}; not compared: {error}"
     if comparison is None:
         return None, f"{rate}; the first of its suite"

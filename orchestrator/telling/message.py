@@ -26,6 +26,8 @@ class Kind(StrEnum):
     """A policy succeeds less often than in the baseline."""
     ERRORS = "errors"
     """A run ended early: more episodes ended in errors than its suite tolerates."""
+    UNJUDGED = "not comparable"
+    """A run could not be held against its baseline: nobody watches over it any more."""
     MISSED = "missed"
     """A scheduled run did not begin."""
     STOPPED = "stopped"
@@ -82,6 +84,10 @@ def message_for(document: RunDocument, comparison: Comparison | None, link: str 
     if comparison is not None and comparison.verdict is Verdict.REGRESSED:
         lines = (*reasons(comparison), *([ended] if stopped else []))
         return Message(Kind.REGRESSED, headline(comparison), lines, comparison.run, link)
+    complete = document.status is RunStatus.COMPLETE
+    if comparison is not None and comparison.verdict is Verdict.NOT_COMPARABLE and complete:
+        told = (*reasons(comparison), f"to hold later runs against this one: gauntlet accept {comparison.run}")
+        return Message(Kind.UNJUDGED, headline(comparison), told, comparison.run, link)
     if not stopped:
         return None
     run = comparison.run if comparison is not None else f"{document.suite_name} {document.run_id[:8]}"

@@ -89,7 +89,8 @@ def printed(gauntlet, target, cron="15 2 * * 1-5", **options):
 
 def test_cron_gets_a_line_whose_command_is_a_shell_command(gauntlet, suite, tmp_path):
     text = printed(gauntlet, "cron").out
-    zone, line = text.splitlines()
+    note, zone, line = text.splitlines()
+    assert note.startswith("# ")
     assert zone == "CRON_TZ=UTC"
     assert line.startswith("15 2 * * 1-5 cd ")
     command = line.partition("1-5 ")[2].replace(r"\%", "%")

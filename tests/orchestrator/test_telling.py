@@ -22,14 +22,14 @@ MESSAGE = Message(Kind.TEST, "a test", ("one", "two"), "demo")
 TASKS = ("maniskill/A", "pybullet/B")
 
 
-def compared(success):
-    def run(name, succeeded):
+def compared(success, **changes):
+    def run(name, succeeded, **changes):
         own = cells(("p",), TASKS)
         rows = [row(cell, seed, "success" if succeeded(seed) else "failure") for cell in own for seed in range(40)]
         frame = pd.DataFrame([{c: getattr(one, c) for c in COLUMNS} for one in rows], columns=list(COLUMNS))
-        return Run(name, document(40, own), frame)
+        return Run(name, document(40, own, **changes), frame)
 
-    return compare_runs(run("tuesday", success), run("monday", lambda seed: seed % 4 != 0))
+    return compare_runs(run("tuesday", success, **changes), run("monday", lambda seed: seed % 4 != 0))
 
 
 def test_a_regression_is_told_with_its_reasons():
@@ -45,6 +45,15 @@ def test_a_regression_of_a_run_that_ended_early_says_both():
     told = message_for(ended, compared(lambda seed: seed % 2), None)
     assert told.kind is Kind.REGRESSED
     assert told.lines[-1] == "stopped early: the disk is full"
+
+
+def test_a_run_that_could_not_be_judged_is_told_since_nobody_watches_any_more():
+    ended = document(suite_name="another")
+    found = compared(lambda seed: True, suite_name="another")
+    told = message_for(ended, found, None)
+    assert (told.kind, told.title) == (Kind.UNJUDGED, "NOT COMPARABLE: tuesday against monday")
+    assert told.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
+    assert told.lines[-1].endswith("gauntlet accept tuesday")
 
 
 @pytest.mark.parametrize("status", [RunStatus.COMPLETE, RunStatus.INTERRUPTED, RunStatus.RUNNING])

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from orchestrator.calendar.book import Book
-from orchestrator.calendar.playing import is_under_way
+from orchestrator.calendar.playing import conclude, is_under_way
 from orchestrator.calendar.schedule import CatchUp, Schedule, State
 from orchestrator.calendar.serving import AlreadyServed, Server, served_alone
 from orchestrator.folders import locked
@@ -159,6 +159,21 @@ def test_a_suite_that_is_gone_fails_with_its_reason_and_people_are_told(world):
     assert firing.state is State.FAILED
     assert "nights.yaml" in firing.outcome
     assert [message.kind for message in world.told] == ["stopped"]
+
+
+def test_a_run_whose_baseline_is_gone_is_done_and_people_are_told(world):
+    schedule = world.add(cron="0 0 1 1 *")
+    for number in range(2):
+        firing = world.book.fire(schedule, START + number, world.server().folder)
+        run = document(4, run_id=f"run-{number}", started_at=START + number, suite_name="nights")
+        folder = run_folder(world.root / firing.folder, run, [])
+        world.history.record(run, folder)
+        if number == 0:
+            (folder / "episodes.sqlite").unlink()
+    closed = conclude(world.book, world.history, schedule, firing, 0, world.told.append)
+    assert closed.state is State.DONE
+    assert "not compared" in closed.outcome
+    assert [message.kind for message in world.told] == ["not comparable"]
 
 
 def test_old_folders_are_removed_but_not_their_numbers_nor_the_baseline(world):
