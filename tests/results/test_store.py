@@ -127,6 +127,14 @@ def test_a_reader_may_read_while_another_process_writes(store, path):
     reader.close()
 
 
+def four_at_once(what, *arguments):
+    threads = [threading.Thread(target=what, args=arguments) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
 def test_several_may_create_a_store_at_the_same_time(tmp_path):
     wrong = []
 
@@ -138,11 +146,7 @@ def test_several_may_create_a_store_at_the_same_time(tmp_path):
 
     for attempt in range(25):
         path = tmp_path / f"{attempt}.sqlite"
-        threads = [threading.Thread(target=create, args=(path,)) for _ in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        four_at_once(create, path)
     assert not wrong
 
 
@@ -209,11 +213,7 @@ def test_several_may_bring_an_older_store_up_to_date_at_the_same_time(tmp_path):
             except Exception as error:
                 wrong.append(error)
 
-        threads = [threading.Thread(target=update) for _ in range(4)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        four_at_once(update)
         assert not wrong
 
 
