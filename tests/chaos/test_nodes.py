@@ -8,7 +8,7 @@ import time
 import pytest
 from ray.cluster_utils import Cluster
 
-from results.run import RunStatus, read_run
+from results.run import RUN_FILE, RunStatus, read_run
 from results.store import Store
 from tests.chaos.suites import NULL
 
@@ -28,6 +28,9 @@ def command(suite, folder, *more):
 
 
 def rows(folder):
+    """How many episodes the run has kept; none before it has begun: its document is written last."""
+    if not (folder / RUN_FILE).exists():
+        return 0
     store = Store.open_file(folder / "episodes.sqlite", read_run(folder).run_id)
     found = sum(store.status_counts().values())
     store.close()
@@ -41,14 +44,16 @@ def test_a_node_that_dies_half_way_changes_no_row(cluster, tmp_path):
     process = subprocess.Popen(
         command(suite, tmp_path / "nodes", "--address", cluster.address), env={**os.environ, "OMP_NUM_THREADS": "1"}
     )
-    deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and process.poll() is None:
-        if (tmp_path / "nodes" / "episodes.sqlite").exists() and rows(tmp_path / "nodes") > 40:
-            break
-        time.sleep(0.2)
-    assert process.poll() is None
-    cluster.remove_node(second, allow_graceful=False)
-    assert process.wait(240) == 0
+    try:
+        deadline = time.monotonic() + 240
+        while rows(tmp_path / "nodes") <= 40:
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.2)
+        cluster.remove_node(second, allow_graceful=False)
+        assert process.wait(240) == 0
+    finally:
+        process.kill()
+        process.wait()
     subprocess.run(command(suite, tmp_path / "alone"), check=True)
     disturbed, alone = read_run(tmp_path / "nodes"), read_run(tmp_path / "alone")
     assert disturbed.status is RunStatus.COMPLETE

@@ -160,7 +160,7 @@ def test_workers_that_do_not_see_the_files_play_the_same_rows(folder, ray_here, 
     known = {name: source for name, source in sources(folder).items() if name in ("experts", "merged")}
     protocol = Protocol(8, 4, View(("third_person", "wrist"), 16))
     work = [(Cell(name, source.digest, "null/Reach", protocol), range(3)) for name, source in known.items()]
-    options = SchedulerOptions({"null": 1}, episode_time_limit_s=30.0, max_attempts=1, allowed_errors=0)
+    options = SchedulerOptions({"null": 1}, episode_time_limit_s=120.0, max_attempts=1, allowed_errors=0)
 
     def rows(given):
         found = []
