@@ -31,6 +31,7 @@ WORKERS_NEED = frozenset(
 )
 """Those of our own requirements that processes in an environment import, besides Ray; the command has more."""
 _STEPS = ("Collecting ", "Downloading ", "Using cached ", "Building ", "Preparing ", "Installing ", "Resolved ")
+_REASONS = ("ERROR:", "error:", "×", "╰─▶", "Caused by:")
 _ASIDE = ("ERROR: ResolutionImpossible", "ERROR: No matching distribution")
 
 
@@ -210,6 +211,6 @@ def reason(said: Sequence[str]) -> str:
     for line in said:
         if "No space left on device" in line:
             return "the disk is full; free some space and create it again"
-    errors = [line for line in said if line.startswith(("ERROR:", "error:", "×")) and not line.startswith(_ASIDE)]
-    last = errors[-1] if errors else next((line for line in reversed(said) if line), "no message")
-    return f"expected to install it, the installer says: {last.removeprefix('ERROR: ')}"
+    reasons = [line for line in said if line.startswith(_REASONS) and not line.startswith(_ASIDE)]
+    last = reasons[-1] if reasons else next((line for line in reversed(said) if line), "no message")
+    return f"expected to install it, the installer says: {last.removeprefix('ERROR: ').removeprefix('Caused by: ')}"

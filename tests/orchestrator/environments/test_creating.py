@@ -96,6 +96,11 @@ def test_a_disk_that_an_installer_finds_full_is_said_so():
     assert creating.reason(said).startswith("the disk is full")
 
 
+def test_the_last_reason_that_uv_gives_is_told():
+    said = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
+    assert creating.reason(said).endswith("the installer says: Because gears was not found")
+
+
 def test_another_python_is_refused_before_anything_is_made(environment):
     with pytest.raises(EnvironmentProblem, match=r"expected Python 3\.\d+ as here.*got python: 3\.99"):
         creating.create(environment(python="3.99"), silent)
