@@ -10,7 +10,7 @@ from PIL import Image as Picture
 
 from adapters.contract import ACTION_DIM, FloatArray, Image, Observation
 from policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Sees
-from policies.remote.card import ACTIONS_KEY, Card
+from policies.remote.card import ACTIONS_KEY, Card, Convention
 from policies.remote.episodes import Greeting, as_message, greeting_in, routing_in
 from policies.remote.line import Line, packed
 from policies.remote.packing import PackingError
@@ -145,7 +145,7 @@ def card_spec(card: Card) -> PolicySpec:
     return PolicySpec(Sees.OBSERVATION, card.execute or MOST_ACTIONS, cameras=tuple(card.cameras))
 
 
-def card_message(card: Card, seen: Observation) -> dict[str, Any]:
+def card_message(card: Convention, seen: Observation) -> dict[str, Any]:
     """An observation under the server's keys."""
     message: dict[str, Any] = {key: resized(card, seen.images[camera]) for camera, key in card.cameras.items()}
     if card.proprioception is not None:
@@ -155,7 +155,7 @@ def card_message(card: Card, seen: Observation) -> dict[str, Any]:
     return message
 
 
-def resized(card: Card, image: Image) -> Image:
+def resized(card: Convention, image: Image) -> Image:
     """An image in the card's size, bilinear; padded with black on both sides alike where the shape is another."""
     if card.image_size is None:
         return image
@@ -174,7 +174,7 @@ def resized(card: Card, image: Image) -> Image:
     return np.asarray(padded)
 
 
-def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
+def card_chunk(card: Convention, answer: Mapping[str, Any]) -> FloatArray:
     """The chunk of an answer, shape (n, 7), in the units of `adapters.contract`.
 
     Raises:

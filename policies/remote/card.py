@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -20,15 +20,10 @@ Seconds = Annotated[float, Field(gt=0, le=3600)]
 Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
 
 
-class Card(BaseModel):
-    """The options of the kind `openpi`."""
+class Convention(BaseModel):
+    """How an observation is given to somebody else's policy, and how its answer is to be read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    address: str
-    """`ws://HOST:PORT` or `wss://HOST`; `openpi://HOST:PORT` and `HOST:PORT` mean `ws://`."""
-    identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
-    """What acts there, such as a checkpoint's name or hash."""
 
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """Camera to the server's key."""
@@ -49,6 +44,29 @@ class Card(BaseModel):
     gripper_closed: float = 1.0
     gripper_threshold: float | None = None
     execute: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        unknown = [camera for camera in self.cameras if camera not in CAMERAS]
+        if unknown or not (self.cameras or "cameras" not in self.model_fields_set):
+            raise ValueError(f"cameras: expected some of {', '.join(CAMERAS)}, got {', '.join(unknown) or 'none'}")
+        keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
+        if len(set(keys)) < len(keys):
+            raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
+        if self.columns is not None and len(self.columns) != ACTION_DIM:
+            raise ValueError(f"columns: expected {ACTION_DIM} places, got {len(self.columns)}")
+        if self.gripper_open == self.gripper_closed:
+            raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
+        return self
+
+
+class Card(Convention):
+    """The options of the kind `openpi`."""
+
+    address: str
+    """`ws://HOST:PORT` or `wss://HOST`; `openpi://HOST:PORT` and `HOST:PORT` mean `ws://`."""
+    identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    """What acts there, such as a checkpoint's name or hash."""
 
     connect_timeout_s: Seconds = 10.0
     timeout_s: Seconds = 60.0
@@ -72,20 +90,6 @@ class Card(BaseModel):
             raise ValueError(f"expected ws://HOST:PORT, got '{value}'")
         return f"{scheme}://{rest}"
 
-    @model_validator(mode="after")
-    def _sound(self) -> Card:
-        unknown = [camera for camera in self.cameras if camera not in CAMERAS]
-        if unknown or not self.cameras:
-            raise ValueError(f"cameras: expected some of {', '.join(CAMERAS)}, got {', '.join(unknown) or 'none'}")
-        keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
-        if len(set(keys)) < len(keys):
-            raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
-        if self.columns is not None and len(self.columns) != ACTION_DIM:
-            raise ValueError(f"columns: expected {ACTION_DIM} places, got {len(self.columns)}")
-        if self.gripper_open == self.gripper_closed:
-            raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
-        return self
-
     @property
     def is_plain(self) -> bool:
         """Whether nothing is said of how to send and to read, so that RoboGauntlet's own server is asked as it is."""
@@ -101,9 +105,7 @@ class Card(BaseModel):
 
 
 _HOW = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
-OPTIONS = {
-    "address": "ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT",
-    "identity": "what acts there (a checkpoint's name or hash); by default what the server says on connection",
+CONVENTION_OPTIONS = {
     "cameras": "camera to the server's key",
     "proprioception": "key of the eight numbers; null to leave them out",
     "instruction": "key of the goal in words; null to leave it out",
@@ -117,6 +119,11 @@ OPTIONS = {
     "gripper_closed": "the answer's number for closed",
     "gripper_threshold": "beyond this number, seen from open, the gripper closes, else it opens; by default in between",
     "execute": "actions of a chunk that are executed at most; fewer in an answer are an error",
+}
+OPTIONS = {
+    "address": "ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT",
+    "identity": "what acts there (a checkpoint's name or hash); by default what the server says on connection",
+    **CONVENTION_OPTIONS,
     "connect_timeout_s": "seconds to wait for a connection",
     "timeout_s": "seconds to wait for an answer, reconnections included",
     "retries": "times that a lost connection is made again for one query",
