@@ -73,10 +73,11 @@ class LeRobotPolicy:
 
     def _decide(self, query: Query) -> Decision:
         if self._process is None or not self._process.alive:
+            if query.episode.id in self._began:
+                raise ProcessLost("LeRobot's process ended while the episode was under way")
             self.close()
             self._process = _Process(self._checkpoint)
-        begun = self._began.setdefault(query.episode.id, self._process)
-        if begun is not self._process:
+        if self._began.setdefault(query.episode.id, self._process) is not self._process:
             raise ProcessLost("LeRobot's process ended while the episode was under way")
         card, seen = self._checkpoint.card, query.observation
         assert seen is not None

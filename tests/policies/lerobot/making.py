@@ -1,6 +1,7 @@
 """Run by the Python of an environment with LeRobot: small checkpoints of random weights, and what LeRobot answers."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -57,29 +58,31 @@ def make(kind, folder):
         part.save_pretrained(folder)
 
 
-def answer(folder, file, out):
-    """What LeRobot's own `predict_action` gives, step after step, to the images, states and seeds of a file."""
+def answer(folder, kind):
+    """What LeRobot's own `predict_action` gives, step after step; the global generator is seeded where a look is."""
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.control_utils import predict_action
 
     torch.set_num_threads(1)
-    config = PreTrainedConfig.from_pretrained(folder)
-    policy = get_policy_class(config.type).from_pretrained(folder)
-    before, after = make_pre_post_processors(config, pretrained_path=folder)
-    asked = np.load(file)
+    config = PreTrainedConfig.from_pretrained(folder / kind)
+    policy = get_policy_class(config.type).from_pretrained(folder / kind)
+    before, after = make_pre_post_processors(config, pretrained_path=str(folder / kind))
+    asked = np.load(folder / "asked.npz")
     policy.reset()
     rows = []
-    for image, state, seed in zip(asked["images"], asked["states"], asked["seeds"], strict=True):
+    for image, state, seed in zip(asked["images"], asked["states"], asked[kind], strict=True):
         if seed >= 0:
             torch.manual_seed(int(seed))
         seen = {"observation.images.third_person": image, "observation.state": state}
         rows.append(predict_action(seen, policy, torch.device("cpu"), before, after, False, task="reach"))
-    np.save(out, np.concatenate([row.numpy() for row in rows]))
+    np.save(folder / f"{kind}.npy", np.concatenate([row.numpy() for row in rows]))
 
 
 if __name__ == "__main__":
     from policies.lerobot.child import torchvision_beside_any_torch
 
     torchvision_beside_any_torch(torch)
-    {"make": make, "answer": answer}[sys.argv[1]](*sys.argv[2:])
+    for one in sys.argv[2:]:
+        make(one, Path(sys.argv[1]) / one)
+        answer(Path(sys.argv[1]), one)

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from adapters.contract import Observation
 from orchestrator.environments.environment import Environment, by_default
 from orchestrator.runner import EpisodeRunner
-from orchestrator.sources import PolicySource
 from policies import catalog
 from policies.contract import PolicyError, PolicyMismatch, Query
 from policies.lerobot.acting import ProcessLost
@@ -24,6 +22,7 @@ from suites.vocabulary import Episode, Protocol, View, content_hash
 MAKING = Path(__file__).with_name("making.py")
 ROOT = Path(__file__).parents[3]
 VIEW = View(("third_person",), 32)
+STEPS, LOOKS = 6, {"act": 3, "diffusion": 1}
 EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
 
 
@@ -42,21 +41,27 @@ def python():
 
 
 @pytest.fixture(scope="session")
-def checkpoint(python, tmp_path_factory):
-    made = {}
-
-    def make(kind):
-        if kind not in made:
-            made[kind] = tmp_path_factory.mktemp("lerobot") / kind
-            _run(python, "make", kind, made[kind])
-        return made[kind]
-
-    return make
-
-
-def _run(python, *arguments):
+def made(python, tmp_path_factory):
+    """Folder with a checkpoint and LeRobot's own answers for each kind, and what was asked."""
+    folder = tmp_path_factory.mktemp("lerobot")
+    generator = np.random.default_rng(0)
+    images = generator.integers(0, 256, (STEPS, 32, 32, 3), np.uint8)
+    states = generator.normal(size=(STEPS, 8)).astype(np.float32)
+    seeds = {
+        kind: [seed_at(step) if step % looks == 0 else -1 for step in range(STEPS)] for kind, looks in LOOKS.items()
+    }
+    np.savez(folder / "asked.npz", images=images, states=states, **seeds)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    subprocess.run([python, MAKING, *map(str, arguments)], env=environment, check=True, capture_output=True)
+    subprocess.run([python, MAKING, folder, *LOOKS], env=environment, check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def played(python, made):
+    """ACT, in one process for the tests of this file."""
+    policy = catalog.load("lerobot", {"checkpoint": str(made / "act"), "python": python})
+    yield policy
+    policy.close()
 
 
 @pytest.fixture
@@ -82,63 +87,60 @@ def seed_at(step):
     return int(content_hash([EPISODE.id, int(step)]), 16) % 2**63
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "looks"), [("act", 3), ("diffusion", 1)])
-def test_actions_are_to_the_bit_those_that_lerobot_gives(kind, looks, python, checkpoint, tmp_path):
-    steps = np.arange(6)
-    generator = np.random.default_rng(0)
-    images = generator.integers(0, 256, (len(steps), 32, 32, 3), np.uint8)
-    states = generator.normal(size=(len(steps), 8)).astype(np.float32)
-    seeds = np.array([seed_at(step) if step % looks == 0 else -1 for step in steps])
-    np.savez(tmp_path / "asked.npz", images=images, states=states, seeds=seeds)
-    _run(python, "answer", checkpoint(kind), tmp_path / "asked.npz", tmp_path / "answers.npy")
-    policy = catalog.load("lerobot", {"checkpoint": str(checkpoint(kind)), "python": python})
-    other = Episode("p", "d", "null/Reach", 4, EPISODE.protocol)
+def answers(policy, made, kind):
+    asked, other = np.load(made / "asked.npz"), Episode("p", "d", "null/Reach", 4, EPISODE.protocol)
     policy.reset([EPISODE, other])
     rows = []
-    for step in range(0, len(steps), looks):
-        seen = Observation({"third_person": images[step]}, states[step].astype(np.float64), "reach")
+    for step in range(0, STEPS, LOOKS[kind]):
+        seen = Observation({"third_person": asked["images"][step]}, asked["states"][step].astype(np.float64), "reach")
         rows.append(policy.act([Query(EPISODE, step, seen)])[0].actions)
         policy.act([Query(other, step, seen)])  # another episode in between changes nothing
-    policy.close()
-    assert policy.spec.chunk_length == looks
-    np.testing.assert_array_equal(np.concatenate(rows), np.load(tmp_path / "answers.npy").astype(np.float64))
+    policy.finish([EPISODE, other])
+    return np.concatenate(rows)
 
 
 @pytest.mark.slow
-def test_it_plays_episodes_and_one_whose_process_dies_is_played_again(python, checkpoint):
-    source = PolicySource("lerobot", {"checkpoint": str(checkpoint("act")), "python": python})
-    runner = EpisodeRunner({"p": source})
+def test_act_s_actions_are_to_the_bit_those_that_lerobot_gives(played, made):
+    assert played.spec.chunk_length == LOOKS["act"]
+    np.testing.assert_array_equal(answers(played, made, "act"), np.load(made / "act.npy").astype(np.float64))
+
+
+@pytest.mark.slow
+def test_a_diffusion_policy_sees_every_step_and_its_actions_are_lerobot_s_to_the_bit(python, made):
+    policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": python})
+    assert policy.spec.chunk_length == LOOKS["diffusion"]
+    found = answers(policy, made, "diffusion")
+    policy.close()
+    np.testing.assert_array_equal(found, np.load(made / "diffusion.npy").astype(np.float64))
+
+
+@pytest.mark.slow
+def test_an_episode_whose_process_dies_is_played_again_and_comes_out_the_same(played, made):
+    runner = EpisodeRunner({}, elsewhere={"p": played})
     whole = runner.play_one(EPISODE)
     assert (whole.status, whole.steps) == ("failure", 6)
     assert whole.inference_s > 0
 
     def dying(simulation, step):
-        if step == 4 and not died:
-            died.append(os.kill(runner._policies["p"]._process._process.pid, signal.SIGKILL))
+        if step == 2 and not died:  # between its two chunks
+            died.append(played._process._process.pid)
+            played._process._process.kill()
+            played._process._process.wait()
 
     died = []
     again = runner.play_one(EPISODE, dying)
-    assert died
+    assert played._process._process.pid != died[0]
     assert (again.status, again.actions_hash) == (whole.status, whole.actions_hash)
-    runner._policies["p"].close()
+    played._process._process.kill()
+    played._process._process.wait()
+    played._began[EPISODE.id] = played._process
+    with pytest.raises(ProcessLost, match="ended while the episode was under way"):
+        played.act([Query(EPISODE, 3, None)])
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_again_and_again_is_an_error_and_no_failure(python, checkpoint):
-    policy = catalog.load("lerobot", {"checkpoint": str(checkpoint("act")), "python": python})
-    seen = Observation({"third_person": np.zeros((32, 32, 3), np.uint8)}, np.zeros(8), "reach")
-    policy.reset([EPISODE])
-    policy.act([Query(EPISODE, 0, seen)])
-    policy._process._process.kill()
-    policy._process._process.wait()
-    with pytest.raises(ProcessLost, match="ended while the episode was under way"):
-        policy.act([Query(EPISODE, 3, seen)])
-    policy.close()
-
-
-def test_weights_that_cannot_be_read_are_one_line(python, checkpoint, tmp_path):
-    shutil.copytree(checkpoint("act"), tmp_path / "broken")
+def test_weights_that_cannot_be_read_are_one_line(python, made, tmp_path):
+    shutil.copytree(made / "act", tmp_path / "broken")
     (tmp_path / "broken" / "model.safetensors").write_bytes(b"none")
     with pytest.raises(PolicyError, match=r"^policy 'lerobot': SafetensorError: "):
         catalog.load("lerobot", {"checkpoint": str(tmp_path / "broken"), "python": python})
@@ -192,30 +194,10 @@ def test_a_folder_of_another_version_is_told_what_it_lacks(bare):
         catalog.digest("lerobot", {"checkpoint": str(folder)})
 
 
-def test_what_is_neither_a_folder_nor_on_the_hub_is_one_line(tmp_path):
-    suite = "name: s\npolicies: ['lerobot:no-such-user/no-such-policy']\ntasks: [null/Reach]\nseeds: {count: 1}\n"
-    options = "environments: {lerobot: {interpreter: /nowhere/python}}\n"
-    for more, said in (
-        ("", "the hub does not give it"),
-        (options, "expected a Python at /nowhere/python, there is none"),
-    ):
-        (tmp_path / "suite.yaml").write_text(suite + more)
-        done = subprocess.run(
-            [
-                sys.executable,
-                "-c",
-                "from orchestrator.cli import main; main()",
-                "validate",
-                str(tmp_path / "suite.yaml"),
-            ],
-            env={**os.environ, "PYTHONPATH": str(ROOT), "HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 2
-        (line,) = done.stderr.strip().splitlines()
-        assert said in line or (not more and "environment lerobot is not there" in line)
+def test_what_is_neither_a_folder_nor_on_the_hub_is_one_line(monkeypatch):
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
+    with pytest.raises(PolicyError, match=r"^policy 'lerobot': no folder nobody/nothing, .* hub does not give it: .+$"):
+        catalog.digest("lerobot", {"checkpoint": "nobody/nothing"})
     with pytest.raises(PolicyError, match=r"expected a folder or an id on the hub, got './nothing'"):
         catalog.digest("lerobot", {"checkpoint": "./nothing"})
 
