@@ -68,18 +68,19 @@ def step_draws_nothing(subject: Subject) -> Iterator[Fault]:
     action = subject.action()
     stepping, _ = _own_seconds(lambda: simulation.step(action))
     if stepping.get(draws, 0.0) > 0.5 * looking[draws]:
-        name, spent = draws[2], 1000 * stepping[draws] / REPEATS
+        name, spent = draws[2], 1000 * stepping[draws]
         yield Fault("a step that does not draw", f"it spends {spent:.1f} ms in {name}, which is what draws in a look")
 
 
 def _own_seconds(call: Callable[[], object]) -> tuple[dict[tuple[str, int, str], float], float]:
-    """Seconds spent in each function itself (file, line, name) during some calls, and in all."""
-    profile = cProfile.Profile()
+    """Seconds spent in each function itself (file, line, name) during the fastest of some calls, and in all."""
+    fastest: tuple[dict[tuple[str, int, str], float], float] = {}, float("inf")
     for _ in range(REPEATS):
+        profile = cProfile.Profile()
         profile.runcall(call)
-    found = pstats.Stats(profile)
-    own = {function: own for function, (_, _, own, _, _) in found.stats.items()}  # type: ignore[attr-defined]
-    return own, sum(own.values())
+        own = {function: own for function, (_, _, own, _, _) in pstats.Stats(profile).stats.items()}  # type: ignore[attr-defined]
+        fastest = min(fastest, (own, sum(own.values())), key=lambda found: found[1])
+    return fastest
 
 
 CHECKS = (present, own_images, step_draws_nothing)
