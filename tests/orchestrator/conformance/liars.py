@@ -151,7 +151,7 @@ class DriftsUnseen(Liar):
 class Flickers(Liar):
     def observe(self):
         seen = super().observe()
-        return replace(seen, images={c: i ^ np.uint8(os.urandom(1)[0] & 1) for c, i in seen.images.items()})
+        return replace(seen, images={c: i ^ np.uint8(os.urandom(1)[0]) for c, i in seen.images.items()})
 
 
 class ByProcess(Liar):

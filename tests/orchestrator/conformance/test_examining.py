@@ -66,7 +66,7 @@ def _words(process):
 
 def test_what_differs_from_process_to_process_is_found(examination):
     (other,) = examination("byprocess").play(CHECKS["seeds-elsewhere"])
-    assert "seed 2 to be the same in another process; seen: others: start, end, exact_end, looks" in str(other)
+    assert "seed 2 to be the same in another process; seen: others: start, end, exact_end" in str(other)
 
 
 def test_the_honest_toy_passes_in_a_process_of_its_own(examination):
