@@ -11,7 +11,7 @@ def flow() -> Drawing:
     """A suite's way to its report, and the rooms that it passes."""
     sheet = Drawing(520, 452)
     title, sub = "bold", "soft small"
-    sheet.box(20, 14, 190, 58, [("suite", title), ("tasks, policies, conditions, seeds", sub)])
+    sheet.box(20, 14, 190, 58, [("suite", title), ("what, who, where, seeds", sub)])
     sheet.box(310, 14, 190, 58, [("episodes", title), ("identity fixed, nothing played", sub)])
     sheet.arrow([(210, 43), (308, 43)])
     sheet.text(260, 36, "validated", sub, anchor="middle")
@@ -24,7 +24,7 @@ def flow() -> Drawing:
             214,
             136,
             82,
-            [("worker", title), (name, "one small bold"), ("rollout: observe, act, step", sub)],
+            [("worker", title), (name, "one small bold"), ("observe, act, step", sub)],
             "pale-one",
         )
         sheet.arrow([(x + 68, 296), (x + 68, 320), (260, 320), (260, 340)])
@@ -47,7 +47,7 @@ def rooms() -> Drawing:
     sheet.box(16, 98, 150, 48, [("policies", "bold"), ("who acts", "soft small")])
     sheet.box(185, 98, 150, 48, [("adapters", "bold"), ("where", "soft small")])
     sheet.box(354, 98, 150, 48, [("results", "bold"), ("what came out", "soft small")], "pale-three")
-    sheet.box(150, 182, 220, 46, [("suites", "bold"), ("what to evaluate; imports nothing of ours", "soft small")])
+    sheet.box(150, 182, 220, 46, [("suites", "bold"), ("what to evaluate", "soft small")])
     sheet.arrow([(190, 58), (110, 96)])
     sheet.arrow([(260, 58), (260, 96)])
     sheet.arrow([(330, 58), (410, 96)])
@@ -130,7 +130,7 @@ def inference() -> Drawing:
     sheet.arrow([(160, 58), (198, 58)])
     scores = (
         ("push", 18, "fill-soft"),
-        ("pick and place", 96, "fill-two"),
+        ("pick and place", 62, "fill-two"),
         ("reach", 30, "fill-soft"),
         ("unknown?", 10, "fill-soft"),
     )

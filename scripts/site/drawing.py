@@ -82,8 +82,8 @@ class Axes:
         """Where a number lies."""
         return self.left + (value - self.low) / (self.high - self.low) * (self.right - self.left)
 
-    def ticks(self, values: Iterable[float], top: float, bottom: float, form: str = "{:g}") -> None:
+    def ticks(self, values: Iterable[float], top: float, bottom: float) -> None:
         """Vertical lines with their numbers below."""
         for value in values:
             self.drawing.line([(self(value), top), (self(value), bottom)], "rule")
-            self.drawing.text(self(value), bottom + 15, form.format(value), "soft small", anchor="middle")
+            self.drawing.text(self(value), bottom + 15, f"{value:g}", "soft small", anchor="middle")

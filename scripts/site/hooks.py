@@ -112,7 +112,7 @@ def _command(name: str, command: Any, level: int) -> Iterator[str]:
     )
     records = [one.get_help_record(context) for one in command.params if not one.hidden]
     if records := [record for record in records if record]:
-        yield from ("| | |", "|---|---|")
+        yield from ("| argument, option | meaning |", "|---|---|")
         yield from (f"| {_code(what)} | {_cell(help_)} |" for what, help_ in records)
         yield ""
 
