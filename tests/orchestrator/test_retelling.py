@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from adapters import catalog
 from orchestrator.perturbations import perturbed
-from orchestrator.replay import episode_of
+from orchestrator.replay import episode_of, policy_sources
 from orchestrator.retelling import Choice, Witness, retell
 from orchestrator.runner import EpisodeRunner
 from orchestrator.sources import PolicySource
 from policies import catalog as policies
 from policies.training.dataset import Demonstrations
+from results.run import read_run
 from suites.part import NoSuchPart
 from suites.vocabulary import Cell, Condition, Episode, Protocol, View
 from tests.results.synthetic import cells, document, row, run_folder
@@ -216,6 +217,12 @@ def test_a_policy_that_has_changed_is_one_line(gauntlet, run):
     said = gauntlet("export", run, "--format", "lerobot-dataset")
     assert (said.code, said.err.count("\n")) == (2, 1)
     assert "policy 'random' has changed since the run" in said.err
+
+
+def test_policies_of_the_suite_that_the_run_left_out_are_not_asked_for(run):
+    text = (run / "run.json").read_text().replace("policies: [random]", "policies: [random, oracle]")
+    (run / "run.json").write_text(text)
+    assert set(policy_sources(read_run(run))) == {"random"}
 
 
 def test_the_identity_survives_the_row(played):
