@@ -16,11 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from adapters import catalog
 from adapters.contract import FloatArray, Observation, Simulation, StepOutcome
 from orchestrator.around import Around
 from orchestrator.beside import Ended, beside
 from orchestrator.cluster import RayLost, ray_session
 from orchestrator.demonstrate import dataset_name
+from orchestrator.environments.homes import Homes
 from orchestrator.folders import explain, locked
 from orchestrator.perturbations.actions import PerturbedActions
 from orchestrator.perturbations.base import Perturbed
@@ -189,6 +191,7 @@ def write_datasets(
     sources: Mapping[str, PolicySource],
     folder: Path,
     listener: Callable[[Written, int], Callable[[], None]],
+    homes: Homes | None = None,
 ) -> Written:
     """Play rows again, a process per simulator beside each other, and write them; go on with what is there.
 
@@ -198,6 +201,7 @@ def write_datasets(
         sources: Its policies.
         folder: A dataset per task is made in it.
         listener: Told how many episodes are to be played; what it returns is told after each.
+        homes: In which environment each simulator runs.
 
     Raises:
         DatasetError: The folder holds something else.
@@ -214,10 +218,13 @@ def write_datasets(
         for row in rows:
             if row.episode_id not in there:
                 missing.setdefault(row.simulator, []).append(row)
-        count = sum(map(len, missing.values()))
-        written.there = len(rows) - count
+        written.there = len(rows) - sum(map(len, missing.values()))
+        homes = homes or Homes()
+        for simulator in list(missing):
+            if reason := homes.missing_reason(catalog.find(simulator)):
+                written.troubles.append(f"{simulator}: {len(missing.pop(simulator))} not played again: {reason}")
         if missing:
-            _play(missing, sources, written, listener(written, count))
+            _play(missing, sources, written, listener(written, sum(map(len, missing.values()))), homes)
     return written
 
 
@@ -226,6 +233,7 @@ def _play(
     sources: Mapping[str, PolicySource],
     written: Written,
     listener: Callable[[], None],
+    homes: Homes,
 ) -> None:
     waiting = _Waiting(written.writers)
     left = Counter({simulator: len(own) for simulator, own in missing.items()})
@@ -233,7 +241,7 @@ def _play(
         try:
             with ray_session(address=None, workers=len(missing)):
                 arguments = {name: (own, dict(sources)) for name, own in missing.items()}
-                for simulator, came in beside(_retell_all, arguments):
+                for simulator, came in beside(_retell_all, arguments, homes):
                     if isinstance(came, Ended):
                         written.troubles.append(f"{simulator}: {left[simulator]} not played again: {came.reason}")
                         continue

@@ -8,11 +8,12 @@ ROOT = Path(__file__).parents[1]
 SAID_BY = {
     "orchestrator/cli/doctor.py": {"append"},
     "orchestrator/probe.py": {"Finding"},
-    "adapters/catalog.py": {"missing_reason"},
     "suites/plugins.py": {"reason"},
+    "policies/oracles/plugins.py": {"problem", "_problem"},
+    "orchestrator/environments/checking.py": {"Found", "_problems", "_other_python"},
     **{path.relative_to(ROOT).as_posix(): {"SimulatorUnavailable"} for path in (ROOT / "adapters").rglob("*.py")},
 }
-SAID_BY["adapters/catalog.py"] = {"missing_reason"}
+SAID_BY["adapters/catalog.py"] |= {"missing_reason"}
 """File to the functions that are called with a message, or that return one, or the names that one is given to."""
 
 
@@ -31,11 +32,16 @@ def templates():
 
 def _values(node, sayers):
     if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", None)) in sayers:
-        yield from node.args
-    elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", None) in sayers:
+        for argument in node.args:
+            yield from argument.elts if isinstance(argument, ast.Tuple) else [argument]
+    elif isinstance(node, ast.Assign | ast.AnnAssign) and _name(node) in sayers:
         yield node.value
     elif isinstance(node, ast.FunctionDef) and node.name in sayers:
-        yield from (inner.value for inner in ast.walk(node) if isinstance(inner, ast.Return))
+        yield from (inner.value for inner in ast.walk(node) if isinstance(inner, ast.Return | ast.Yield))
+
+
+def _name(node):
+    return getattr(node.targets[0] if isinstance(node, ast.Assign) else node.target, "id", None)
 
 
 def _pieces(value):

@@ -24,7 +24,7 @@ from orchestrator.cli.shared import (
 )
 from orchestrator.folders import FolderError
 from orchestrator.progress import FilmingProgress
-from orchestrator.replay import ReplayError, policy_sources
+from orchestrator.replay import ReplayError, homes_of, policy_sources
 from policies.contract import PolicyError
 from results import exchange
 from results.carrying import export_run, import_run
@@ -159,7 +159,7 @@ def _write_datasets(run: Path, choice: Choice, folder: Path, store: str | None) 
         if not chosen:
             raise BadInput(f"{run}: no episode that was asked for")
         with ExitStack() as progress:
-            written = write_datasets(chosen, document, policy_sources(document), folder, listener)
+            written = write_datasets(chosen, document, policy_sources(document), folder, listener, homes_of(document))
     except (RunError, StoreError, ReplayError, NoSuchPart, PolicyError, FolderError) as error:
         raise BadInput(str(error)) from None
     for writer in written.writers.values():
