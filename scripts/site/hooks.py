@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 DECISIONS = "decisions"
+OUTWARD = re.compile(r"(?<!!)\[(?P<text>[^\]]*)\]\((?P<target>\.\./[^)\s]*)\)")
+"""A link that may lead out of the documentation."""
 DRAWING = re.compile(
     r'<img\s[^>]*?alt="(?P<alt>[^"]*)"[^>]*?src="(?P<src>[^"]*images/(?:concepts|statistics)/[^"]+\.svg)"[^>]*>'
 )
@@ -51,6 +53,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     ):
         files.append(File.generated(config, name, content=text))
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Leave out links to the program's own files, which are no part of the site; those to nothing stay, and are told."""
+    folder = (Path(config.docs_dir) / page.file.src_path).parent
+
+    def replaced(found: re.Match[str]) -> str:
+        target = (folder / found["target"].partition("#")[0]).resolve()
+        ours = target.is_relative_to(ROOT) and not target.is_relative_to(config.docs_dir)
+        return found["text"] if ours and target.exists() else found[0]
+
+    return OUTWARD.sub(replaced, markdown)
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
@@ -122,7 +136,7 @@ def _is_option(parameter: Any) -> bool:
 
 
 def _code(text: str) -> str:
-    return f"<code>{_cell(text)}</code>"
+    return f"<code>{_cell(text).replace('&#124;', '&#124;<wbr>')}</code>"
 
 
 def _cell(text: str) -> str:

@@ -252,7 +252,7 @@ def peeking() -> Drawing:
         y_ticks=(0, 10, 20, 30),
         below="pairs so far, looked at every ten; nothing differs",
         above="comparisons that were called different by then (%)",
-        labels=[(150, 22.5, "McNemar's test", "two"), (255, 7, "evidence (e-value)", "one")],
+        labels=[(150, 15.5, "McNemar's test", "two"), (255, 7, "evidence (e-value)", "one")],
     )
 
 
@@ -266,7 +266,7 @@ def power() -> Drawing:
         y_ticks=(0, 5, 10, 15, 20, 25),
         below="pairs in the night, a fifth of which disagree",
         above="drop that is caught in four nights of five (points)",
-        labels=[(180, 12.5, "smaller drops mostly pass", "one")],
+        labels=[(120, 1.2, "smaller drops mostly pass", "one")],
     )
 
 
