@@ -46,7 +46,8 @@ lint: setup
 	$(BIN)/mypy --no-error-summary
 
 docs: setup
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@# With --quiet, the strict mode would not hear of warnings.
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation: runs/site/index.html"
 
 bench: setup

@@ -56,7 +56,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Leave out links to the program's own files, which are no part of the site; those to nothing stay, and are told."""
+    """Leave out links to the program's own files, which are not in the site; those to nothing stay, and are told."""
     folder = (Path(config.docs_dir) / page.file.src_path).parent
 
     def replaced(found: re.Match[str]) -> str:
