@@ -1,0 +1,97 @@
+"""Whether a mapping file fits the environment that it is for. What does not is a `ValueError` of one line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, SimulatorUnavailable
+from adapters.gymnasium.mapping import EnvironmentMapping
+from suites.plugins import nearest
+
+SIZES = {"tcp_position": 3, "tcp_quaternion": 4, "finger_positions": 2}
+"""What every state holds, and of how many numbers."""
+
+
+def action_map(mapping: EnvironmentMapping, spec: ActionSpec, space: Any) -> tuple[FloatArray, FloatArray]:
+    """Matrix (n, 7) and offset (n,) that make an action of the environment from one of ours.
+
+    Raises:
+        ValueError: There is no such number in its action, or ours go beyond its bounds.
+    """
+    if len(getattr(space, "shape", None) or ()) != 1:
+        raise ValueError(f"action: expected actions that are a row of numbers, {mapping.env} takes {space}")
+    gain, offset = np.zeros((space.shape[0], ACTION_DIM)), np.zeros(space.shape[0])
+    for name, drive in mapping.action.items():
+        if drive.index >= len(gain):
+            raise ValueError(f"action.{name}: expected an index below {len(gain)}, the size of {mapping.env}'s action")
+        gain[drive.index, ACTION_NAMES.index(name)] = drive.scale
+        offset[drive.index] += drive.offset
+    reach = np.abs(gain) @ spec.high
+    for number in np.flatnonzero((offset - reach < space.low - 1e-6) | (offset + reach > space.high + 1e-6)):
+        came = f"{offset[number] - reach[number]:g} to {offset[number] + reach[number]:g}"
+        most = f"{space.low[number]:g} to {space.high[number]:g}"
+        raise ValueError(f"action: number {number} would be {came}, {mapping.env} takes {most}; lower scale or bounds")
+    return gain, offset
+
+
+def make(mapping: EnvironmentMapping) -> Any:
+    """The environment, without a limit of time.
+
+    Raises:
+        SimulatorUnavailable: A package is missing.
+        ValueError: gymnasium has no such environment, or it cannot be made so.
+    """
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    import gymnasium
+
+    rendered = {"render_mode": "rgb_array"} if "render" in (mapping.cameras.third_person, mapping.cameras.wrist) else {}
+    try:
+        return gymnasium.make(mapping.env, disable_env_checker=True, max_episode_steps=-1, **rendered | mapping.make)
+    except ModuleNotFoundError as error:
+        raise SimulatorUnavailable(f"{mapping.env}: {error}; install the package that brings it") from error
+    except Exception as error:  # a constructor may raise anything
+        raise ValueError(f"env: gymnasium cannot make '{mapping.env}': {' '.join(str(error).split())}") from error
+
+
+def is_mujoco(world: Any) -> bool:
+    """Whether an environment without its wrappers shows the world of MuJoCo that it is made of."""
+    return hasattr(world, "model") and hasattr(world, "data")
+
+
+def check_camera(camera: str, mapping: EnvironmentMapping, world: Any) -> None:
+    """Refuse a camera that the environment cannot draw.
+
+    Raises:
+        ValueError: With what it can.
+    """
+    source = getattr(mapping.cameras, camera)
+    if source is None:
+        raise ValueError(f"no camera '{camera}' is mapped; add it to `cameras`, or let the suite do without it")
+    if source == "render":
+        if "rgb_array" not in world.metadata.get("render_modes", ()):
+            raise ValueError(f"cameras.{camera}: {mapping.env} cannot render to rgb_array")
+    elif not is_mujoco(world):
+        raise ValueError(f"cameras.{camera}: {mapping.env} is not of MuJoCo, only `render` can draw it")
+    elif isinstance(source, str):
+        known = [world.model.camera(number).name for number in range(world.model.ncam)]
+        if source not in known:
+            raise ValueError(f"cameras.{camera}: no camera '{source}' in the model{nearest(source, known)}")
+
+
+def check_state(state: Mapping[str, FloatArray]) -> None:
+    """Refuse a state that lacks something, or in which something has the wrong size.
+
+    Raises:
+        ValueError: With what was expected.
+    """
+    for name in SIZES:
+        if name not in state:
+            raise ValueError(f"state: missing key '{name}'")
+    for name, value in state.items():
+        size = SIZES.get(name, {"position": 3, "quaternion": 4}.get(name.rpartition("_")[2], value.size))
+        if value.size != size:
+            raise ValueError(f"state.{name}: expected {size} numbers, got {value.size}")
