@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from copy import copy
 from ctypes.util import find_library
 from typing import Any
 
@@ -93,6 +95,16 @@ class MujocoScene:
         """Free the renderers. Safe to call twice."""
         while self.renderers:
             self.renderers.popitem()[1].close()
+
+
+@contextmanager
+def left_as_it_was(model: Any, data: Any) -> Iterator[None]:
+    """Whatever is done inside, MuJoCo's data are what they were afterwards, to the bit."""
+    kept = copy(data)
+    try:
+        yield
+    finally:
+        import_mujoco().mj_copyData(data, model, kept)
 
 
 def drawing_device() -> str:

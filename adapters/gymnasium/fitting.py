@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from PIL import Image as Pillow
+from PIL import ImageOps
 
-from adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, SimulatorUnavailable
+from adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, Image, SimulatorUnavailable
 from adapters.gymnasium.mapping import EnvironmentMapping
 from suites.plugins import nearest
 
@@ -80,6 +82,11 @@ def check_camera(camera: str, mapping: EnvironmentMapping, world: Any) -> None:
         known = [world.model.camera(number).name for number in range(world.model.ncam)]
         if source not in known:
             raise ValueError(f"cameras.{camera}: no camera '{source}' in the model{nearest(source, known)}")
+
+
+def scaled(image: Image, size: int) -> Image:
+    """The middle of an image (height, width, 3), as an image (size, size, 3) of its own."""
+    return np.array(ImageOps.fit(Pillow.fromarray(image), (size, size)))
 
 
 def check_state(state: Mapping[str, FloatArray]) -> None:

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from PIL import Image as Pillow
-from PIL import ImageOps
 from scipy.spatial.transform import Rotation
 
 from adapters.contract import (
@@ -26,9 +24,9 @@ from adapters.contract import (
 )
 from adapters.frames import hash_state, relative_pose
 from adapters.gymnasium.expressions import value_of
-from adapters.gymnasium.fitting import action_map, check_camera, check_state, is_mujoco, make
+from adapters.gymnasium.fitting import action_map, check_camera, check_state, is_mujoco, make, scaled
 from adapters.gymnasium.mapping import EnvironmentMapping, Orbit, load_card, load_mapping, mapping_files
-from adapters.mujoco_scene import MujocoScene, drawing_device, mujoco_state, orbit_camera
+from adapters.mujoco_scene import MujocoScene, drawing_device, left_as_it_was, mujoco_state, orbit_camera
 from adapters.plain import PlainSimulation
 from suites.vocabulary import View
 
@@ -94,13 +92,17 @@ class GymnasiumSimulation(PlainSimulation):
     def draw(self, camera: str, size: int) -> Image:
         """What the mapping's camera shows, (size, size, 3); what `render` gives is cut to a square and scaled."""
         source = getattr(self._mapping.cameras, camera)
-        if self._scene is None or source == "render":
-            return np.array(ImageOps.fit(Pillow.fromarray(self._env.render()), (size, size)))
-        getattr(self._world, "_render_callback", bool)()  # Where gymnasium-robotics puts its goal's marker in place.
-        if isinstance(source, Orbit):
-            at = self._value(source.at) if isinstance(source.at, str) else source.at
-            source = orbit_camera(at, source.distance, source.azimuth, source.elevation)
-        return self._scene.image(source, size)
+        if self._scene is None:
+            return scaled(self._env.render(), size)
+        # Where gymnasium-robotics puts the goal's marker in its place, it also brings stale poses up to date.
+        with left_as_it_was(self._world.model, self._world.data):
+            if source == "render":
+                return scaled(self._env.render(), size)
+            getattr(self._world, "_render_callback", bool)()
+            if isinstance(source, Orbit):
+                at = self._value(source.at) if isinstance(source.at, str) else source.at
+                source = orbit_camera(at, source.distance, source.azimuth, source.elevation)
+            return self._scene.image(source, size)
 
     def render_device(self) -> str:
         """OpenGL's name of what draws; an environment's own `render` does not say."""
