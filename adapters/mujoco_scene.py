@@ -5,11 +5,11 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from copy import copy
+from collections.abc import Callable
 from ctypes.util import find_library
 from typing import Any
+
+from numpy.typing import ArrayLike
 
 from adapters.contract import FloatArray, Image, SimulatorUnavailable
 from suites.vocabulary import RenderProfile
@@ -58,19 +58,20 @@ class MujocoScene:
         self.renderers: dict[int, Any] = {}
         """Image size to MuJoCo's renderer, made on first use."""
 
-    def image(self, camera: Any, size: int, add: Callable[[Any], None] | None = None) -> Image:
+    def image(self, camera: Any, size: int, add: Callable[[Any], None] | None = None, data: Any = None) -> Image:
         """An upright RGB image, shape (size, size, 3), of its own.
 
         Args:
             camera: Name of a camera of the model, or an `MjvCamera`.
             size: Height and width (px).
             add: Puts further shapes into the `MjvScene` that is about to be drawn.
+            data: Drawn instead of those given at the beginning.
 
         Raises:
             SimulatorUnavailable: Nothing here can render.
         """
         renderer = self.renderers.get(size) or self._made(size)
-        renderer.update_scene(self._data, camera, self._option)
+        renderer.update_scene(data or self._data, camera, self._option)
         if add:
             add(renderer.scene)
         image: Image = renderer.render()
@@ -97,16 +98,6 @@ class MujocoScene:
             self.renderers.popitem()[1].close()
 
 
-@contextmanager
-def left_as_it_was(model: Any, data: Any) -> Iterator[None]:
-    """Whatever is done inside, MuJoCo's data are what they were afterwards, to the bit."""
-    kept = copy(data)
-    try:
-        yield
-    finally:
-        import_mujoco().mj_copyData(data, model, kept)
-
-
 def drawing_device() -> str:
     """OpenGL's name of what drew last."""
     gl = importlib.import_module("OpenGL.GL")
@@ -114,7 +105,7 @@ def drawing_device() -> str:
     return name.decode()
 
 
-def orbit_camera(at: FloatArray, distance: float, azimuth: float, elevation: float) -> Any:
+def orbit_camera(at: ArrayLike, distance: float, azimuth: float, elevation: float) -> Any:
     """MuJoCo's free camera, for `MujocoScene.image`.
 
     Args:

@@ -1,4 +1,4 @@
-"""Whether a mapping file fits the environment that it is for. What does not is a `ValueError` of one line."""
+"""Fits a mapping file and the environment that it is for together. What does not is a `ValueError` of one line."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from PIL import Image as Pillow
 from PIL import ImageOps
+from scipy.spatial.transform import Rotation
 
 from adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, Image, SimulatorUnavailable
+from adapters.frames import relative_pose
 from adapters.gymnasium.mapping import EnvironmentMapping
 from suites.plugins import nearest
 
@@ -18,7 +20,13 @@ SIZES = {"tcp_position": 3, "tcp_quaternion": 4, "finger_positions": 2}
 """What every state holds, and of how many numbers."""
 
 
-def action_map(mapping: EnvironmentMapping, spec: ActionSpec, space: Any) -> tuple[FloatArray, FloatArray]:
+def action_spec(mapping: EnvironmentMapping) -> ActionSpec:
+    """What the mapping says that a step accepts."""
+    ignored = tuple(name for name in ACTION_NAMES if name not in mapping.action)
+    return ActionSpec(mapping.max_translation, mapping.max_rotation, mapping.control_hz, ignored)
+
+
+def action_map(mapping: EnvironmentMapping, space: Any) -> tuple[FloatArray, FloatArray]:
     """Matrix (n, 7) and offset (n,) that make an action of the environment from one of ours.
 
     Raises:
@@ -32,7 +40,7 @@ def action_map(mapping: EnvironmentMapping, spec: ActionSpec, space: Any) -> tup
             raise ValueError(f"action.{name}: expected an index below {len(gain)}, the size of {mapping.env}'s action")
         gain[drive.index, ACTION_NAMES.index(name)] = drive.scale
         offset[drive.index] += drive.offset
-    reach = np.abs(gain) @ spec.high
+    reach = np.abs(gain) @ action_spec(mapping).high
     for number in np.flatnonzero((offset - reach < space.low - 1e-6) | (offset + reach > space.high + 1e-6)):
         came = f"{offset[number] - reach[number]:g} to {offset[number] + reach[number]:g}"
         most = f"{space.low[number]:g} to {space.high[number]:g}"
@@ -62,6 +70,26 @@ def make(mapping: EnvironmentMapping) -> Any:
 def is_mujoco(world: Any) -> bool:
     """Whether an environment without its wrappers shows the world of MuJoCo that it is made of."""
     return hasattr(world, "model") and hasattr(world, "data")
+
+
+def in_base_frame(name: str, value: FloatArray, mapping: EnvironmentMapping) -> FloatArray:
+    """A value of the environment's world, turned into the base frame if its name says that it is a pose.
+
+    Args:
+        name: `*_position` (3,), `*_quaternion` (a quaternion xyzw (4,) or a matrix, row by row, (9,)), or another.
+        value: In the environment's world.
+        mapping: Says where the base is, and how the tool's frame is turned.
+    """
+    base = np.array(mapping.base.position)
+    turned = Rotation.from_euler("z", mapping.base.yaw, degrees=True).as_quat()
+    if name.endswith("_position"):
+        return relative_pose(base, turned, value, turned)[0]
+    if not name.endswith("_quaternion"):
+        return value
+    rotation = Rotation.from_matrix(value.reshape(3, 3)) if value.size == 9 else Rotation.from_quat(value)
+    if name == "tcp_quaternion":
+        rotation *= Rotation.from_euler("XYZ", mapping.tool, degrees=True)
+    return relative_pose(base, turned, base, rotation.as_quat())[1]
 
 
 def check_camera(camera: str, mapping: EnvironmentMapping, world: Any) -> None:

@@ -7,26 +7,26 @@ of ours. Whether equal seeds give equal worlds is the environment's affair: the 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from adapters.contract import (
-    ACTION_DIM,
-    ACTION_NAMES,
-    ActionSpec,
-    AdapterError,
-    FloatArray,
-    Image,
-    Simulator,
-    StepOutcome,
-)
-from adapters.frames import hash_state, relative_pose
+from adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, Simulator, StepOutcome
+from adapters.frames import hash_state
 from adapters.gymnasium.expressions import value_of
-from adapters.gymnasium.fitting import action_map, check_camera, check_state, is_mujoco, make, scaled
+from adapters.gymnasium.fitting import (
+    action_map,
+    action_spec,
+    check_camera,
+    check_state,
+    in_base_frame,
+    is_mujoco,
+    make,
+    scaled,
+)
 from adapters.gymnasium.mapping import EnvironmentMapping, Orbit, load_card, load_mapping, mapping_files
-from adapters.mujoco_scene import MujocoScene, drawing_device, left_as_it_was, mujoco_state, orbit_camera
+from adapters.mujoco_scene import MujocoScene, drawing_device, mujoco_state, orbit_camera
 from adapters.plain import PlainSimulation
 from suites.vocabulary import View
 
@@ -42,17 +42,11 @@ class GymnasiumSimulation(PlainSimulation):
         Raises:
             ValueError: The mapping does not fit the environment.
         """
-        ignored = tuple(name for name in ACTION_NAMES if name not in mapping.action)
-        spec = ActionSpec(mapping.max_translation, mapping.max_rotation, mapping.control_hz, ignored)
-        super().__init__(view, mapping.instruction, spec)
+        super().__init__(view, mapping.instruction, action_spec(mapping))
         self._mapping, self._env = mapping, make(mapping)
-        self._world = self._env.unwrapped
-        self._scene: MujocoScene | None = None
-        if is_mujoco(self._world):
-            self._scene = MujocoScene(self._world.model, self._world.data, view.render_profile)
-        self._base = np.array(mapping.base.position), Rotation.from_euler("z", mapping.base.yaw, degrees=True).as_quat()
-        self._tool = Rotation.from_euler("XYZ", mapping.tool, degrees=True)
-        self._gain, self._offset = action_map(mapping, spec, self._env.action_space)
+        world = self._world = self._env.unwrapped
+        self._scene = MujocoScene(world.model, world.data, view.render_profile) if is_mujoco(world) else None
+        self._gain, self._offset = action_map(mapping, self._env.action_space)
         for camera in view.cameras:
             check_camera(camera, mapping, self._world)
         self.begin(0)
@@ -92,23 +86,25 @@ class GymnasiumSimulation(PlainSimulation):
     def draw(self, camera: str, size: int) -> Image:
         """What the mapping's camera shows, (size, size, 3); what `render` gives is cut to a square and scaled."""
         source = getattr(self._mapping.cameras, camera)
-        if self._scene is None:
+        if self._scene is None or source == "render":
             return scaled(self._env.render(), size)
-        # Where gymnasium-robotics puts the goal's marker in its place, it also brings stale poses up to date.
-        with left_as_it_was(self._world.model, self._world.data):
-            if source == "render":
-                return scaled(self._env.render(), size)
-            getattr(self._world, "_render_callback", bool)()
+        world, data = self._world, self._world.data
+        world.data = copy(
+            data
+        )  # gymnasium-robotics' callback, which puts the goal's marker in its place, changes more.
+        try:
+            getattr(world, "_render_callback", bool)()
             if isinstance(source, Orbit):
                 at = self._value(source.at) if isinstance(source.at, str) else source.at
                 source = orbit_camera(at, source.distance, source.azimuth, source.elevation)
-            return self._scene.image(source, size)
+            return self._scene.image(source, size, data=world.data)
+        finally:
+            world.data = data
 
     def render_device(self) -> str:
         """OpenGL's name of what draws; an environment's own `render` does not say."""
         self.draw("third_person", self.view.image_size)
-        own = self._scene is None or self._mapping.cameras.third_person == "render"
-        return f"render of {self._mapping.env}" if own else drawing_device()
+        return drawing_device() if self._scene and self._scene.renderers else f"render of {self._mapping.env}"
 
     def close(self) -> None:
         """Free environment and renderers."""
@@ -120,17 +116,12 @@ class GymnasiumSimulation(PlainSimulation):
         return value_of(expression, {**self._said, "unwrapped": self._world})
 
     def _read(self, name: str, source: Any) -> FloatArray:
-        """One entry of the state; the environment's poses in the base frame."""
+        """One entry of the state."""
         parts = source if isinstance(source, list) else [source]
         values = [self._value(part) if isinstance(part, str) else part for part in parts]
         value = np.concatenate([np.ravel(value).astype(np.float64) for value in values])
-        if not any(isinstance(part, str) for part in parts):
-            return value
-        if name.endswith("_quaternion"):
-            turned = Rotation.from_matrix(value.reshape(3, 3)) if value.size == 9 else Rotation.from_quat(value)
-            turned = turned * self._tool if name == "tcp_quaternion" else turned
-            return relative_pose(*self._base, np.zeros(3), turned.as_quat())[1]
-        return relative_pose(*self._base, value, self._base[1])[0] if name.endswith("_position") else value
+        plain = not any(isinstance(part, str) for part in parts)
+        return value if plain else in_base_frame(name, value, self._mapping)
 
 
 def open_environment(task: str, view: View) -> GymnasiumSimulation:
