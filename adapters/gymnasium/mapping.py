@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from adapters.contract import AdapterError, TaskCard
 from adapters.gymnasium.expressions import check_expression
 from suites.plugins import nearest
+from suites.vocabulary import CAMERAS
 
 FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
 """Environment variable: folders with mapping files of one's own, separated as in PATH. They win over the shipped."""
@@ -116,7 +117,8 @@ def load_card(path: Path) -> TaskCard:
         mapping = load_mapping(path)
     except AdapterError as error:
         return TaskCard(f"cannot be opened: {str(error).splitlines()[0]}", 1)
-    return TaskCard(mapping.instruction, mapping.horizon)
+    cameras = CAMERAS if mapping.cameras.wrist else CAMERAS[:1]
+    return TaskCard(mapping.instruction, mapping.horizon, cameras=cameras)
 
 
 def _said(problem: Any) -> str:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import numpy as np
 
+from adapters.catalog import simulators
 from adapters.contract import FloatArray
 from policies.oracles.motion import Script, State
 
@@ -20,14 +21,6 @@ ACTION_SCALE = 0.01
 """What Meta-World makes of a full command (m)."""
 SHUT = 0.03
 """Distance between the fingers' bodies when they are shut (m); 0.1 is 1 to Meta-World."""
-TASKS = (
-    "assembly basketball bin-picking box-close button-press button-press-topdown button-press-topdown-wall "
-    "button-press-wall coffee-button coffee-pull coffee-push dial-turn disassemble door-close door-lock door-open "
-    "door-unlock drawer-close drawer-open faucet-close faucet-open hammer hand-insert handle-press handle-press-side "
-    "handle-pull handle-pull-side lever-pull peg-insert-side peg-unplug-side pick-out-of-hole pick-place pick-place-wall "
-    "plate-slide plate-slide-back plate-slide-back-side plate-slide-side push push-back push-wall reach reach-wall "
-    "shelf-place soccer stick-pull stick-push sweep sweep-into window-close window-open"
-).split()
 
 
 class Scripted:
@@ -73,4 +66,9 @@ def in_base(vector: FloatArray) -> FloatArray:
     return np.array([vector[1], -vector[0], vector[2]])
 
 
-SCRIPTS: dict[str, Callable[[], Script]] = {f"metaworld/{task}-v3": partial(Scripted, f"{task}-v3") for task in TASKS}
+def scripts_of(tasks: Iterable[str]) -> dict[str, Callable[[], Script]]:
+    """Full name of each task, by its name in Meta-World, to its script."""
+    return {f"metaworld/{task}": partial(Scripted, task) for task in tasks}
+
+
+SCRIPTS = scripts_of(found.tasks if (found := simulators().get("metaworld")) else ())
