@@ -79,7 +79,8 @@ class MujocoScene:
 
     def _made(self, size: int) -> Any:
         mujoco, visual = self._mujoco, self._model.vis
-        visual.global_.offwidth, visual.global_.offheight = size, size
+        visual.global_.offwidth = max(visual.global_.offwidth, size)
+        visual.global_.offheight = max(visual.global_.offheight, size)
         if self._fast:
             visual.quality.offsamples = 0
         try:

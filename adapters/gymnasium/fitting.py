@@ -79,7 +79,13 @@ def in_base_frame(name: str, value: FloatArray, mapping: EnvironmentMapping) -> 
         name: `*_position` (3,), `*_quaternion` (a quaternion xyzw (4,) or a matrix, row by row, (9,)), or another.
         value: In the environment's world.
         mapping: Says where the base is, and how the tool's frame is turned.
+
+    Raises:
+        ValueError: It has another size.
     """
+    sizes = {"position": (3,), "quaternion": (4, 9)}.get(name.rpartition("_")[2], (value.size,))
+    if value.size not in sizes:
+        raise ValueError(f"state.{name}: expected {' or '.join(map(str, sizes))} numbers, got {value.size}")
     base = np.array(mapping.base.position)
     turned = Rotation.from_euler("z", mapping.base.yaw, degrees=True).as_quat()
     if name.endswith("_position"):
@@ -101,6 +107,8 @@ def check_camera(camera: str, mapping: EnvironmentMapping, world: Any) -> None:
     source = getattr(mapping.cameras, camera)
     if source is None:
         raise ValueError(f"no camera '{camera}' is mapped; add it to `cameras`, or let the suite do without it")
+    if source == "render" and is_mujoco(world):
+        raise ValueError(f"cameras.{camera}: {mapping.env} is of MuJoCo, name one of its cameras or an orbit")
     if source == "render":
         if "rgb_array" not in world.metadata.get("render_modes", ()):
             raise ValueError(f"cameras.{camera}: {mapping.env} cannot render to rgb_array")
@@ -123,10 +131,8 @@ def check_state(state: Mapping[str, FloatArray]) -> None:
     Raises:
         ValueError: With what was expected.
     """
-    for name in SIZES:
+    for name, size in SIZES.items():
         if name not in state:
             raise ValueError(f"state: missing key '{name}'")
-    for name, value in state.items():
-        size = SIZES.get(name, {"position": 3, "quaternion": 4}.get(name.rpartition("_")[2], value.size))
-        if value.size != size:
-            raise ValueError(f"state.{name}: expected {size} numbers, got {value.size}")
+        if state[name].size != size:
+            raise ValueError(f"state.{name}: expected {size} numbers, got {state[name].size}")

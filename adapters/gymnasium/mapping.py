@@ -48,7 +48,7 @@ class Orbit(_Strict):
 
 
 class Cameras(_Strict):
-    """`render` for what the environment's own `render` draws; in MuJoCo also the name of a camera, or an orbit."""
+    """In MuJoCo the name of a camera or an orbit; elsewhere `render`, for what the environment's own `render` draws."""
 
     third_person: str | Orbit = "render"
     wrist: str | Orbit | None = None

@@ -86,7 +86,7 @@ class GymnasiumSimulation(PlainSimulation):
     def draw(self, camera: str, size: int) -> Image:
         """What the mapping's camera shows, (size, size, 3); what `render` gives is cut to a square and scaled."""
         source = getattr(self._mapping.cameras, camera)
-        if self._scene is None or source == "render":
+        if self._scene is None:
             return scaled(self._env.render(), size)
         world, data = self._world, self._world.data
         world.data = copy(
@@ -104,7 +104,7 @@ class GymnasiumSimulation(PlainSimulation):
     def render_device(self) -> str:
         """OpenGL's name of what draws; an environment's own `render` does not say."""
         self.draw("third_person", self.view.image_size)
-        return drawing_device() if self._scene and self._scene.renderers else f"render of {self._mapping.env}"
+        return drawing_device() if self._scene else f"render of {self._mapping.env}"
 
     def close(self) -> None:
         """Free environment and renderers."""
