@@ -12,9 +12,10 @@ import typer
 from rich.table import Table
 
 from adapters import catalog
-from orchestrator.cli.shared import fail, out
+from orchestrator.cli.shared import fail, homes_here, out
 from orchestrator.probe import probe
 from policies import catalog as policies
+from policies import oracles
 
 LOW_DISK_GB = 2.0
 
@@ -25,8 +26,9 @@ def doctor() -> None:
     ray = metadata.version("ray")
     out.print(f"Python {platform.python_version()}, Ray {ray}, {os.cpu_count()} cores, {memory:.0f} GiB memory")
     names = [name for name, simulator in catalog.simulators().items() if not simulator.internal]
+    homes = homes_here()
     with out.status("opening the simulators"):
-        findings = probe(names)
+        findings = probe(names, homes)
     table = Table("simulator", "version", "renders on", "one frame", box=None, pad_edge=False)
     for found in findings:
         versions = ", ".join(f"{name} {version}" for name, version in found.versions.items())
@@ -36,6 +38,7 @@ def doctor() -> None:
     problems = [f"{found.simulator}: {found.problem}" for found in findings if found.problem]
     problems += [f"simulator {plugin.name}: {plugin.reason}" for plugin in catalog.broken_plugins()]
     problems += [f"policy {plugin.name}: {plugin.reason}" for plugin in policies.broken_plugins()]
+    problems += [f"oracle {plugin.name}: {plugin.reason}" for plugin in oracles.broken_plugins()]
     problems += _surroundings()
     for problem in problems:
         fail(problem)
