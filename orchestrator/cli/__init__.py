@@ -14,6 +14,7 @@ from orchestrator.cli import (
     carry,
     compare,
     doctor,
+    env,
     history,
     listing,
     log,
@@ -58,6 +59,7 @@ app.command("serve")(serve.serve)
 app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")
+app.add_typer(env.app, name="env")
 app.add_typer(
     adapters.app, name="adapters", help="Simulators: which there are, whether they keep the contract, new ones."
 )

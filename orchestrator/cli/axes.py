@@ -10,7 +10,7 @@ from rich.table import Table
 
 from adapters import catalog as simulators
 from adapters.contract import AdapterError, Simulator
-from orchestrator.cli.shared import BadInput, out
+from orchestrator.cli.shared import BadInput, homes_here, out
 from orchestrator.plan import why_unadjusted
 from suites.axes import AXES, SEVERITIES, Axis
 from suites.plugins import nearest
@@ -41,9 +41,12 @@ def show(axis: Annotated[str, typer.Argument(help="Name or code, such as noise o
     for severity in range(1, SEVERITIES + 1):
         table.add_row(str(severity), f"{found.value(severity):g}")
     out.print(table)
-    shown = [s.name for s in simulators.simulators().values() if not s.internal]
-    for task in simulators.task_cards():
-        if task.partition("/")[0] in shown and (reason := why_unadjusted(found, task)):
+    for simulator in simulators.simulators().values():
+        tasks = [] if simulator.internal else [f"{simulator.name}/{task}" for task in simulator.tasks]
+        reasons = {task: reason for task in tasks if (reason := why_unadjusted(found, task))}
+        if len(reasons) == len(tasks) > 1 and len(set(reasons.values())) == 1:
+            reasons = {f"{simulator.name}/*": reasons[tasks[0]]}
+        for task, reason in reasons.items():
             out.print(f"unsupported in {task}: {reason}", markup=False, highlight=False)
     out.print(f"changes {found.changes} only; {_checked(found)}", markup=False, highlight=False)
     out.print(f"aligned with: {found.anchors}", markup=False, highlight=False)
@@ -66,7 +69,8 @@ def sheet(
     found = _find(axis)
     if out_file.suffix.lower() != ".png":
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
-    usable = [s for s in simulators.simulators().values() if not s.internal and not simulators.missing_reason(s)]
+    homes = homes_here()
+    usable = [s for s in simulators.simulators().values() if not s.internal and not homes.missing_reason(s)]
     tasks = task or [name for simulator in usable for name in _able(simulator, found)[:1]]
     if not tasks:
         raise BadInput(
@@ -80,7 +84,7 @@ def sheet(
     for name in tasks:
         out.print(f"{name}: {SEVERITIES + 1} looks", markup=False, highlight=False)
         try:
-            rows.append((name, contact_sheet.looks(name, found, view, seed)))
+            rows.append((name, contact_sheet.looks(name, found, view, seed, homes)))
         except AdapterError as error:
             raise BadInput(f"{name}: {error}") from None
     try:

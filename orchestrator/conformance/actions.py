@@ -36,12 +36,15 @@ GRIPPING = 15
 """Steps after which fingers have arrived."""
 
 
-def _lifted(subject: Subject) -> Simulation:
-    """At rest, a little above the start: away from table and things."""
+def _lifted(subject: Subject, back: FloatArray | None = None) -> Simulation:
+    """At rest, a little above the start, away from table and things, and then some steps of `back` away."""
     simulation = subject.reset()
     height = min(0.02, simulation.action_spec.max_translation)
     for _ in range(3):
         simulation.step(subject.action(dz=height))
+    if back is not None:
+        for _ in range(RUN_UP + MEASURED):
+            simulation.step(back)
     for _ in range(6):
         simulation.step(subject.action())
     return simulation
@@ -62,8 +65,11 @@ def _translation(name: str) -> Check:
         length = min(LENGTH, subject.simulation.action_spec.max_translation)
         way = MEASURED * length
         for sign in (1, -1):
-            simulation = _lifted(subject)
             action = subject.action(**{name: sign * length})
+            # A tool may start at the edge of where its controller lets it go: the way is gone back first, but not down.
+            simulation = _lifted(
+                subject, back=None if (name, sign) == ("dz", 1) else subject.action(**{name: -sign * length})
+            )
             for _ in range(RUN_UP):
                 simulation.step(action)
             start = _position(simulation)
