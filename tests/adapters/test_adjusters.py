@@ -5,11 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from adapters.adjusting import Dynamics, Form, Light, Prop, Unreachable, unit
-from adapters.catalog import find, open_simulation, task_cards
+from adapters.catalog import find, open_simulation, simulators, task_cards
 from suites.vocabulary import Condition, RenderProfile, View
 
 pytestmark = pytest.mark.simulator
-TASKS = [task for task in task_cards() if not task.startswith("null/")]
+TASKS = [
+    f"{simulator.name}/{task}" for simulator in simulators().values() if simulator.adjusts for task in simulator.tasks
+]
 SEED = 3
 SEED_IN_SIGHT = 5
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
