@@ -42,8 +42,9 @@ def _lifted(subject: Subject, back: FloatArray | None = None) -> Simulation:
     height = min(0.02, simulation.action_spec.max_translation)
     for _ in range(3):
         simulation.step(subject.action(dz=height))
-    for _ in range(RUN_UP + MEASURED if back is not None else 0):
-        simulation.step(back.copy())
+    if back is not None:
+        for _ in range(RUN_UP + MEASURED):
+            simulation.step(back.copy())
     for _ in range(6):
         simulation.step(subject.action())
     return simulation
