@@ -44,7 +44,7 @@ def _lifted(subject: Subject, back: FloatArray | None = None) -> Simulation:
         simulation.step(subject.action(dz=height))
     if back is not None:
         for _ in range(RUN_UP + MEASURED):
-            simulation.step(back)
+            simulation.step(back.copy())
     for _ in range(6):
         simulation.step(subject.action())
     return simulation
