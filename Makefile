@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast test-lerobot lint bench chaos report zoo clean
+.PHONY: help setup demo test test-fast test-lerobot lint docs bench chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -13,6 +13,7 @@ help:
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
 	@echo "make test-lerobot  checkpoints of LeRobot against LeRobot itself, in an environment made for it"
 	@echo "make lint       ruff and mypy"
+	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make chaos      fifty runs under faults drawn at random, compared with one that is left alone (about an hour)"
 	@echo "make report     write the newest run's report again"
@@ -49,6 +50,11 @@ lint: setup
 test-lerobot: setup
 	GAUNTLET_ENVIRONMENTS=$(abspath $(VENV))/environments $(BIN)/gauntlet env create lerobot
 	$(BIN)/python -m pytest -q tests/policies/lerobot
+
+docs: setup
+	@# With --quiet, the strict mode would not hear of warnings.
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+	@echo "documentation: runs/site/index.html"
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks

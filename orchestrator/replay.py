@@ -47,7 +47,7 @@ def episode_of(row: EpisodeResult) -> Episode:
 
 
 def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
-    """The policies of a run, as its suite names them.
+    """The policies that a run played, as its suite names them.
 
     Raises:
         ReplayError: A policy is not what it was during the run.
@@ -63,11 +63,13 @@ def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
     begun = {cell.policy: cell.policy_digest for cell in document.plan}
     sources, homes = {}, homes_of(document)
     for entry in entries:
+        if entry.name not in begun:  # a part of a suite leaves policies out
+            continue
         try:
             options = homes.options(entry.kind, entry.options)
         except PolicyError as error:
             raise ReplayError(f"policy '{entry.name}': {error}") from None
-        if policies.digest(entry.kind, options) != begun.get(entry.name):
+        if policies.digest(entry.kind, options) != begun[entry.name]:
             raise ReplayError(f"policy '{entry.name}' has changed since the run; check out the commit of the run")
         sources[entry.name] = PolicySource(entry.kind, options)
     return sources

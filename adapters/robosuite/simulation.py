@@ -16,10 +16,7 @@ from __future__ import annotations
 
 import importlib
 import logging
-import os
-import sys
 from collections.abc import Mapping
-from ctypes.util import find_library
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,6 +38,7 @@ from adapters.contract import (
     UnsupportedCondition,
 )
 from adapters.frames import axis_angle, hash_state, relative_pose
+from adapters.mujoco_scene import drawing_device, import_mujoco, no_rendering
 from adapters.robosuite.arm import RobosuiteArm
 from adapters.robosuite.bodies import RobosuiteBodies
 from adapters.robosuite.cameras import CAMERA_NAMES, RobosuiteCameras
@@ -217,8 +215,7 @@ class RobosuiteSimulation:
     def render_device(self) -> str:
         """OpenGL's name of what draws."""
         self._draw(CAMERA_NAMES["third_person"], self._view.image_size)
-        gl = importlib.import_module("OpenGL.GL")
-        return gl.glGetString(gl.GL_RENDERER).decode()
+        return drawing_device()
 
     def close(self) -> None:
         """Free the renderers and the model."""
@@ -295,26 +292,14 @@ def import_simulator() -> tuple[Any, Any]:
     Raises:
         SimulatorUnavailable: One is missing, or MuJoCo finds no way to render.
     """
-    os.environ.setdefault("MUJOCO_GL", "egl")
-    if os.environ["MUJOCO_GL"] == "egl" and find_library("EGL") is None and "mujoco" not in sys.modules:
-        os.environ["MUJOCO_GL"] = "osmesa"
+    mujoco = import_mujoco()
     logging.getLogger("robosuite_logs").addFilter(is_error)
     try:
-        robosuite = importlib.import_module("robosuite")
-        mujoco = importlib.import_module("mujoco")
+        return importlib.import_module("robosuite"), mujoco
     except ModuleNotFoundError as error:
         raise SimulatorUnavailable(f"{error}: pip install robogauntlet[robosuite]") from error
-    except Exception as error:  # MuJoCo opens its display on import; the GL bindings raise what they like.
+    except Exception as error:  # It opens a display too; the GL bindings raise what they like.
         raise no_rendering(error) from error
-    return robosuite, mujoco
-
-
-def no_rendering(error: Exception) -> SimulatorUnavailable:
-    """The error to raise when MuJoCo cannot draw."""
-    return SimulatorUnavailable(
-        f"MuJoCo cannot render with MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}): install Mesa's libEGL, or libOSMesa "
-        "with MUJOCO_GL=osmesa; it must be set before mujoco is first imported"
-    )
 
 
 def is_error(record: logging.LogRecord) -> bool:

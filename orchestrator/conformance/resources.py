@@ -21,11 +21,11 @@ GROWTH_MB = 16.0
 """By which memory may grow from then on."""
 LIMITS_S = {"open": 120.0, "reset": 10.0, "step": 1.0, "observe": 5.0}
 """Beyond these a run is of no use."""
-GRACE_S = 2.0
+GRACE_S = 1.0
 """In which threads and processes that were told to end are gone."""
 
 
-@check("closes", look="Simulation.close: processes, threads, sockets, files and contexts that open started")
+@check("closes", look="Simulation.close: processes, threads, sockets, files and contexts that open started", once=True)
 def closes(subject: Subject) -> Iterator[Fault]:
     """Closing ends the processes, threads and files of a task, and may be done twice."""
     own = psutil.Process()
@@ -66,7 +66,7 @@ def _settled(count: Callable[[], int], before: int) -> int:
     return more
 
 
-@check("memory", look="Simulation.reset: lists that grow, scenes, textures and renderers that are made anew")
+@check("memory", look="Simulation.reset: lists that grow, scenes, textures and renderers that are made anew", once=True)
 def memory(subject: Subject) -> Iterator[Fault]:
     """Memory stays flat over 500 resets."""
     simulation, own = subject.simulation, psutil.Process()
@@ -84,7 +84,7 @@ def memory(subject: Subject) -> Iterator[Fault]:
         yield Fault(f"memory to grow by less than {GROWTH_MB:g} MB in {RESETS - SETTLED} resets", f"{grown:.0f} MB")
 
 
-@check("pace", look="what takes long, by `python -m cProfile` or py-spy")
+@check("pace", look="what takes long, by `python -m cProfile` or py-spy", once=True)
 def pace(subject: Subject) -> Iterator[Fault]:
     """Opening, resetting, stepping and looking take no longer than a run can wait."""
     simulation = subject.simulation
@@ -94,7 +94,7 @@ def pace(subject: Subject) -> Iterator[Fault]:
     seconds["observe"] = _fastest(simulation.observe)
     for what, limit in LIMITS_S.items():
         if seconds[what] > limit:
-            yield Fault(f"{what} to take less than {limit:g} s", f"{seconds[what]:.1f} s")
+            yield Fault(f"{what} to take less than {limit:g} s", f"{seconds[what]:.3g} s")
 
 
 def _fastest(call: Callable[[], object], repeats: int = 3) -> float:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -17,7 +18,7 @@ from adapters.contract import FloatArray
 from policies.contract import Decision, PolicyError, PolicyMismatch, Query
 from policies.lerobot import child
 from policies.lerobot.card import NAME, Checkpoint
-from policies.remote.acting import card_chunk, resized
+from policies.remote.acting import card_chunk, card_message
 from policies.remote.packing import PackingError
 from suites.vocabulary import Episode, content_hash
 
@@ -81,9 +82,7 @@ class LeRobotPolicy:
             raise ProcessLost("LeRobot's process ended while the episode was under way")
         card, seen = self._checkpoint.card, query.observation
         assert seen is not None
-        arrays = {key: resized(card, seen.images[camera]) for camera, key in card.cameras.items()}
-        if card.proprioception is not None:
-            arrays[card.proprioception] = seen.proprioception.astype(np.float32)
+        arrays = card_message(card, replace(seen, proprioception=seen.proprioception.astype(np.float32)))
         seed = int(content_hash([query.episode.id, query.step]), 16) % 2**63
         message = {"episode": query.episode.id, "seed": seed, "task": seen.instruction, "over": self._over}
         answer = self._process.ask(message, arrays)

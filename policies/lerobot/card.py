@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
-from adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
+from adapters.contract import PROPRIOCEPTION_DIM
 from policies.contract import PolicyError, PolicyMismatch, PolicySpec, Sees
 from policies.lerobot.child import looks_every_step
 from policies.remote.card import CONVENTION_OPTIONS, Convention, Key, first_fault
@@ -44,6 +44,8 @@ class Card(Convention):
     cameras: dict[str, Key] = Field(default_factory=dict)
     """Camera to the checkpoint's feature; empty if the names tell."""
     proprioception: Key | None = STATE
+    instruction: None = None
+    """LeRobot is told it as it is."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Checkpoint:
 
     folder: Path
     card: Card
-    """With the cameras that the checkpoint's own names tell."""
+    """With the cameras that the checkpoint's own names tell, and without proprioception if it was trained without."""
     spec: PolicySpec
 
     def digest(self) -> str:
@@ -86,7 +88,8 @@ def read_checkpoint(options: Mapping[str, Any]) -> Checkpoint:
         raise PolicyError(
             f"policy '{NAME}': {folder / 'config.json'} is no configuration of LeRobot: {error}"
         ) from None
-    card = card.model_copy(update={"cameras": card.cameras or _cameras(shapes)})
+    state = card.proprioception if card.proprioception in shapes else None
+    card = card.model_copy(update={"cameras": card.cameras or _cameras(shapes), "proprioception": state})
     spec = _fitting(card, shapes, 1 if looks_every_step(config) else int(config.get("n_action_steps", 1)))
     return Checkpoint(folder, card, spec)
 
@@ -116,12 +119,12 @@ def _fitting(card: Card, shapes: Mapping[str, tuple[int, ...]], actions: int) ->
         return PolicyMismatch(f"policy '{NAME}': {what}")
 
     state = card.proprioception
-    given = [*card.cameras.values(), *([state] if state in shapes else [])]
+    given = [*card.cameras.values(), state]
     if unknown := [name for name in card.cameras.values() if name not in shapes]:
         raise mismatch(f"cameras: expected a feature of the checkpoint, {', '.join(shapes)}; got {unknown[0]}")
     if lacking := [name for name in shapes if name != ACTION and name not in given]:
         raise mismatch(f"the checkpoint needs {lacking[0]}, which no option gives it; see docs/lerobot.md")
-    if state is not None and shapes.get(state, (PROPRIOCEPTION_DIM,)) != (PROPRIOCEPTION_DIM,):
+    if state is not None and shapes[state] != (PROPRIOCEPTION_DIM,):
         raise mismatch(
             f"expected {state} of {PROPRIOCEPTION_DIM} numbers (position, axis-angle, fingers), the checkpoint was "
             f"trained on {shapes[state]}"
@@ -136,9 +139,9 @@ def _fitting(card: Card, shapes: Mapping[str, tuple[int, ...]], actions: int) ->
     if wanted is None and size and size[0] != size[1]:
         raise mismatch(f"expected option image_size: {list(size)}, as the checkpoint was trained on; images are square")
     width = shapes.get(ACTION, (0,))[0]
-    columns = card.columns or (range(ACTION_DIM) if width == ACTION_DIM else None)
+    columns = card.columns or (range(width) if width == card.width else None)
     if columns is None or any(column is not None and column >= width for column in columns):
-        raise mismatch(f"columns: expected which of the checkpoint's {width} numbers are our {ACTION_DIM}")
+        raise mismatch(f"columns: expected which of the checkpoint's {width} numbers are our {card.width}")
     execute = min(actions, card.execute or actions)
     cameras = tuple(card.cameras)
     return PolicySpec(Sees.OBSERVATION, execute, cameras=cameras, image_size=size[0] if size and not wanted else None)

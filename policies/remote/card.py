@@ -32,14 +32,19 @@ class Convention(BaseModel):
     image_size: Size | tuple[Size, Size] | None = None
     """Pixels, or height and width; None to send what is rendered."""
     resize: Literal["pad", "stretch"] = "pad"
+    turn: Literal["none", "half", "left-right", "upside-down"] = "none"
+    """What becomes of each image before it is resized: nothing, half a turn, or a mirroring."""
 
     actions: Key = ACTIONS_KEY
     columns: tuple[Annotated[int, Field(strict=True, ge=0, le=255)] | None, ...] | None = None
-    """Where in a row of the answer our seven numbers stand, None for one that is always 0."""
+    """Where in a row of the answer our seven numbers stand (eight with a quaternion), None for one that is always 0."""
     translation_scale: float = 1.0
     """Metres per unit of the answer."""
+    rotation: Literal["axis-angle", "euler", "quaternion-xyzw", "quaternion-wxyz"] = "axis-angle"
+    """How the answer's rotations are written, which turn the tool in the base frame: as axis-angle vectors, as Euler
+    angles about the fixed axes x, y and z in this order, or as quaternions."""
     rotation_scale: float = 1.0
-    """Radians per unit of the answer."""
+    """Radians per unit of the answer; none for quaternions, which have no unit."""
     gripper_open: float = -1.0
     gripper_closed: float = 1.0
     gripper_threshold: float | None = None
@@ -53,11 +58,26 @@ class Convention(BaseModel):
         keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
         if len(set(keys)) < len(keys):
             raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
-        if self.columns is not None and len(self.columns) != ACTION_DIM:
-            raise ValueError(f"columns: expected {ACTION_DIM} places, got {len(self.columns)}")
+        if self.columns is not None and len(self.columns) != self.width:
+            kind = "" if self.width == ACTION_DIM else f" for a {self.rotation}"
+            raise ValueError(f"columns: expected {self.width} places{kind}, got {len(self.columns)}")
+        if self.turns_by_quaternion and self.columns is not None and set(self.columns[3:7]) == {None}:
+            raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
+        if self.turns_by_quaternion and self.rotation_scale != 1.0:
+            raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
         return self
+
+    @property
+    def turns_by_quaternion(self) -> bool:
+        """Whether the answer's rotations are quaternions."""
+        return self.rotation.startswith("quaternion")
+
+    @property
+    def width(self) -> int:
+        """How many of a row's numbers are read."""
+        return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
 
 
 class Card(Convention):
@@ -97,7 +117,8 @@ class Card(Convention):
 
     def declaration(self) -> dict[str, Any]:
         """What decides how the policy acts, as plain values: all but where it is and how long to wait for it."""
-        return self.model_dump(mode="json", exclude={"address", "identity", *_HOW})
+        said = self.model_dump(mode="json", exclude={"address", "identity", *_HOW})
+        return {name: value for name, value in said.items() if (name, value) not in _LATER}
 
     def digest(self, who: object) -> str:
         """Hash of the policy's content. Args: who: what acts there, as plain values."""
@@ -105,15 +126,19 @@ class Card(Convention):
 
 
 _HOW = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
+_LATER = (("turn", "none"), ("rotation", "axis-angle"))
+"""Defaults of options that came later: without them, the hash of a policy that does not use them stays what it was."""
 CONVENTION_OPTIONS = {
     "cameras": "camera to the server's key",
     "proprioception": "key of the eight numbers; null to leave them out",
     "instruction": "key of the goal in words; null to leave it out",
     "image_size": "px, or [height, width]; by default as rendered",
     "resize": "pad (keeps the shape) or stretch",
+    "turn": "none, half (180 degrees), left-right or upside-down: what becomes of images before they are sent",
     "actions": "key of the chunk in the answer",
-    "columns": "seven columns of the answer for dx dy dz rx ry rz gripper; null for one that is always 0",
+    "columns": "columns of the answer for dx dy dz rx ry rz gripper (with a quaternion four, not three); null for 0",
     "translation_scale": "metres per unit of the answer",
+    "rotation": "axis-angle, euler (fixed axes x, y, z), quaternion-xyzw or quaternion-wxyz",
     "rotation_scale": "radians per unit of the answer",
     "gripper_open": "the answer's number for open",
     "gripper_closed": "the answer's number for closed",
