@@ -8,7 +8,7 @@ import pytest
 
 from adapters.adjusting import Dynamics, Form, Light, Prop, unit
 from adapters.contract import FloatArray, SimulatorUnavailable
-from adapters.robosuite.lights import development
+from adapters.mujoco_parts.lights import development
 from adapters.robosuite.simulation import SIMULATOR, RobosuiteSimulation, import_simulator
 from suites.vocabulary import Condition, RenderProfile, View
 
