@@ -7,9 +7,10 @@ from scipy.spatial.transform import Rotation
 from adapters.adjusting import Dynamics, Form, Light, Prop, Unreachable, unit
 from adapters.catalog import find, open_simulation, task_cards
 from suites.vocabulary import Condition, RenderProfile, View
+from tests.adapters.sampling import tasks_here
 
 pytestmark = pytest.mark.simulator
-TASKS = [task for task in task_cards() if not task.startswith("null/")]
+TASKS = tasks_here()
 SEED = 3
 SEED_IN_SIGHT = 5
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])

@@ -13,11 +13,12 @@ from adapters.contract import PICTURE_SIZE, UnknownTask, UnsupportedCondition
 from adapters.frames import axis_angle
 from orchestrator.worker_environment import worker_environment
 from suites.vocabulary import CAMERAS, Condition, RenderProfile, View
+from tests.adapters.sampling import tasks_here
 
 pytestmark = pytest.mark.simulator
 CLEAN = Condition()
 SIZE = 64
-TASKS = [f"{s.name}/{task}" for s in catalog.simulators().values() if s.renders and not s.internal for task in s.tasks]
+TASKS = tasks_here()
 
 
 @pytest.fixture(scope="module", params=TASKS)
