@@ -13,8 +13,6 @@ from adapters.mujoco_parts.frame import BaseFrame
 
 SLIP = 0.005
 """How far things move while they settle (m), in all but a few of the stored states."""
-SAME = 1e-3
-"""Places this close to each other are one place (m)."""
 
 
 class LiberoObjects:
@@ -43,10 +41,8 @@ class LiberoObjects:
         self._stored = states[:, 1:]
 
     def placeable(self) -> Mapping[str, Placeable]:
-        """What can be moved, within what the stored states fill. What they have in one place only, such as baskets,
-        is not among it: nowhere would be outside of what resets do."""
-        boxes = {name: self._box(start) for name, start in self._starts.items()}
-        return {name: box for name, box in boxes.items() if (box.high - box.low > 2 * SLIP + SAME).all()}
+        """What can be moved, within what the stored states fill."""
+        return {name: self._box(start) for name, start in self._starts.items()}
 
     def move(self, name: str, offset: FloatArray) -> None:
         """Move a thing by an offset (2,), x and y, until the next reset."""

@@ -11,10 +11,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from adapters.contract import FloatArray
 from adapters.libero.package import import_libero
 from adapters.libero.tasks import SUITES
 
 SCENE = re.compile(r"([A-Z_]+)_SCENE(\d+)_")
+SAME = 1e-3
+"""Places this close to each other are one place (m)."""
+FREE = 10
+"""Where the free things' poses begin in a stored state: after the time, seven joints and two fingers."""
 FILLERS = {"the", "of", "and", "it", "a", "up"}
 
 
@@ -37,7 +44,7 @@ def _suite(suite: str, names: Sequence[str], package: Any) -> Iterator[dict[str,
             "suite": suite,
             "name": name,
             "instruction": SCENE.sub("", name).replace("_", " "),
-            **_scene_facts(problem),
+            **_scene_facts(problem, package.stored_states(SUITES[suite], name)),
         }
 
 
@@ -50,8 +57,8 @@ def _shared(names: Sequence[Sequence[str]]) -> int:
     return next((n for n, words in enumerate(zip(*names, strict=False)) if len(set(words)) > 1), 0)
 
 
-def _scene_facts(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """What stands where, from LIBERO's own description of the task."""
+def _scene_facts(problem: Mapping[str, Any], states: FloatArray) -> dict[str, Any]:
+    """What stands where, from LIBERO's own description of the task and its stored states."""
     arena = problem["problem_name"].removeprefix("libero_").removesuffix("_manipulation")
     free = [name for names in problem["objects"].values() for name in names]
     surfaces = {"table", "kitchen_table", "living_room_table", "study_table", "floor", "coffee_table"}
@@ -63,11 +70,12 @@ def _scene_facts(problem: Mapping[str, Any]) -> dict[str, Any]:
         for relation, thing, *where in problem["initial_state"]
         if relation == "on" and where[0] in problem["regions"] and problem["regions"][where[0]]["target"] in ground
     ]
+    places = {thing: states[:, FREE + 7 * number :][:, :2] for number, thing in enumerate(free)}
     return {
         "arena": arena,
         "fixtures": sorted(fixtures.keys() - ground),
         "things": things,
-        "standing": [thing for thing in things if thing in on_ground],
+        "standing": [thing for thing in things if thing in on_ground and (np.ptp(places[thing], axis=0) > SAME).all()],
     }
 
 

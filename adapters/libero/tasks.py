@@ -42,7 +42,7 @@ class LiberoTask:
     things: tuple[str, ...]
     """The movable ones of LIBERO's objects of interest, in its order."""
     standing: tuple[str, ...]
-    """Those of the things that stand on table or floor."""
+    """Those of the things that stand on table or floor, and not in the same place in all stored states."""
 
     @property
     def libero_suite(self) -> str:
@@ -51,7 +51,7 @@ class LiberoTask:
 
     @property
     def placeable(self) -> tuple[str, ...]:
-        """The things that can be put elsewhere on the ground, if the one that the task is about first is among them."""
+        """The things that can be put elsewhere on the ground: none unless what the task is about first is among them."""
         return self.standing if self.standing[:1] == self.things[:1] else ()
 
     @property
@@ -64,7 +64,7 @@ class LiberoTask:
         if not self.things:
             fixed = dict.fromkeys(("objects", "bodies"), "the task is about a fixture")
         elif not self.placeable:
-            fixed["objects"] = f"{self.things[0]} starts on or in something else"
+            fixed["objects"] = f"{self.things[0]} starts in one place, or on or in something else"
         if self.arena not in TABLES:
             surface = "the floor" if self.arena == "floor" else "a table of another shape than a box"
             fixed["stage"] = f"things stand on {surface}"

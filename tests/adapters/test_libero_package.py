@@ -53,7 +53,7 @@ def test_horizons_and_instructions_are_those_of_the_protocol() -> None:
 def test_a_task_says_what_cannot_be_adjusted_in_it() -> None:
     assert libero_tasks()["goal-7-turn-on-stove"].card.fixed.keys() == {"objects", "bodies"}
     assert libero_tasks()["spatial-3-on-cookie-box"].card.fixed.keys() == {"objects"}
-    assert libero_tasks()["object-0-alphabet-soup"].card.fixed.keys() == {"stage"}
+    assert libero_tasks()["object-0-alphabet-soup"].card.fixed.keys() == {"objects", "stage"}
     assert not libero_tasks()["goal-8-put-bowl-on-plate"].card.fixed
 
 
