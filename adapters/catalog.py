@@ -55,10 +55,15 @@ def find(simulator: str) -> Simulator:
 
 
 def missing_reason(simulator: Simulator) -> str | None:
-    """Why the simulator cannot be opened here, with the fix, or None if its modules are installed. Imports nothing."""
+    """Why the simulator cannot be opened in this process, with the fix, or None if its modules are installed.
+
+    Imports nothing. Where the process is not the one that opens it, ask `orchestrator.environments`.
+    """
     missing = [module for module in simulator.modules if find_spec(module) is None]
     if missing:
-        install = f"pip install -c constraints.txt -e '.[{simulator.name}]'"
+        own = simulator.requirements or simulator.without_dependencies
+        by_pip = f"pip install -c constraints.txt -e '.[{simulator.name}]'"
+        install = f"gauntlet env create {simulator.name}" if own else by_pip
         return f"not installed (no module {missing[0]}); install it: {install}"
     return None
 

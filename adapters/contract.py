@@ -208,6 +208,11 @@ class Simulator:
     Raises SimulatorUnavailable."""
     environment: Mapping[str, str] = field(default_factory=dict)
     """Environment variables that a worker sets, unless set already, before the simulator is imported."""
+    requirements: tuple[str, ...] = ()
+    """What pip installs, on top of the running environment, for a simulator that does not fit in there (`gauntlet env
+    create`); empty if it needs no Python environment of its own."""
+    without_dependencies: tuple[str, ...] = ()
+    """The same, without what these distributions name as their dependencies."""
     adjusts: frozenset[str] = frozenset()
     """What of its world its simulations let perturbations adjust, out of `adapters.adjusting.ADJUSTABLE`."""
     renders: bool = True

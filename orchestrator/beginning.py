@@ -9,8 +9,9 @@ from pathlib import Path
 from adapters import catalog as simulators
 from orchestrator import provenance
 from orchestrator.plan import Plan, PlanError, check_same
+from results.comparison import OWN
 from results.database import without_password
-from results.run import RUN_FILE, RunDocument, RunStatus, read_run
+from results.run import RUN_FILE, Provenance, RunDocument, RunStatus, read_run
 
 
 def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
@@ -29,6 +30,7 @@ def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
     if (folder / RUN_FILE).exists():
         document = read_run(folder)
         check_same(plan, document, folder)
+        made = _continued(plan, document, folder)
         if document.store_url is not None and store is None:
             raise PlanError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
         return document.model_copy(
@@ -36,6 +38,7 @@ def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
                 "status": RunStatus.RUNNING,
                 "reason": None,
                 "workers": workers,
+                "provenance": made,
                 "merging": plan.suite.merging,
                 "gate": plan.suite.gate,
                 "floors": plan.suite.floors,
@@ -44,7 +47,6 @@ def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
             }
         )
     cards = simulators.task_cards()
-    distributions = [d for name in plan.simulators for d in simulators.find(name).distributions]
     return RunDocument(
         run_id=uuid.uuid4().hex,
         suite_name=plan.suite.name,
@@ -65,8 +67,29 @@ def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
         floors=plan.suite.floors,
         workers=workers,
         skipped=dict(plan.unavailable),
-        provenance=provenance.collect(distributions),
+        provenance=provenance.collect([simulators.find(name) for name in plan.simulators], plan.homes),
     )
+
+
+def _continued(plan: Plan, document: RunDocument, folder: Path) -> Provenance:
+    """The provenance of a run that goes on, with the environments of simulators that could not run before.
+
+    Raises:
+        PlanError: A simulator is no longer what it was, and the run would mix two.
+    """
+    made = document.provenance
+    environments = dict(made.environments)
+    for simulator in (simulators.find(name) for name in plan.simulators if name not in plan.unavailable):
+        name, record = simulator.name, plan.homes.record(simulator)
+        if name in document.skipped and record is not None:
+            environments[name] = record
+        elif name not in document.skipped and record != environments.get(name):
+            was, now = (f"environment {one.hash}" if one else OWN for one in (environments.get(name), record))
+            raise PlanError(
+                f"{folder}: {name} ran in {was}, and would now run in {now if now != was else 'other versions of it'}; "
+                "give another folder with --out"
+            )
+    return made.model_copy(update={"environments": environments})
 
 
 def fixed_workers(plan: Plan) -> dict[str, int]:

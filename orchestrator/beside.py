@@ -11,8 +11,9 @@ import ray
 from ray.exceptions import RayError
 
 from adapters import catalog
-from orchestrator.cluster import check_alive
-from orchestrator.worker_environment import worker_environment
+from adapters.contract import Simulator, SimulatorUnavailable
+from orchestrator.cluster import check_alive, ray_session
+from orchestrator.environments.homes import Homes
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,14 @@ class Ended:
 
 
 def beside(
-    generator: Callable[..., Iterator[Any]], arguments: Mapping[str, tuple[Any, ...]]
+    generator: Callable[..., Iterator[Any]], arguments: Mapping[str, tuple[Any, ...]], homes: Homes | None = None
 ) -> Iterator[tuple[str, Any | Ended]]:
     """What the generators yield, as it comes.
 
     Args:
         generator: Importable on every node.
         arguments: Simulator to the arguments that the generator is called with.
+        homes: In which environment each simulator runs.
 
     Yields:
         The simulator, and what its generator yielded or, as its last, why it was cut short.
@@ -38,13 +40,32 @@ def beside(
         RayLost: Ray itself has died.
     """
     actor: Any = _Process
+    homes = homes or Homes()
     streams: dict[Any, str] = {}
     actors = []  # they live as long as there are handles
     for simulator, own in arguments.items():
-        environment = {"env_vars": worker_environment(catalog.find(simulator))}
+        environment = homes.for_ray(catalog.find(simulator))
         actors.append(actor.options(num_cpus=1, runtime_env=environment).remote())
         streams[actors[-1].run.remote(generator, own)] = simulator
     yield from _as_it_comes(streams)
+
+
+def alone(
+    generator: Callable[..., Iterator[Any]], simulator: Simulator, own: tuple[Any, ...], homes: Homes
+) -> list[Any]:
+    """What a generator yields in a process in the simulator's environment, on a Ray that is started if none runs.
+
+    Raises:
+        SimulatorUnavailable: The environment does not fit, or the process ended.
+        RayLost: Ray itself has died.
+    """
+    if reason := homes.missing_reason(simulator):
+        raise SimulatorUnavailable(f"{simulator.name}: {reason}")
+    with ray_session(address=None, workers=1):
+        came = [found for _, found in beside(generator, {simulator.name: own}, homes)]
+    if came and isinstance(came[-1], Ended):
+        raise SimulatorUnavailable(f"{simulator.name}: {came[-1].reason}")
+    return came
 
 
 @ray.remote(max_restarts=0, max_task_retries=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -11,7 +11,9 @@ from PIL import Image, ImageDraw
 from adapters import catalog
 from adapters.contract import AdapterError
 from adapters.contract import Image as Pixels
+from orchestrator.beside import alone
 from orchestrator.choosing import Look
+from orchestrator.environments.homes import Homes
 from orchestrator.looking import see
 from suites.axes import SEVERITIES, Axis
 from suites.vocabulary import Condition, View
@@ -20,22 +22,29 @@ LABEL_HEIGHT, LABEL_WIDTH, GAP = 16, 150, 4
 PAPER, INK = (255, 255, 255), (30, 30, 30)
 
 
-def looks(task: str, axis: Axis, view: View, seed: int) -> list[list[Pixels]]:
+def looks(task: str, axis: Axis, view: View, seed: int, homes: Homes) -> list[list[Pixels]]:
     """The first images, camera by camera: of the clean episode, then at each severity.
+
+    They are rendered in this process, or in the environment that the simulator lives in.
 
     Raises:
         AdapterError: The task cannot be opened, or does not support the axis.
     """
+    own = catalog.find(task.partition("/")[0])
+    if homes.of(own) is not None:
+        return alone(_seen, own, (task, axis, view, seed), homes)
     for simulator in catalog.simulators().values():  # set before any is imported: they import each other's renderers
         for name, value in simulator.environment.items():
             os.environ.setdefault(name, value)
+    return list(_seen(task, axis, view, seed))
+
+
+def _seen(task: str, axis: Axis, view: View, seed: int) -> Iterator[list[Pixels]]:
     conditions = [Condition(), *(Condition(axis.name, severity + 1) for severity in range(SEVERITIES))]
-    found = []
     for _, seen in see(Look(task, condition, seed, view) for condition in conditions):
         if isinstance(seen, AdapterError):
             raise seen
-        found.append(seen)
-    return found
+        yield seen
 
 
 def sheet(axis: Axis, rows: Sequence[tuple[str, Sequence[Sequence[Pixels]]]]) -> Image.Image:

@@ -9,12 +9,12 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from adapters import catalog as simulators
 from orchestrator.cluster import RayLost, ray_session
+from orchestrator.environments.homes import Homes
 from orchestrator.folders import explain, locked
 from orchestrator.lanes import Lane
 from orchestrator.names import known_names
@@ -162,17 +162,18 @@ def collect(order: Order, folder: Path, listener: Listener) -> Collected:
     if problems:
         raise DemonstrateError("\n".join(problems))
     names = dict.fromkeys(task.partition("/")[0] for task in order.tasks)
-    absent = {name: reason for name in names if (reason := simulators.missing_reason(simulators.find(name)))}
+    homes = Homes()
+    absent = {name: reason for name in names if (reason := homes.missing_reason(simulators.find(name)))}
     if len(absent) == len(names):
         raise DemonstrateError("\n".join(f"{name}: {reason}" for name, reason in absent.items()))
     began = time.monotonic()
     with locked(folder):
-        lanes = [_lane(task, order, folder) for task in order.tasks]
+        lanes = [_lane(task, order, folder, homes) for task in order.tasks]
         for lane in lanes:
             if lane.simulator in absent:
                 lane.give_up(absent[lane.simulator])
         collected = Collected(RunStatus.COMPLETE, lanes, 0.0)
-        _play(order, collected, listener)
+        _play(order, collected, listener, homes)
         for lane in lanes:
             if lane.reason:
                 collected.troubles.append(f"{lane.task}: {lane.reason}")
@@ -182,7 +183,7 @@ def collect(order: Order, folder: Path, listener: Listener) -> Collected:
     return collected
 
 
-def _play(order: Order, collected: Collected, listener: Listener) -> None:
+def _play(order: Order, collected: Collected, listener: Listener, homes: Homes) -> None:
     from orchestrator.gathering import Gatherer
 
     lanes = collected.lanes
@@ -191,7 +192,7 @@ def _play(order: Order, collected: Collected, listener: Listener) -> None:
     try:
         try:
             with ray_session(address=None, workers=order.workers):
-                Gatherer(lanes, order.noise, order.workers, listener, order.learner_source, order.whole).run()
+                Gatherer(lanes, order.noise, order.workers, listener, order.learner_source, order.whole, homes).run()
         finally:
             for lane in lanes:
                 lane.flush()
@@ -202,7 +203,7 @@ def _play(order: Order, collected: Collected, listener: Listener) -> None:
         collected.troubles.append(explain(error))
 
 
-def _lane(task: str, order: Order, folder: Path) -> Lane:
+def _lane(task: str, order: Order, folder: Path, homes: Homes) -> Lane:
     """A task's lane, with what is there already."""
     card = simulators.task_cards()[task]
     made_by: dict[str, Any] = {"oracle": policies.digest(ORACLE, {}), "noise": order.noise}
@@ -218,7 +219,7 @@ def _lane(task: str, order: Order, folder: Path) -> Lane:
         **made_by,
         "first_seed": order.first_seed,
         "protocol": asdict(cell.protocol),
-        "versions": _versions(cell.simulator),
+        "versions": homes.versions(simulators.find(cell.simulator)),
     }
     writer = DatasetWriter(folder / dataset_name(task), source)
     return Lane(cell, order.episodes, order.first_seed, writer)
@@ -232,8 +233,3 @@ def dataset_name(task: str) -> str:
 def folder_size(folder: Path) -> int:
     """Bytes of the files below a folder."""
     return sum(os.path.getsize(path) for path in folder.rglob("*") if path.is_file())  # noqa: PTH202
-
-
-def _versions(simulator: str) -> dict[str, str]:
-    distributions = simulators.find(simulator).distributions
-    return {name: metadata.version(name) for name in distributions}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from orchestrator.beside import Ended, beside
 from orchestrator.choosing import Look, fallen, typical
+from orchestrator.environments.homes import Homes
 from orchestrator.looking import picture
 from orchestrator.replay import film
 from orchestrator.sources import PolicySource
@@ -66,6 +67,7 @@ def film_run(
     shots: Mapping[str, Shots],
     sources: Mapping[str, PolicySource],
     listener: Callable[[], None] = lambda: None,
+    homes: Homes | None = None,
 ) -> list[str]:
     """Film and picture, a process per simulator beside each other. Ray must be running.
 
@@ -77,6 +79,7 @@ def film_run(
         shots: See `to_shoot`.
         sources: The run's policies.
         listener: Told after every episode that was filmed and every look that was taken.
+        homes: In which environment each simulator runs.
 
     Returns:
         A line for each episode that came out differently than its row, for each look that could not be had, and for
@@ -87,7 +90,7 @@ def film_run(
         OSError: The folder cannot be written.
     """
     troubles: list[str] = []
-    for simulator, came in beside(_shoot, {name: (own, dict(sources)) for name, own in shots.items()}):
+    for simulator, came in beside(_shoot, {name: (own, dict(sources)) for name, own in shots.items()}, homes):
         if isinstance(came, Ended):
             troubles.append(f"{simulator} could not be filmed: {came.reason}")
             continue

@@ -15,11 +15,11 @@ from ray.exceptions import RayActorError, RayError, RayTaskError
 from adapters import catalog
 from adapters.contract import AdapterError
 from orchestrator.cluster import RayLost, check_alive
+from orchestrator.environments.homes import Homes
 from orchestrator.lanes import Lane, Played, fair_share
 from orchestrator.recording import demonstrate
 from orchestrator.runner import EpisodeRunner
 from orchestrator.sources import PolicySource
-from orchestrator.worker_environment import worker_environment
 from policies import catalog as policies
 from policies.contract import Policy
 from suites.vocabulary import Cell
@@ -99,6 +99,8 @@ class Gatherer:
     """Acts first in every episode."""
     whole: bool = False
     """Whether episodes are recorded from their start, with a learner."""
+    homes: Homes = field(default_factory=Homes)
+    """In which environment each simulator runs."""
     _slots: list[_Slot] = field(default_factory=list, init=False)
 
     def run(self) -> None:
@@ -135,7 +137,7 @@ class Gatherer:
         if slot.simulator != lane.simulator:
             self._end(slot)
         if slot.actor is None:
-            environment = {"env_vars": worker_environment(catalog.find(lane.simulator))}
+            environment = self.homes.for_ray(catalog.find(lane.simulator))
             actor: Any = Demonstrator
             slot.actor = actor.options(num_cpus=1, max_restarts=0, max_task_retries=0, runtime_env=environment).remote(
                 lane.cell.policy, self.learner, whole=self.whole

@@ -5,12 +5,13 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from adapters import catalog as simulators
 from adapters.adjusting import ADJUSTABLE
 from adapters.contract import ActionSpec, ObservationSpec
+from orchestrator.environments.homes import Homes
 from orchestrator.names import known_names
 from orchestrator.sources import PolicySource
 from policies import catalog as policies
@@ -47,9 +48,11 @@ class Plan:
     digests: Mapping[str, str]
     """Policy name to the hash of its content."""
     unavailable: Mapping[str, str]
-    """Simulator of the suite that is not installed here, to the reason."""
+    """Simulator of the suite that is not installed, or whose environment does not fit, to the reason."""
     unsupported: tuple[Unsupported, ...] = ()
     """Axes that some tasks of the suite cannot have; those cells are not planned."""
+    homes: Homes = field(default_factory=Homes, compare=False)
+    """In which environment each simulator runs."""
 
     @property
     def simulators(self) -> list[str]:
@@ -152,10 +155,9 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
         raise SuiteError([Problem(str(path), None, problem) for problem in problems])
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
-    plan = Plan(suite, path, text, suite.content_hash(digests, names), cells, sources, digests, {}, unsupported)
-    unavailable = {
-        name: reason for name in plan.simulators if (reason := simulators.missing_reason(simulators.find(name)))
-    }
+    homes = Homes(suite.environments)
+    plan = Plan(suite, path, text, suite.content_hash(digests, names), cells, sources, digests, {}, unsupported, homes)
+    unavailable = {name: reason for name in plan.simulators if (reason := homes.missing_reason(simulators.find(name)))}
     required = [f"{name}: {unavailable[name]}" for name in only if name in unavailable]
     unknown = [
         f"{name}: the suite does not use this simulator{nearest(name, plan.simulators)}"

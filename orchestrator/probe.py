@@ -11,11 +11,10 @@ import sys
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from importlib import metadata
 
 from adapters import catalog
+from orchestrator.environments.homes import Homes
 from orchestrator.runner import EpisodeRunner
-from orchestrator.worker_environment import worker_environment
 from suites.vocabulary import CAMERAS, View
 
 TIME_LIMIT_S = 240.0
@@ -35,23 +34,26 @@ class Finding:
     """Time of one warm observation by one camera (ms)."""
 
 
-def probe(simulators: Iterable[str]) -> list[Finding]:
-    """Probe simulators, two at a time."""
+def probe(simulators: Iterable[str], homes: Homes | None = None) -> list[Finding]:
+    """Probe simulators, two at a time.
+
+    Args:
+        simulators: Their names.
+        homes: In which environment each of them runs.
+    """
+    homes = homes or Homes()
     with ThreadPoolExecutor(max_workers=2) as pool:
-        return list(pool.map(_probe_one, simulators))
+        return list(pool.map(lambda name: _probe_one(name, homes), simulators))
 
 
-def _probe_one(name: str) -> Finding:
+def _probe_one(name: str, homes: Homes) -> Finding:
     simulator = catalog.find(name)
-    versions = {}
-    for distribution in simulator.distributions:
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            versions[distribution] = metadata.version(distribution)
-    missing = catalog.missing_reason(simulator)
+    versions = homes.versions(simulator)
+    missing = homes.missing_reason(simulator)
     if missing:
         return Finding(name, versions, missing)
-    environment = {**os.environ, **worker_environment(simulator)}
-    command = [sys.executable, "-m", "orchestrator.probe", name]
+    python, environment = homes.child(simulator)
+    command = [python, "-m", "orchestrator.probe", name]
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=TIME_LIMIT_S, env=environment, check=False

@@ -5,15 +5,19 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
+from adapters.contract import Simulator
+from orchestrator.environments.homes import Homes
 from results.run import EVERYWHERE, Provenance
 
 
-def collect(distributions: Iterable[str]) -> Provenance:
-    """The provenance of a run that uses these distributions (those installed are recorded)."""
+def collect(simulators: Sequence[Simulator], homes: Homes) -> Provenance:
+    """The provenance of a run in these simulators: versions of what is installed, each where it runs."""
+    records = {one.name: homes.record(one) for one in simulators}
+    distributions = [name for one in simulators if homes.of(one) is None for name in one.distributions]
     commit = _git("rev-parse", "HEAD")
     status = _git("status", "--porcelain", "--untracked-files=no")
     packages = {name: version for name in dict.fromkeys([*EVERYWHERE, *distributions]) if (version := _version(name))}
@@ -25,6 +29,7 @@ def collect(distributions: Iterable[str]) -> Provenance:
         processor=_processor(),
         cores=os.cpu_count() or 0,
         packages=packages,
+        environments={name: record for name, record in records.items() if record is not None},
     )
 
 

@@ -16,6 +16,7 @@ from adapters import catalog
 from orchestrator import crew
 from orchestrator.cluster import RayLost, check_alive, check_room
 from orchestrator.crew import CrewError, Returned, Started, Unavailable, WorkerLost
+from orchestrator.environments.homes import Homes
 from orchestrator.runner import Lease, Readiness
 from orchestrator.sources import PolicySource
 from orchestrator.worker import start_worker
@@ -77,6 +78,7 @@ class RayCrew:
         sources: Mapping[str, PolicySource],
         resources: Mapping[str, Resources] | None = None,
         servers: Sequence[Any] = (),
+        homes: Homes | None = None,
     ) -> None:
         """Prepare to start workers.
 
@@ -84,11 +86,13 @@ class RayCrew:
             sources: Policy name to what it is built from.
             resources: Simulator to what each of its workers needs.
             servers: Answer for the policies that look at images (`serving`), if there are any.
+            homes: In which environment each simulator runs.
 
         Raises:
             NoRoom: No node has what a worker needs.
         """
         self._sources, self._resources, self._servers = sources, resources or {}, servers
+        self._homes = homes or Homes()
         self._started = 0
         for simulator, asked in self._resources.items():
             check_room(f"resources.{simulator}", asked.for_ray())
@@ -112,7 +116,7 @@ class RayCrew:
             asked = self._resources.get(simulator, Resources())
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
-            actor = start_worker(name, catalog.find(simulator), self._sources, asked, server)
+            actor = start_worker(name, self._homes.for_ray(catalog.find(simulator)), self._sources, asked, server)
             worker = RayWorker(actor, first)
         self._workers[worker] = None
         return worker

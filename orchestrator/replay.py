@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from adapters import catalog
+from adapters.contract import AdapterError
+from orchestrator.environments.homes import Homes
 from orchestrator.runner import EpisodeRunner
 from orchestrator.sources import PolicySource
 from orchestrator.video import Made, Recorder, save_png
+from orchestrator.worker_environment import worker_environment
 from policies import catalog as policies
 from results.media import picture_path, video_path
 from results.record import OUTCOME, EpisodeResult
 from results.run import RunDocument
+from suites.environments import EnvironmentEntry
 from suites.loading import SuiteError
 from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
 
@@ -60,6 +66,21 @@ def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
     return {entry.name: PolicySource(entry.kind, entry.options) for entry in entries}
 
 
+def homes_of(document: RunDocument) -> Homes:
+    """In which environment each simulator of a run lives, as its suite and the user's configuration say.
+
+    Raises:
+        ReplayError: They cannot be read.
+    """
+    import yaml
+
+    try:
+        declared = (yaml.safe_load(document.suite_text) or {}).get("environments") or {}
+        return Homes({name: EnvironmentEntry.model_validate(entry) for name, entry in declared.items()})
+    except (yaml.YAMLError, SuiteError, AttributeError, ValueError) as error:
+        raise ReplayError(f"the run's environments cannot be told: {error}") from None
+
+
 def replay(row: EpisodeResult, runner: EpisodeRunner, video: Path, *, picture: Path | None = None) -> Replayed:
     """Play the row's episode again and film it.
 
@@ -83,6 +104,35 @@ def replay(row: EpisodeResult, runner: EpisodeRunner, video: Path, *, picture: P
     if picture is not None and recorder.first is not None:
         save_png(picture, recorder.first)
     return Replayed(result, tuple(differences(row, result)), video)
+
+
+def replay_at_home(row: EpisodeResult, sources: Mapping[str, PolicySource], video: Path, homes: Homes) -> Replayed:
+    """Play the row's episode again and film it: in this process, or in the environment that its simulator lives in.
+
+    Raises:
+        ReplayError: The environment does not fit, or its process ended.
+        RayLost: Ray has died, which carries the process in another environment.
+    """
+    simulator = catalog.find(row.simulator)
+    if homes.of(simulator) is None:
+        os.environ.update(worker_environment(simulator))
+        (done,) = _replayed(row, sources, video)
+        return done
+    from orchestrator.beside import alone
+
+    try:
+        came = alone(_replayed, simulator, (row, dict(sources), video.absolute()), homes)
+    except AdapterError as error:
+        raise ReplayError(str(error)) from None
+    return replace(came[0], video=video)
+
+
+def _replayed(row: EpisodeResult, sources: Mapping[str, PolicySource], video: Path) -> Iterator[Replayed]:
+    runner = EpisodeRunner(sources)
+    try:
+        yield replay(row, runner, video)
+    finally:
+        runner.close()
 
 
 def differences(stored: EpisodeResult, now: EpisodeResult) -> list[str]:

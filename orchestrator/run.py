@@ -166,7 +166,7 @@ class _Session:
             servers = self._servers(sources, count)
             with self._progress:
                 while work:
-                    crew = RayCrew(sources, suite.resources, servers)
+                    crew = RayCrew(sources, suite.resources, servers, self._plan.homes)
                     Scheduler(work, crew, scheduling, sink=self._store.add, observer=self).run()
                     before, work = work, self._work() if suite.adaptive else []
                     if work == before:  # what is missing cannot be played here
@@ -270,7 +270,7 @@ class _Session:
                 ray_session(address=self._options.address, workers=len(shots)),
                 self._progress.filming(count) as filming,
             ):
-                self._troubles += film_run(self._folder, shots, sources or self._sources(), came)
+                self._troubles += film_run(self._folder, shots, sources or self._sources(), came, self._plan.homes)
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
         except (OSError, StoreError) as error:

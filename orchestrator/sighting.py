@@ -15,7 +15,7 @@ from typing import IO, Any
 
 from adapters import catalog
 from adapters.contract import AdapterError
-from orchestrator.worker_environment import worker_environment
+from orchestrator.environments.homes import Homes
 from policies.mergevla.routing.keeping import FirstLooks, file_of, load_looks, save_looks
 from suites.vocabulary import Condition, RenderProfile, View
 
@@ -57,7 +57,7 @@ def first_looks(tasks: Sequence[str], view: View, seeds: Sequence[int], folder: 
         OSError: The folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    looks, skipped = {}, {}
+    looks, skipped, homes = {}, {}, Homes()
     wanted: dict[str, list[str]] = {}
     for task in tasks:
         path = file_of(folder, task)
@@ -69,13 +69,13 @@ def first_looks(tasks: Sequence[str], view: View, seeds: Sequence[int], folder: 
             wanted.setdefault(task.partition("/")[0], []).append(task)
     for name, own in wanted.items():
         try:
-            reason = catalog.missing_reason(catalog.find(name))
+            reason = homes.missing_reason(catalog.find(name))
         except AdapterError as error:
             raise SightingError(str(error)) from None
         if reason:
             skipped[name] = reason
             continue
-        _look_in_child(name, own, view, seeds, folder, listener)
+        _look_in_child(homes, name, own, view, seeds, folder, listener)
         looks |= {task: load_looks(file_of(folder, task)) for task in own}
     if not looks:
         raise SightingError("\n".join(f"{name}: {reason}" for name, reason in skipped.items()))
@@ -83,11 +83,11 @@ def first_looks(tasks: Sequence[str], view: View, seeds: Sequence[int], folder: 
 
 
 def _look_in_child(
-    name: str, tasks: Sequence[str], view: View, seeds: Sequence[int], folder: Path, listener: Listener
+    homes: Homes, name: str, tasks: Sequence[str], view: View, seeds: Sequence[int], folder: Path, listener: Listener
 ) -> None:
     order = json.dumps({"tasks": tasks, "view": asdict(view), "seeds": list(seeds), "folder": str(folder.resolve())})
-    environment = {**os.environ, **worker_environment(catalog.find(name))}
-    command = [sys.executable, "-m", "orchestrator.sighting"]
+    python, environment = homes.child(catalog.find(name))
+    command = [python, "-m", "orchestrator.sighting"]
     problem, silent = None, threading.Event()
     with tempfile.TemporaryFile("w+") as said, tempfile.TemporaryFile("w+") as asked:
         asked.write(order)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
+from adapters import catalog
 from orchestrator.beside import Ended, beside
+from orchestrator.environments.homes import Homes
 from orchestrator.replay import differences, episode_of
 from orchestrator.runner import EpisodeRunner
 from orchestrator.sources import PolicySource
@@ -64,13 +67,19 @@ def read(rows: Iterable[EpisodeResult], size: int, seed: int) -> Read:
     return Read(count, digest, tuple(chosen))
 
 
-def play_again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource], listener: Listener) -> list[Checked]:
+def play_again(
+    rows: Sequence[EpisodeResult],
+    sources: Mapping[str, PolicySource],
+    listener: Listener,
+    homes: Homes | None = None,
+) -> list[Checked]:
     """Play rows again, a process per simulator beside each other. Ray must be running.
 
     Args:
         rows: Successes and failures.
         sources: The run's policies.
         listener: See `Listener`.
+        homes: In which environment each simulator runs.
 
     Raises:
         RayLost: Ray itself has died.
@@ -80,7 +89,11 @@ def play_again(rows: Sequence[EpisodeResult], sources: Mapping[str, PolicySource
         by_simulator.setdefault(row.simulator, []).append(row)
     waiting = {simulator: iter(own) for simulator, own in by_simulator.items()}
     checked = []
-    for simulator, found in beside(_again, {name: (own, dict(sources)) for name, own in by_simulator.items()}):
+    homes = homes or Homes()
+    reasons = {name: homes.missing_reason(catalog.find(name)) for name in by_simulator}
+    arguments = {name: (own, dict(sources)) for name, own in by_simulator.items() if reasons[name] is None}
+    absent = ((name, Ended(reason)) for name, reason in reasons.items() if reason is not None)
+    for simulator, found in chain(absent, beside(_again, arguments, homes)):
         if isinstance(found, Ended):
             came = [Checked(row, (f"could not be played again: {found.reason}",)) for row in waiting[simulator]]
         else:

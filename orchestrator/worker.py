@@ -12,11 +12,10 @@ from typing import Any
 import psutil
 import ray
 
-from adapters.contract import AdapterError, Simulator
+from adapters.contract import AdapterError
 from orchestrator.runner import EpisodeRunner, Lease, Readiness
 from orchestrator.serving import served_policies
 from orchestrator.sources import PolicySource
-from orchestrator.worker_environment import worker_environment
 from results.record import EpisodeResult
 from suites.placement import Resources
 from suites.vocabulary import View
@@ -71,18 +70,22 @@ class Worker:
 
 
 def start_worker(
-    name: str, simulator: Simulator, sources: Mapping[str, PolicySource], resources: Resources, server: Any = None
+    name: str,
+    environment: Mapping[str, Any],
+    sources: Mapping[str, PolicySource],
+    resources: Resources,
+    server: Any = None,
 ) -> Any:
     """Start an actor; returns its handle at once, while it is still starting.
 
     Args:
         name: Of the worker.
-        simulator: Whose tasks it opens.
+        environment: Ray's `runtime_env` for the simulator whose tasks it opens (`Homes.for_ray`).
         sources: Policy name to what it is built from.
         resources: What it needs.
         server: Answers for the policies that look at images (`orchestrator.serving`), or None.
     """
     actor: Any = Worker
-    environment = {"env_vars": worker_environment(simulator)}
-    actor = actor.options(max_restarts=0, max_task_retries=0, runtime_env=environment, **resources.for_ray())
+    asked = resources.for_ray()
+    actor = actor.options(max_restarts=0, max_task_retries=0, runtime_env=dict(environment), **asked)
     return actor.remote(name, dict(sources), resources, server)

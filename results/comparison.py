@@ -31,6 +31,7 @@ from results.statistics.rates import Estimate
 if TYPE_CHECKING:
     import pandas as pd
 
+OWN = "the run's own environment"
 COLUMNS = ("pair_id", "policy", "policy_digest", "simulator", "task", "status", "state_hash", "actions_hash")
 """Fields of the record that a comparison is made from."""
 
@@ -280,12 +281,20 @@ def _plan(document: RunDocument) -> set[tuple[str, str, str, int, int]]:
 
 
 def _versions(now: Provenance, before: Provenance) -> list[str]:
-    """The simulators' packages that both runs name in different versions."""
-    return [
-        f"{name} {before.packages[name]}, now {version}"
-        for name, version in sorted(now.packages.items())
-        if name not in EVERYWHERE and before.packages.get(name, version) != version
+    """The simulators' packages that both runs name in different versions, and simulators that have moved."""
+    then = before.versions
+    changed = [
+        f"{name} {then[name]}, now {version}"
+        for name, version in sorted(now.versions.items())
+        if name not in EVERYWHERE and then.get(name, version) != version
     ]
+    homes = [{name: f"environment {one.hash}" for name, one in made.environments.items()} for made in (before, now)]
+    moved = [
+        f"{name} in {homes[0].get(name, OWN)}, now in {homes[1].get(name, OWN)}"
+        for name in sorted(homes[0].keys() | homes[1].keys())
+        if homes[0].get(name) != homes[1].get(name)
+    ]
+    return changed + moved
 
 
 def _unpaired(sides: Sequence[pd.DataFrame], pairs: pd.DataFrame) -> dict[str, tuple[int, int]]:

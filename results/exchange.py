@@ -149,5 +149,5 @@ def _about(document: RunDocument) -> dict[str, Any]:
         "suite_hash": document.suite_hash,
         "rows_hash": document.rows_hash,
         "git_commit": document.provenance.git_commit,
-        "packages": document.provenance.packages,
+        "packages": document.provenance.versions,
     }

@@ -73,6 +73,19 @@ class Decided(_Model):
     """E-value."""
 
 
+class EnvironmentRecord(_Model):
+    """A Python environment beside the run's own, in which a simulator ran."""
+
+    name: str
+    hash: str
+    """Of what the environment is made of, as the suite, the user's configuration or the adapter says."""
+    python: str
+    inherits: bool
+    """Whether the run's own packages were seen behind the environment's."""
+    packages: dict[str, str]
+    """Distribution to version, as installed there: the simulator's, and those that were asked for."""
+
+
 class Provenance(_Model):
     """With what the run was made."""
 
@@ -85,6 +98,18 @@ class Provenance(_Model):
     cores: int = 0
     packages: dict[str, str] = Field(default_factory=dict)
     """Distribution to version."""
+    environments: dict[str, EnvironmentRecord] = Field(default_factory=dict)
+    """Simulator to the environment that it ran in, if it was not the run's own."""
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Every version: of `packages` and, as `simulator: distribution`, of the simulators' environments."""
+        apart = {
+            f"{simulator}: {name}": version
+            for simulator, one in self.environments.items()
+            for name, version in one.packages.items()
+        }
+        return {**self.packages, **apart}
 
 
 class RunDocument(_Model):

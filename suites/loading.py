@@ -1,16 +1,20 @@
-"""Reads suite files. Every mistake is reported at once, each with file, line and the nearest valid name."""
+"""Reads suite and configuration files. Every mistake is reported, each with file, line and the nearest valid name."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from suites.environments import Config, EnvironmentEntry
 from suites.placement import Inference, Resources
+from suites.plugins import nearest
 from suites.schema import (
     AdaptiveEntry,
     CompareEntry,
@@ -25,6 +29,7 @@ from suites.schema import (
 
 MAX_BYTES = 1_000_000
 Place = tuple[str | int, ...]
+Model = TypeVar("Model", Suite, Config)
 
 
 @dataclass(frozen=True)
@@ -60,27 +65,55 @@ def load_suite(path: Path, names: KnownNames) -> Suite:
     Raises:
         SuiteError: Holds every problem found.
     """
-    text = _read(path)
-    data, lines = _parse(path, text)
-    try:
-        suite = Suite.model_validate(data)
-    except ValidationError as error:
-        problems = [
-            Problem(str(path), _line(lines, _place(e["loc"])), _say(e)) for e in error.errors() if not _is_echo(e)
-        ]
-        raise SuiteError(_unique(problems)) from None
-    problems = [Problem(str(path), _line(lines, place), message) for place, message in check_names(suite, names)]
-    if problems:
-        raise SuiteError(_unique(problems))
+    suite = _load(path, Suite, partial(check_names, names=names), "a suite file", "name, policies, tasks and seeds")
     return suite.with_names(names)
 
 
-def _read(path: Path) -> str:
+def load_config(path: Path, names: Sequence[str]) -> Config:
+    """Read and validate a configuration file.
+
+    Args:
+        path: A YAML file; an empty one is a configuration that says nothing.
+        names: Whose environments may be named.
+
+    Raises:
+        SuiteError: Holds every problem found.
+    """
+
+    def unknown(config: Config) -> list[tuple[Place, str]]:
+        wrong = [name for name in config.environments if name not in names]
+        return [(("environments", name), f"unknown simulator '{name}'{nearest(name, names)}") for name in wrong]
+
+    return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
+
+
+def _load(
+    path: Path, model: type[Model], check: Callable[[Model], Sequence[tuple[Place, str]]], what: str, keys: str
+) -> Model:
+    text = _read(path, what)
+    says = any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines())
+    data, lines = _parse(path, text if says or model is Suite else "{}", keys)
+    try:
+        loaded = model.model_validate(data)
+    except ValidationError as error:
+        problems = [
+            Problem(str(path), _line(lines, _place(e["loc"])), _say(e, model))
+            for e in error.errors()
+            if not _is_echo(e)
+        ]
+        raise SuiteError(_unique(problems)) from None
+    problems = [Problem(str(path), _line(lines, place), message) for place, message in check(loaded)]
+    if problems:
+        raise SuiteError(_unique(problems))
+    return loaded
+
+
+def _read(path: Path, what: str) -> str:
     def refuse(message: str) -> SuiteError:
         return SuiteError([Problem(str(path), None, message)])
 
     if path.is_dir():
-        raise refuse("expected a suite file, this is a directory")
+        raise refuse(f"expected {what}, this is a directory")
     try:
         raw = path.read_bytes()
     except FileNotFoundError:
@@ -89,14 +122,14 @@ def _read(path: Path) -> str:
     except OSError as error:
         raise refuse(f"cannot be read: {error.strerror}") from None
     if len(raw) > MAX_BYTES:
-        raise refuse(f"expected a suite file of at most {MAX_BYTES} bytes, this has {len(raw)}")
+        raise refuse(f"expected {what} of at most {MAX_BYTES} bytes, this has {len(raw)}")
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError as error:
         raise refuse(f"expected UTF-8 text, found byte 0x{raw[error.start]:02x} at offset {error.start}") from None
 
 
-def _parse(path: Path, text: str) -> tuple[dict[str, Any], dict[Place, int]]:
+def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place, int]]:
     """The file's data, and the line on which each place in it stands."""
 
     def refuse(mark: Any, message: str) -> SuiteError:
@@ -126,7 +159,7 @@ def _parse(path: Path, text: str) -> tuple[dict[str, Any], dict[Place, int]]:
     finally:
         loader.dispose()
     if not isinstance(data, dict):
-        raise refuse(None, f"expected a mapping with name, policies, tasks and seeds; found {_kind(data)}")
+        raise refuse(None, f"expected a mapping with {keys}; found {_kind(data)}")
     return data, lines
 
 
@@ -172,7 +205,7 @@ def _is_echo(error: Any) -> bool:
     return error["type"] == "too_short" and bool(error["input"])
 
 
-def _say(error: Any) -> str:
+def _say(error: Any, model: type[BaseModel]) -> str:
     place = _place(error["loc"])
     where = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
     came = error.get("input")
@@ -180,8 +213,8 @@ def _say(error: Any) -> str:
         case "missing":
             return f"missing key '{place[-1]}'"
         case "extra_forbidden":
-            near = get_close_matches(str(place[-1]), list(_fields(place)), n=1, cutoff=0.5)
-            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(_fields(place))}"
+            near = get_close_matches(str(place[-1]), list(_fields(place, model)), n=1, cutoff=0.5)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(_fields(place, model))}"
             return f"unknown key '{place[-1]}'{hint}"
         case "too_short":
             return f"{where}: expected at least one entry, found an empty list"
@@ -198,7 +231,7 @@ def _say(error: Any) -> str:
             return f"{where}: {expected}, found {_kind(came)}"
 
 
-def _fields(place: Place) -> list[str]:
+def _fields(place: Place, root: type[BaseModel]) -> list[str]:
     models: dict[str, type[BaseModel]] = {
         "policies": PolicyEntry,
         "conditions": ConditionEntry,
@@ -207,9 +240,10 @@ def _fields(place: Place) -> list[str]:
         "compare": CompareEntry,
         "adaptive": AdaptiveEntry,
         "resources": Resources,
+        "environments": EnvironmentEntry,
         "inference": Inference,
     }
-    model = models.get(str(place[0]), Suite) if len(place) > 1 else Suite
+    model = models.get(str(place[0]), root) if len(place) > 1 else root
     return list(model.model_fields)
 
 

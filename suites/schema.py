@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from suites.environments import EnvironmentEntry
 from suites.placement import Inference, Resources
 from suites.plugins import nearest
 from suites.shorthand import policy_entry
@@ -189,6 +190,8 @@ class Suite(_Model):
     """Worker processes per simulator; "auto": as many for all simulators together as fit the cores and the memory."""
     resources: dict[str, Resources] = Field(default_factory=dict)
     """Simulator to what each of its workers needs; one core if nothing is said."""
+    environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
+    """Simulator to the Python environment that its workers run in; the running one if nothing is said."""
     inference: Inference = Inference()
     max_attempts: Count = 3
     """Times that an episode may end its worker before it is recorded as an error."""
@@ -342,6 +345,7 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
     for key, simulator in [
         *(("workers", name) for name in counted),
         *(("resources", name) for name in suite.resources),
+        *(("environments", name) for name in suite.environments),
     ]:
         if simulator not in names.simulators:
             add(((key, simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))

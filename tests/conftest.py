@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tempfile
 from collections import Counter
 
 from hypothesis import settings
@@ -18,6 +19,10 @@ os.environ["COLUMNS"] = "200"
 # Tests that are started in the background ignore Ctrl-C, and so would the commands that they start and interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# What a person has configured for their own runs is no part of the tests.
+os.environ["GAUNTLET_CONFIG"] = os.devnull
+os.environ["GAUNTLET_ENVIRONMENTS"] = tempfile.mkdtemp(prefix="robogauntlet-environments-")
 
 # Tests open several simulators in one process, so what each asks for must be set before the first is imported.
 for _simulator in catalog.simulators().values():

@@ -13,6 +13,7 @@ from orchestrator.cli import (
     carry,
     compare,
     doctor,
+    env,
     history,
     listing,
     log,
@@ -57,6 +58,7 @@ app.command("serve")(serve.serve)
 app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")
+app.add_typer(env.app, name="env")
 app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging. Serve them.")
 
 

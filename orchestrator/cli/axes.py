@@ -10,7 +10,7 @@ from rich.table import Table
 
 from adapters import catalog as simulators
 from adapters.contract import AdapterError, Simulator
-from orchestrator.cli.shared import BadInput, out
+from orchestrator.cli.shared import BadInput, homes_here, out
 from orchestrator.plan import why_unadjusted
 from suites.axes import AXES, SEVERITIES, Axis
 from suites.plugins import nearest
@@ -66,7 +66,8 @@ def sheet(
     found = _find(axis)
     if out_file.suffix.lower() != ".png":
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
-    usable = [s for s in simulators.simulators().values() if not s.internal and not simulators.missing_reason(s)]
+    homes = homes_here()
+    usable = [s for s in simulators.simulators().values() if not s.internal and not homes.missing_reason(s)]
     tasks = task or [name for simulator in usable for name in _able(simulator, found)[:1]]
     if not tasks:
         raise BadInput(
@@ -80,7 +81,7 @@ def sheet(
     for name in tasks:
         out.print(f"{name}: {SEVERITIES + 1} looks", markup=False, highlight=False)
         try:
-            rows.append((name, contact_sheet.looks(name, found, view, seed)))
+            rows.append((name, contact_sheet.looks(name, found, view, seed, homes)))
         except AdapterError as error:
             raise BadInput(f"{name}: {error}") from None
     try:

@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 
 from adapters import catalog
-from orchestrator.cli.shared import fail, out
+from orchestrator.cli.shared import fail, homes_here, out
 from orchestrator.probe import probe
 from policies import catalog as policies
 
@@ -25,8 +25,9 @@ def doctor() -> None:
     ray = metadata.version("ray")
     out.print(f"Python {platform.python_version()}, Ray {ray}, {os.cpu_count()} cores, {memory:.0f} GiB memory")
     names = [name for name, simulator in catalog.simulators().items() if not simulator.internal]
+    homes = homes_here()
     with out.status("opening the simulators"):
-        findings = probe(names)
+        findings = probe(names, homes)
     table = Table("simulator", "version", "renders on", "one frame", box=None, pad_edge=False)
     for found in findings:
         versions = ", ".join(f"{name} {version}" for name, version in found.versions.items())

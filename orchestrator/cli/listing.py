@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.table import Table
 
 from adapters import catalog as simulators
-from orchestrator.cli.shared import fail, out
+from orchestrator.cli.shared import fail, homes_here, out
 from orchestrator.plan import SHIPPED
 from policies import catalog as policies
 
@@ -16,10 +16,11 @@ def list_names() -> None:
     tasks.add_column("task", no_wrap=True)
     for column in ("instruction", "horizon", "simulator"):
         tasks.add_column(column)
+    homes = homes_here()
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue
-        state = "not installed" if simulators.missing_reason(simulator) else simulator.title
+        state = "not installed" if homes.missing_reason(simulator) else simulator.title
         for name, card in simulator.tasks.items():
             tasks.add_row(f"{simulator.name}/{name}", card.instruction, str(card.horizon), state)
     out.print(tasks)

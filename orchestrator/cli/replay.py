@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from adapters import catalog
 from orchestrator.cli.shared import BadInput, StoreUrl, fail, newest_run, out
-from orchestrator.replay import ReplayError, policy_sources, replay
-from orchestrator.runner import EpisodeRunner
-from orchestrator.worker_environment import worker_environment
+from orchestrator.cluster import RayLost
+from orchestrator.replay import ReplayError, homes_of, policy_sources, replay_at_home
 from results.media import video_path
 from results.record import Status
 from results.run import RunError, read_run, store_url
@@ -37,10 +34,10 @@ def replay_episode(
         sources = policy_sources(document)
     except (RunError, StoreError, ReplayError) as error:
         raise BadInput(str(error)) from None
-    os.environ.update(worker_environment(catalog.find(row.simulator)))
-    runner = EpisodeRunner(sources)
-    done = replay(row, runner, video or video_path(folder, row.episode_id))
-    runner.close()
+    try:
+        done = replay_at_home(row, sources, video or video_path(folder, row.episode_id), homes_of(document))
+    except (ReplayError, RayLost) as error:
+        raise BadInput(str(error)) from None
     if done.result.status == Status.ERROR:
         out.print(f"{row.task}, {row.policy}, seed {row.seed}: {done.result.error}", markup=False, soft_wrap=True)
     else:

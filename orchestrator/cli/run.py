@@ -58,7 +58,7 @@ def run(
     """Play a suite, or a part or what is missing of it, and report."""
     required = tuple(require or ())
     plan = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds), only=required)
-    broken = [f"{f.simulator}: {f.problem}" for f in probe(required) if f.problem]
+    broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.homes) if f.problem]
     if broken:
         raise BadInput("\n".join(broken))
     folder = out_folder or Path("runs") / f"{plan.suite.name}-{datetime.now():%Y%m%d-%H%M%S}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -11,12 +11,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from orchestrator.environments.homes import Homes
+from orchestrator.names import known_names
 from orchestrator.plan import WHOLE, Plan, PlanError, find_suite, make_plan
 from results.database import StoreError, file_url, parse
 from results.history import HISTORY_FILE, History
 from results.run import RUN_FILE
 from results.syncing import take_in
-from suites.loading import SuiteError
+from suites.environments import EnvironmentEntry
+from suites.loading import SuiteError, load_suite
 from suites.part import Part
 
 RUNS = Path("runs")
@@ -71,6 +74,30 @@ def plan_of(suite: str, *, part: Part = WHOLE, only: tuple[str, ...] = ()) -> Pl
     try:
         return make_plan(find_suite(suite), part=part, only=only)
     except (SuiteError, PlanError) as error:
+        raise BadInput(str(error)) from None
+
+
+def environments_of(suite: str) -> dict[str, EnvironmentEntry]:
+    """The environments that a suite declares.
+
+    Raises:
+        BadInput: It is wrong.
+    """
+    try:
+        return load_suite(find_suite(suite), known_names()).environments
+    except SuiteError as error:
+        raise BadInput(str(error)) from None
+
+
+def homes_here(declared: Mapping[str, EnvironmentEntry] | None = None) -> Homes:
+    """In which environment each simulator runs.
+
+    Raises:
+        BadInput: The user's configuration is wrong.
+    """
+    try:
+        return Homes(declared)
+    except SuiteError as error:
         raise BadInput(str(error)) from None
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from orchestrator.cli.shared import BadInput, StoreUrl, fail, newest_run, out
-from orchestrator.replay import ReplayError, policy_sources
+from orchestrator.replay import ReplayError, homes_of, policy_sources
 from results.run import RunError, read_run, store_url
 from results.store import Store, StoreError
 
@@ -30,6 +30,7 @@ def verify(
         found = verifying.read(rows.results(), sample, seed)
         rows.close()
         sources = policy_sources(document) if found.sample else {}
+        homes = homes_of(document)
     except (RunError, StoreError, ReplayError) as error:
         raise BadInput(str(error)) from None
     problems = []
@@ -50,7 +51,7 @@ def verify(
     if found.sample:
         try:
             with ray_session(address=None, workers=len({row.simulator for row in found.sample})):
-                verifying.play_again(found.sample, sources, tell)
+                verifying.play_again(found.sample, sources, tell, homes)
         except RayLost as error:
             problems.append(f"{error}; verify again")
     if problems:

@@ -157,6 +157,6 @@ def _facts(entry: RunEntry, document: RunDocument | None) -> list[tuple[str, str
             ", ".join(filter(None, (made.processor, f"{made.cores} cores" if made.cores else ""))) or "unknown",
         ),
         ("Python", made.python or "unknown"),
-        *sorted(made.packages.items()),
+        *sorted(made.versions.items()),
     ]
     return facts

@@ -58,7 +58,7 @@ def entry_of(document: RunDocument, tables: Tables) -> Entry:
         "platform": made.platform,
         "processor": made.processor,
         "cores": made.cores,
-        **{f"packages/{_usable(name)}": version for name, version in made.packages.items()},
+        **{f"packages/{_usable(name)}": version for name, version in made.versions.items()},
         **{f"policies/{_usable(cell.policy)}": cell.policy_digest for cell in document.plan},
     }
     state = {

@@ -39,7 +39,7 @@ def render_markdown(
     parts += _not_run(tables) + _errors(tables) + _timing(tables)
     rows = tuple(facts.provenance(document, tables))
     parts += ["## Provenance", markdown(TextTable(("what", "value"), rows, 2))]
-    packages = tuple(sorted(document.provenance.packages.items()))
+    packages = tuple(sorted(document.provenance.versions.items()))
     if packages:
         parts.append(markdown(TextTable(("package", "version"), packages, 2)))
     return "\n\n".join(parts) + "\n"
