@@ -42,17 +42,14 @@ class Assets:
     stand_ins: bool
     """Whether the folder says that some of its files only stand in for upstream's."""
 
-    def digest(self) -> str:
-        """Hash of all files, names and content: 16 hexadecimal digits. Reads some 40 MB or more."""
-        digest = hashlib.sha256()
-        for path in sorted(path for path in self.folder.rglob("*") if path.is_file()):
-            digest.update(path.relative_to(self.folder).as_posix().encode() + b"\0")
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
-        return digest.hexdigest()[:16]
+    def fingerprint(self) -> str:
+        """Hash of the names and sizes of all files, 8 hexadecimal digits: different assets, for all that is likely."""
+        files = sorted(path for path in self.folder.rglob("*") if path.is_file())
+        listed = "".join(f"{path.relative_to(self.folder).as_posix()} {path.stat().st_size}\n" for path in files)
+        return hashlib.sha256(listed.encode()).hexdigest()[:8]
 
     def __str__(self) -> str:
-        kind = f"with stand-ins ({STAND_INS})" if self.stand_ins else "without stand-ins"
-        return f"{self.folder}, {kind}"
+        return f"LIBERO assets {self.fingerprint()} {'with' if self.stand_ins else 'without'} stand-ins"
 
 
 def package_folder() -> Path | None:
@@ -138,7 +135,7 @@ def _main() -> None:
         assets = find_assets()
     except (SimulatorUnavailable, OSError, tarfile.TarError, ImportError) as error:
         raise SystemExit(str(error)) from None
-    print(f"{assets}, hash {assets.digest()}")
+    print(f"{assets}, in {assets.folder}")
 
 
 if __name__ == "__main__":

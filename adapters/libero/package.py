@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from adapters.contract import AdapterError, FloatArray, SimulatorUnavailable
-from adapters.libero.assets import configuration, find_assets, package_folder
+from adapters.libero.assets import Assets, configuration, find_assets, package_folder
 from adapters.mujoco_parts.simulation import import_mujoco
 
 ROBOSUITE = "1.4."
@@ -44,6 +44,8 @@ class Libero:
     """LIBERO's `ControlEnv`, which `OffScreenRenderEnv` draws for."""
     task_map: Mapping[str, Sequence[str]]
     """LIBERO's name of a suite to its tasks' names, in order."""
+    assets: Assets | None = None
+    """None if no task is to be opened."""
 
     def description(self, suite: str, name: str) -> Path:
         """The BDDL file of a task."""
@@ -65,11 +67,11 @@ class Libero:
             importlib.import_module("libero.libero.utils.download_utils").download_assets_from_huggingface()
 
 
-def import_libero(*, assets: Path | None = None) -> Libero:
+def import_libero(assets: Assets | None = None) -> Libero:
     """Import LIBERO and what it stands on.
 
     Args:
-        assets: The folder of assets, without which no task can be opened.
+        assets: Those to use, without which no task can be opened.
 
     Raises:
         SimulatorUnavailable: LIBERO is not installed, or stands on versions that would change its results.
@@ -82,8 +84,8 @@ def import_libero(*, assets: Path | None = None) -> Libero:
         mujoco, libero, wrapper = import_mujoco("libero", "mujoco", "libero.libero", "libero.libero.envs.env_wrapper")
         task_map = importlib.import_module("libero.libero.benchmark.libero_suite_task_map").libero_task_map
     if assets is not None:
-        libero._assets_path_cache = str(assets)
-    return Libero(folder, mujoco, wrapper.ControlEnv, task_map)
+        libero._assets_path_cache = str(assets.folder)
+    return Libero(folder, mujoco, wrapper.ControlEnv, task_map, assets)
 
 
 def open_libero() -> Libero:
@@ -92,7 +94,7 @@ def open_libero() -> Libero:
     Raises:
         SimulatorUnavailable: See `import_libero` and `find_assets`.
     """
-    return import_libero(assets=find_assets().folder)
+    return import_libero(find_assets())
 
 
 def check_versions(robosuite: str, mujoco: str) -> None:

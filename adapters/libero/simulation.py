@@ -117,6 +117,7 @@ class LiberoSimulation(MujocoSimulation):
             bodies=MujocoBodies(self._model, bodies, self._settle) if bodies else None,
             stage=self._stage,
         )
+        self._assets = str(package.assets)
         self._task, self._closed, self._shift = task, False, 0.0
         self.reset(0, Condition())
         try:
@@ -166,6 +167,10 @@ class LiberoSimulation(MujocoSimulation):
         state |= {name: joint.qpos.copy() for name, joint in self._angles_of.items()}
         state["goal_position"], _ = self._in_base(self._goal.xpos, self._goal.xmat)
         return state | {"settling_shift": np.array([self._shift])}
+
+    def render_device(self) -> str:
+        """OpenGL's name of what draws, and what it draws."""
+        return f"{super().render_device()}, {self._assets}"
 
     def close(self) -> None:
         """Free the renderers and the model."""
@@ -270,4 +275,17 @@ SIMULATOR = Simulator(
     open=open_simulation,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "bodies", "stage"}),
     environment={"MUJOCO_GL": "egl"},
+    requirements=(
+        "mujoco==3.3.7",
+        "numpy==1.26.4",
+        "numba>=0.60",
+        "opencv-python==4.11.0.86",
+        "gymnasium>=1.0",
+        "matplotlib>=3.9",
+        "cloudpickle>=3",
+        "termcolor>=2",
+        "easydict==1.14",
+        "future==1.0.0",
+    ),
+    without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1"),
 )

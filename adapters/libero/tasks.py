@@ -51,7 +51,7 @@ class LiberoTask:
 
     @property
     def placeable(self) -> tuple[str, ...]:
-        """The things that can be put elsewhere on the ground: none unless what the task is about first is among them."""
+        """The things that can be put elsewhere on the ground: none unless what the task is about is among them."""
         return self.standing if self.standing[:1] == self.things[:1] else ()
 
     @property

@@ -1,6 +1,7 @@
 """What only LIBERO's adapter promises, where LIBERO is installed: `gauntlet env create libero` makes such a place."""
 
 import itertools
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -139,6 +140,10 @@ def test_two_open_tasks_draw_their_own_worlds(drawer: LiberoSimulation, floor: L
     again = [simulation.observe().images["third_person"] for simulation in (drawer, floor)]
     assert all(np.array_equal(*pair) for pair in zip(first, again, strict=True))
     assert np.abs(first[0].astype(int) - first[1]).mean() > 20
+
+
+def test_what_is_drawn_is_told_with_what_draws(floor: LiberoSimulation) -> None:
+    assert re.search(r", LIBERO assets [0-9a-f]{8} with(out)? stand-ins$", floor.render_device())
 
 
 def test_stepping_updates_no_observables(drawer: LiberoSimulation) -> None:

@@ -100,10 +100,11 @@ def test_assets_are_found_where_liberos_configuration_says(nowhere: Path, monkey
 
 def test_stand_ins_are_told_and_another_file_is_another_hash(tmp_path: Path) -> None:
     own = Assets(folder_of_assets(tmp_path / "own"), stand_ins=False)
-    (tmp_path / "own" / "scenes" / "thing.xml").write_text("other")
-    other = own.digest()
+    (tmp_path / "own" / "scenes" / "thing.xml").write_text("another")
+    other = own.fingerprint()
     (tmp_path / "own" / "scenes" / "thing.xml").write_text("scenes")
-    assert own.digest() != other
+    assert own.fingerprint() != other
+    assert str(own) == f"LIBERO assets {own.fingerprint()} without stand-ins"
     assert "with stand-ins" in str(Assets(tmp_path, stand_ins=True))
 
 
