@@ -16,7 +16,7 @@ from policies.oracles import motion
 from policies.oracles.motion import Script
 from suites.vocabulary import Episode
 
-_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite")
+_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "libero")
 
 
 @cache
