@@ -22,7 +22,7 @@ LABEL_HEIGHT, LABEL_WIDTH, GAP = 16, 150, 4
 PAPER, INK = (255, 255, 255), (30, 30, 30)
 
 
-def looks(task: str, axis: Axis, view: View, seed: int, homes: Homes) -> list[list[Pixels]]:
+def looks(task: str, axis: Axis, view: View, seed: int, homes: Homes | None = None) -> list[list[Pixels]]:
     """The first images, camera by camera: of the clean episode, then at each severity.
 
     They are rendered in this process, or in the environment that the simulator lives in.
@@ -31,6 +31,7 @@ def looks(task: str, axis: Axis, view: View, seed: int, homes: Homes) -> list[li
         AdapterError: The task cannot be opened, or does not support the axis.
     """
     own = catalog.find(task.partition("/")[0])
+    homes = homes or Homes()
     if homes.of(own) is not None:
         return alone(_seen, own, (task, axis, view, seed), homes)
     for simulator in catalog.simulators().values():  # set before any is imported: they import each other's renderers

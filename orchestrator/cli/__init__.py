@@ -9,6 +9,7 @@ from types import FrameType
 import typer
 
 from orchestrator.cli import (
+    adapters,
     axes,
     carry,
     compare,
@@ -59,6 +60,9 @@ app.command("profile")(profile.profile)
 app.add_typer(schedule.app, name="schedule")
 app.add_typer(axes.app, name="axes")
 app.add_typer(env.app, name="env")
+app.add_typer(
+    adapters.app, name="adapters", help="Simulators: which there are, whether they keep the contract, new ones."
+)
 app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging. Serve them.")
 
 

@@ -15,6 +15,7 @@ from adapters import catalog
 from orchestrator.cli.shared import fail, homes_here, out
 from orchestrator.probe import probe
 from policies import catalog as policies
+from policies import oracles
 
 LOW_DISK_GB = 2.0
 
@@ -37,6 +38,7 @@ def doctor() -> None:
     problems = [f"{found.simulator}: {found.problem}" for found in findings if found.problem]
     problems += [f"simulator {plugin.name}: {plugin.reason}" for plugin in catalog.broken_plugins()]
     problems += [f"policy {plugin.name}: {plugin.reason}" for plugin in policies.broken_plugins()]
+    problems += [f"oracle {plugin.name}: {plugin.reason}" for plugin in oracles.broken_plugins()]
     problems += _surroundings()
     for problem in problems:
         fail(problem)

@@ -8,6 +8,7 @@ from adapters import catalog as simulators
 from orchestrator.cli.shared import fail, homes_here, out
 from orchestrator.plan import SHIPPED
 from policies import catalog as policies
+from policies import oracles
 
 
 def list_names() -> None:
@@ -38,6 +39,8 @@ def list_names() -> None:
         fail(f"simulator {plugin.name}: {plugin.reason}")
     for plugin in policies.broken_plugins():
         fail(f"policy {plugin.name}: {plugin.reason}")
+    for plugin in oracles.broken_plugins():
+        fail(f"oracle {plugin.name}: {plugin.reason}")
 
 
 def _description(text: str) -> str:

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+import uuid
 import venv
 from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
@@ -30,14 +31,15 @@ WORKERS_NEED = frozenset(
 )
 """Those of our own requirements that processes in an environment import, besides Ray; the command has more."""
 _STEPS = ("Collecting ", "Downloading ", "Using cached ", "Building ", "Preparing ", "Installing ", "Resolved ")
+_REASONS = ("ERROR:", "error:", "×", "╰─▶", "Caused by:")
 _ASIDE = ("ERROR: ResolutionImpossible", "ERROR: No matching distribution")
 
 
 def create(environment: Environment, say: Say, *, fresh: bool = False) -> bool:
     """Make an environment.
 
-    It is there as a whole or not at all: what an interruption left is cleared away by the next call. One that is made
-    afresh is kept until the new one is complete.
+    It is made in a folder of its own, to which its name is pointed when it is complete: whatever interrupts this, what
+    was there before remains, and what is half is never taken for an environment. The next call clears it away.
 
     Args:
         environment: Which.
@@ -63,15 +65,20 @@ def create(environment: Environment, say: Say, *, fresh: bool = False) -> bool:
         with _alone(folder):
             if environment.made is not None and not fresh:
                 return False
-            with _replacing(folder):
-                _build(environment, say)
+            _clear(folder, but=folder.resolve())
+            making = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
+            try:
+                _build(environment, making, say)
+                _point(folder, making)
+            finally:  # the old one, or what was made of the new one
+                _clear(folder, but=folder.resolve())
     except OSError as error:
         raise EnvironmentProblem(f"{environment.name}: {folder.parent}: {explain(error)}") from None
     return True
 
 
 def remove(name: str) -> list[Path]:
-    """Remove all environments that were made under a name; returns their folders.
+    """Remove all environments that were made under a name, or begun; returns their folders.
 
     Raises:
         EnvironmentProblem: One is being made, or cannot be removed.
@@ -80,8 +87,8 @@ def remove(name: str) -> list[Path]:
     try:
         for folder in folders:
             with _alone(folder):
-                (folder / MARKER).unlink(missing_ok=True)
-                shutil.rmtree(folder)
+                folder.unlink(missing_ok=True)
+                _clear(folder)
             _lock_of(folder).unlink(missing_ok=True)
     except OSError as error:
         raise EnvironmentProblem(f"{name}: {root()}: {explain(error)}") from None
@@ -91,9 +98,28 @@ def remove(name: str) -> list[Path]:
 def all_folders() -> list[Path]:
     """Folders of all environments that were made here or begun, sorted."""
     try:
-        return sorted(one for one in root().iterdir() if one.is_dir() and not one.name.startswith("."))
+        names = [one.name for one in root().iterdir() if one.is_dir()]
     except OSError:
         return []
+    whole = {name for name in names if not name.startswith(".")}
+    begun = {name[1:].rpartition(".")[0] for name in names if name.startswith(".")} - {""}
+    return [root() / name for name in sorted(whole | begun)]
+
+
+def _point(folder: Path, made: Path) -> None:
+    """Have an environment's name stand for what was made, at once and wholly."""
+    link = made.with_name(f"{made.name}.link")
+    link.symlink_to(made.name)
+    link.replace(folder)
+
+
+def _clear(folder: Path, but: Path | None = None) -> None:
+    """Remove what was made for an environment, but for one folder."""
+    for one in folder.parent.glob(f".{folder.name}.*"):
+        if one.is_symlink():
+            one.unlink()
+        elif one.is_dir() and one != but:
+            shutil.rmtree(one)
 
 
 def _lock_of(folder: Path) -> Path:
@@ -113,29 +139,10 @@ def _alone(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-@contextlib.contextmanager
-def _replacing(folder: Path) -> Iterator[None]:
-    """Set what is complete aside while the block makes its successor; put it back if that does not come about."""
-    aside = folder.with_name(f".{folder.name}.before")
-    if (folder / MARKER).exists():
-        shutil.rmtree(aside, ignore_errors=True)
-        folder.rename(aside)
-    elif folder.exists():
-        shutil.rmtree(folder)
-    try:
-        yield
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        if aside.exists():
-            aside.rename(folder)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
-
-
-def _build(environment: Environment, say: Say) -> None:
-    entry, folder = environment.entry, environment.folder
+def _build(environment: Environment, folder: Path, say: Say) -> None:
+    entry = environment.entry
     has_pip = find_spec("pip") is not None
-    say(f"a Python {RUNNING} in {folder}")
+    say(f"a Python {RUNNING} in {environment.folder}")
     venv.EnvBuilder(symlinks=True, with_pip=not has_pip).create(folder)
     own = folder / "lib" / f"python{RUNNING}" / "site-packages"
     if entry.inherit:
@@ -148,7 +155,11 @@ def _build(environment: Environment, say: Say) -> None:
     for options, wanted in (["-c", str(held)], first), (["--no-deps"], list(entry.without_dependencies)):
         if wanted:
             say(f"installing {', '.join(wanted)}")
-            _install(environment, [*_installer(environment, has_pip=has_pip), *options, *wanted], say)
+            _install(
+                environment,
+                [*_installer(environment, folder / "bin" / "python", has_pip=has_pip), *options, *wanted],
+                say,
+            )
     marker = {
         "name": environment.name,
         "entry": entry.model_dump(mode="json", exclude_defaults=True),
@@ -156,9 +167,7 @@ def _build(environment: Environment, say: Say) -> None:
         "inherits": sys.prefix if entry.inherit else None,
         "made_at": time.time(),
     }
-    partial = folder / f".{MARKER}"
-    partial.write_text(json.dumps(marker, indent=1), encoding="utf-8")
-    partial.replace(folder / MARKER)
+    (folder / MARKER).write_text(json.dumps(marker, indent=1), encoding="utf-8")
 
 
 def _for_workers() -> list[str]:
@@ -168,8 +177,7 @@ def _for_workers() -> list[str]:
     return [f"ray=={metadata.version('ray')}", *needed]
 
 
-def _installer(environment: Environment, *, has_pip: bool) -> list[str]:
-    python = environment.folder / "bin" / "python"
+def _installer(environment: Environment, python: Path, *, has_pip: bool) -> list[str]:
     if environment.entry.installer == "uv":
         if (uv := shutil.which("uv")) is None:
             raise EnvironmentProblem(f"{environment.name}: expected uv on the PATH, there is none; or installer: pip")
@@ -195,14 +203,14 @@ def _install(environment: Environment, command: Sequence[str], say: Say) -> None
             process.kill()
             raise
     if process.returncode:
-        raise EnvironmentProblem(f"{environment.name}: {_reason(said)}")
+        raise EnvironmentProblem(f"{environment.name}: {reason(said)}")
 
 
-def _reason(said: Sequence[str]) -> str:
+def reason(said: Sequence[str]) -> str:
     """The line of an installer that says why."""
     for line in said:
         if "No space left on device" in line:
             return "the disk is full; free some space and create it again"
-    errors = [line for line in said if line.startswith(("ERROR:", "error:", "×")) and not line.startswith(_ASIDE)]
-    last = errors[-1] if errors else next((line for line in reversed(said) if line), "no message")
-    return f"expected to install it, the installer says: {last.removeprefix('ERROR: ')}"
+    reasons = [line for line in said if line.startswith(_REASONS) and not line.startswith(_ASIDE)]
+    last = reasons[-1] if reasons else next((line for line in reversed(said) if line), "no message")
+    return f"expected to install it, the installer says: {last.removeprefix('ERROR: ').removeprefix('Caused by: ')}"

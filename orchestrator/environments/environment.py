@@ -11,8 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
-import platformdirs
-
 from adapters import catalog
 from suites.environments import Config, EnvironmentEntry
 from suites.loading import load_config
@@ -87,16 +85,20 @@ class Environment:
 
 def root() -> Path:
     """The folder with the environments: GAUNTLET_ENVIRONMENTS, or in the platform's folder for data."""
-    named = os.environ.get("GAUNTLET_ENVIRONMENTS")
-    return (
-        Path(named).expanduser().absolute() if named else platformdirs.user_data_path("robogauntlet") / "environments"
-    )
+    if named := os.environ.get("GAUNTLET_ENVIRONMENTS"):
+        return Path(named).expanduser().absolute()
+    import platformdirs  # not in environments that inherit nothing, whose processes need not ask
+
+    return platformdirs.user_data_path("robogauntlet") / "environments"
 
 
 def config_path() -> Path:
     """The configuration file: GAUNTLET_CONFIG, or in the platform's folder for configurations."""
-    named = os.environ.get("GAUNTLET_CONFIG")
-    return Path(named).expanduser() if named else platformdirs.user_config_path("robogauntlet") / "config.yaml"
+    if named := os.environ.get("GAUNTLET_CONFIG"):
+        return Path(named).expanduser()
+    import platformdirs
+
+    return platformdirs.user_config_path("robogauntlet") / "config.yaml"
 
 
 def read_config() -> Config:

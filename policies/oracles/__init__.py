@@ -14,6 +14,8 @@ from policies.contract import Decision, Policy, PolicyError, PolicyKind, PolicyS
 from policies.digests import scripted_digest
 from policies.oracles import motion
 from policies.oracles.motion import Script
+from policies.oracles.plugins import OraclePlugin, load_oracles
+from suites.plugins import BrokenPlugin
 from suites.vocabulary import Episode
 
 _SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "libero")
@@ -21,10 +23,23 @@ _SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "libero")
 
 @cache
 def scripts() -> Mapping[str, Callable[[], Script]]:
-    """Full task name to its script. Light: no simulator is imported."""
-    return {
+    """Full task name to its script, those of plug-ins included. Light: no simulator is imported."""
+    brought = {task: script for plugin in _brought() for task, script in plugin.scripts.items()}
+    return brought | {
         task: script for name in _SCRIPT_MODULES for task, script in import_module(f"{__name__}.{name}").SCRIPTS.items()
     }
+
+
+def _brought() -> list[OraclePlugin]:
+    """What plug-ins bring; the built-in scripts cannot be replaced."""
+    return [plugin for name, plugin in load_oracles()[0].items() if name not in _SCRIPT_MODULES]
+
+
+def broken_plugins() -> tuple[BrokenPlugin, ...]:
+    """Entry points that declare no usable scripts."""
+    found, broken = load_oracles()
+    own = sorted(found.keys() & set(_SCRIPT_MODULES))
+    return *broken, *(BrokenPlugin(name, f"'{name}' has oracles of its own, which stay in use") for name in own)
 
 
 class OraclePolicy:
@@ -66,6 +81,7 @@ def _load(options: Mapping[str, Any]) -> Policy:
 
 def _digest(options: Mapping[str, Any]) -> str:
     modules = [import_module(f"{__name__}.{name}") for name in _SCRIPT_MODULES]
+    modules += [module for plugin in _brought() for module in plugin.modules()]
     return scripted_digest("oracle", sys.modules[__name__], motion, *modules)(options)
 
 

@@ -14,6 +14,7 @@ BENCHMARKS = (
     "oracles",
     "inference",
     "overhead",
+    "environments",
     "vector_env",
     "remote",
     "workers",

@@ -1,0 +1,49 @@
+"""`gauntlet adapters list`: which simulators there are, and what of their worlds can be adjusted."""
+
+from __future__ import annotations
+
+from importlib import metadata
+
+from rich.table import Table
+
+from adapters import catalog
+from adapters.adjusting import ADJUSTABLE
+from adapters.contract import Simulator
+from orchestrator.cli.shared import fail, out
+from policies import oracles
+
+
+def list_adapters() -> None:
+    """List adapters: versions, tasks, how many of them an oracle solves, and what perturbations may adjust."""
+    table = Table("adapter", "simulator", "versions", "tasks", "oracles", "adjusts", box=None, pad_edge=False)
+    shown = [simulator for simulator in catalog.simulators().values() if not simulator.internal]
+    for simulator in shown:
+        solved = sum(f"{simulator.name}/{task}" in oracles.scripts() for task in simulator.tasks)
+        counts = str(len(simulator.tasks)), str(solved)
+        table.add_row(simulator.name, simulator.title, _versions(simulator), *counts, _adjusts(simulator))
+    out.print(table)
+    for simulator in shown:
+        if reason := catalog.missing_reason(simulator):
+            out.print(f"{simulator.name}: {reason}", markup=False, soft_wrap=True)
+    for plugin in catalog.broken_plugins():
+        fail(f"simulator {plugin.name}: {plugin.reason}")
+    for plugin in oracles.broken_plugins():
+        fail(f"oracle {plugin.name}: {plugin.reason}")
+
+
+def _versions(simulator: Simulator) -> str:
+    if catalog.missing_reason(simulator):
+        return "not installed"
+    found = []
+    for distribution in simulator.distributions:
+        try:
+            found.append(f"{distribution} {metadata.version(distribution)}")
+        except metadata.PackageNotFoundError:
+            found.append(f"{distribution} ?")
+    return ", ".join(found)
+
+
+def _adjusts(simulator: Simulator) -> str:
+    if simulator.adjusts >= ADJUSTABLE:
+        return "all"
+    return ", ".join(sorted(simulator.adjusts)) or "nothing"

@@ -1,0 +1,54 @@
+"""The checks as tests of pytest: a package's own tests hold its adapter to the contract.
+
+In a test file:
+
+    from orchestrator.conformance import gauntlet_conformance
+
+    test_mysim_keeps_the_contract = gauntlet_conformance("mysim")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from adapters import catalog
+from orchestrator.conformance.examining import Examinations, default_tasks
+from orchestrator.conformance.findings import Outcome
+from orchestrator.conformance.registry import CHECKS
+from suites.plugins import nearest
+
+
+def gauntlet_conformance(
+    simulator: str, *, tasks: Sequence[str] | None = None, all_tasks: bool = False
+) -> Callable[..., None]:
+    """A test for each task and check of an adapter; assign it to a name that begins with `test`.
+
+    Args:
+        simulator: Name of its entry point.
+        tasks: Which tasks, by their names in the simulator; None for three at most, evenly spread.
+        all_tasks: Every task.
+
+    Raises:
+        AdapterError: There is no such simulator.
+        ValueError: There is no such task.
+    """
+    found = catalog.find(simulator)
+    for task in tasks or ():
+        if task not in found.tasks:
+            raise ValueError(f"unknown task '{task}' of {simulator}{nearest(task, found.tasks)}")
+    chosen = list(found.tasks) if all_tasks else tasks
+    full = default_tasks(found) if chosen is None else [f"{simulator}/{task}" for task in chosen]
+
+    @pytest.mark.parametrize("gauntlet_check", list(CHECKS))
+    @pytest.mark.parametrize("gauntlet_task", full)
+    def conforms(gauntlet_examinations: Examinations, gauntlet_task: str, gauntlet_check: str) -> None:
+        findings = gauntlet_examinations.of(gauntlet_task).play(CHECKS[gauntlet_check])
+        failed = [str(finding) for finding in findings if finding.outcome is Outcome.FAILED]
+        if failed:
+            pytest.fail("\n".join(failed), pytrace=False)
+        if findings[0].outcome is Outcome.SKIPPED:
+            pytest.skip(findings[0].seen)
+
+    return conforms

@@ -1,0 +1,1 @@
+"""Lets RoboGauntlet play the simulator toysim."""

@@ -1,0 +1,140 @@
+"""Every way in which an environment does not fit is a line before anything starts."""
+
+import sys
+import venv
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from adapters import catalog
+from orchestrator.cli.shared import EXIT_BAD_INPUT
+from orchestrator.environments.checking import NEEDED, check
+from orchestrator.environments.environment import RUNNING, Environment
+from suites.environments import EnvironmentEntry
+
+RAY = metadata.version("ray")
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def theirs(gears, tmp_path):
+    """An environment that a person made, with Python alone."""
+    venv.EnvBuilder(symlinks=True, with_pip=False).create(tmp_path / "theirs")
+    return tmp_path / "theirs"
+
+
+def problems(python, name="bare"):
+    environment = Environment(name, EnvironmentEntry(interpreter=str(python)), "the suite")
+    return check(environment, catalog.find(name)).problems
+
+
+def install(folder, name, version):
+    site = folder / "lib" / f"python{RUNNING}" / "site-packages"
+    (site / f"{name}-{version}.dist-info").mkdir()
+    (site / f"{name}-{version}.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: {version}\n")
+    (site / f"{name}.py").touch()
+
+
+def test_one_that_is_not_made_is_told_with_the_command_that_makes_it(gears):
+    (problem,) = check(Environment("bare", EnvironmentEntry(), "the suite"), catalog.find("bare")).problems
+    assert problem == "environment bare is not there; make it: gauntlet env create bare"
+
+
+def test_an_interpreter_that_is_not_there_is_told(gears):
+    assert problems("/nowhere/python") == ("environment bare: expected a Python at /nowhere/python, there is none",)
+
+
+def test_one_without_ray_and_all_else_has_a_line_for_each(theirs):
+    ray, needed, modules = problems(theirs / "bin" / "python")
+    assert ray == f"environment bare: expected Ray {RAY} as here, it has none; install it there"
+    assert needed == f"environment bare: expected what workers import, it lacks {', '.join(NEEDED)}; install it there"
+    assert modules == "environment bare: expected the modules of bare, it lacks gearbox; install it there"
+
+
+def test_one_with_another_ray_is_told_both_versions(theirs):
+    for name in ("gearbox", *NEEDED):
+        install(theirs, name, "1.0")
+    install(theirs, "ray", "2.9.0")
+    (problem,) = problems(theirs / "bin" / "python")
+    assert problem == f"environment bare: expected Ray {RAY} as here, it has 2.9.0; install it there"
+
+
+def test_one_of_another_python_is_told_both_versions(gears, tmp_path):
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} -c "import sys; sys.version_info = (3, 99, 1)\n$2" "$3"\n')
+    python.chmod(0o755)
+    (problem,) = problems(python)
+    assert problem.startswith(f"environment bare: expected Python {RUNNING} as here")
+    assert problem.endswith("it has 3.99.1")
+
+
+def test_an_entry_that_asks_for_another_python_is_told(made):
+    entry = EnvironmentEntry(interpreter=sys.executable)
+    (problem,) = check(
+        Environment("bare", entry.model_copy(update={"python": "3.99"}), ""), catalog.find("bare")
+    ).problems
+    assert problem.endswith("it has 3.99")
+
+
+def test_one_that_does_not_answer_is_told_with_what_it_said(gears, tmp_path):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho 'no libc here' >&2\nexit 3\n")
+    python.chmod(0o755)
+    (problem,) = problems(python)
+    assert problem == f"environment bare: expected an answer from {python}, got: no libc here; install it there"
+
+
+def test_one_whose_packages_were_changed_by_hand_is_told_what_is_there_instead(made):
+    first = catalog.find("first")
+    environment = Environment("first", EnvironmentEntry(requirements=("gearbox==1.0",)), "its adapter")
+    entry = EnvironmentEntry(interpreter=str(environment.python))
+    assert check(Environment("first", entry, ""), first).problems == ()
+    lying = entry.model_copy(update={"requirements": ("gearbox==2.0",)})
+    (problem,) = check(Environment("first", lying, ""), first).problems
+    assert "expected gearbox==2.0, it has 1.0" in problem
+
+
+def test_an_environment_that_fits_says_its_versions(made):
+    environment = Environment("second", EnvironmentEntry(requirements=("gearbox==2.0",)), "its adapter")
+    found = check(environment, catalog.find("second"))
+    assert found.problem is None
+    assert found.versions == {"ray": RAY, "gearbox": "2.0"}
+
+
+class TestTheCommand:
+    def test_makes_shows_checks_lists_and_removes(self, gears, gauntlet):
+        done = gauntlet("env", "create", "first")
+        assert done.code == 0
+        assert f"first: fits: Python {RUNNING}" in done.out
+        assert "is there" in gauntlet("env", "create", "first").out
+        assert '{"requirements": ["gearbox==1.0"]}' in gauntlet("env", "show", "first").out
+        assert "gearbox 1.0" in gauntlet("env", "check", "first").out
+        listed = gauntlet("env", "list").out
+        assert "fits" in next(line for line in listed.splitlines() if line.startswith("first"))
+        assert gauntlet("env", "remove", "first").out.startswith("removed ")
+        assert gauntlet("env", "check", "first").code == 1
+        assert gauntlet("env", "remove", "first").code == EXIT_BAD_INPUT
+
+    def test_a_simulator_that_needs_none_says_how_to_give_it_one(self, gears, gauntlet):
+        done = gauntlet("env", "create", "bare")
+        assert done.code == EXIT_BAD_INPUT
+        assert "bare: runs in the running environment; to give it one of its own, add environments:" in done.err
+
+    def test_a_misspelt_simulator_is_told_the_nearest(self, gears, gauntlet):
+        assert "did you mean 'second'?" in gauntlet("env", "create", "secund").err
+
+    def test_a_configuration_that_is_wrong_is_a_line_of_every_verb(self, gears, gauntlet, tmp_path, monkeypatch):
+        config = tmp_path / "config.yaml"
+        config.write_text("environments:\n  frist: {requirements: [x]}\n")
+        monkeypatch.setenv("GAUNTLET_CONFIG", str(config))
+        for verb in (["env", "list"], ["list"], ["plan", "smoke"], ["doctor"]):
+            done = gauntlet(*verb)
+            assert (done.code, done.err) == (
+                EXIT_BAD_INPUT,
+                f"gauntlet: {config}:2: unknown simulator 'frist'; did you mean 'first'?\n",
+            )
+
+    def test_a_configuration_that_is_named_and_not_there_is_told(self, gears, gauntlet, monkeypatch):
+        monkeypatch.setenv("GAUNTLET_CONFIG", "/nowhere/config.yaml")
+        assert gauntlet("env", "list").err == "gauntlet: /nowhere/config.yaml: no such file\n"

@@ -1,0 +1,57 @@
+"""What may be said of an environment, in a suite or in the configuration."""
+
+import pytest
+
+from suites.environments import Config, EnvironmentEntry
+from suites.loading import SuiteError, load_config
+
+
+def problem(tmp_path, text):
+    path = tmp_path / "config.yaml"
+    path.write_text(text)
+    with pytest.raises(SuiteError) as caught:
+        load_config(path, ["libero", "maniskill"])
+    return str(caught.value).removeprefix(f"{path}:")
+
+
+@pytest.mark.parametrize("text", ["", "# nothing yet\n", "environments: {}\n"])
+def test_a_configuration_may_say_nothing(tmp_path, text):
+    (tmp_path / "config.yaml").write_text(text)
+    assert load_config(tmp_path / "config.yaml", []) == Config()
+
+
+def test_a_version_of_python_may_be_written_as_a_number(tmp_path):
+    (tmp_path / "config.yaml").write_text("environments: {libero: {python: 3.11, requirements: [hf-libero==0.1.4]}}\n")
+    entry = load_config(tmp_path / "config.yaml", ["libero"]).environments["libero"]
+    assert entry == EnvironmentEntry(python="3.11", requirements=("hf-libero==0.1.4",))
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        (
+            "{python: 3.1}",
+            'environments.libero.python: expected a version such as "3.11", in quotes, found a number (3.1)',
+        ),
+        ("{pyton: '3.11'}", "unknown key 'pyton'; did you mean 'python'?"),
+        ("{requirements: ['--index-url=x']}", "expected what pip installs, such as robosuite==1.4.0, and no option"),
+        ("{requirements: robosuite}", "found text ('robosuite')"),
+        ("{interpreter: python3}", "expected the full path of a Python, found text ('python3')"),
+        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or what an environment is to be made of"),
+        ("{installer: uv}", "expected inherit: false with uv, which does not see inherited packages"),
+        ("{installer: conda}", "expected 'pip' or 'uv', found 'conda'"),
+    ],
+)
+def test_a_mistake_is_told_with_its_line(tmp_path, entry, said):
+    told = problem(tmp_path, f"environments:\n  libero: {entry}\n")
+    assert told.startswith("2: ")
+    assert said in told
+
+
+def test_a_simulator_that_does_not_exist_is_told_the_nearest(tmp_path):
+    assert problem(tmp_path, "environments: {libro: {}}\n") == "1: unknown simulator 'libro'; did you mean 'libero'?"
+
+
+def test_the_hash_is_of_what_is_said_and_not_of_what_is_left_out():
+    assert EnvironmentEntry(inherit=True).hash == EnvironmentEntry().hash
+    assert EnvironmentEntry(inherit=False).hash != EnvironmentEntry().hash
