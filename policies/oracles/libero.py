@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import FloatArray
 from policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
 
-MAX_STEP, MAX_TURN = 0.0153, 0.153
+MAX_STEP, MAX_TURN = 0.0131, 0.118
 """Longest motion in one step (m, rad): what the controller can do."""
-GAIN = 0.306
+GAIN = 0.262
 """Share of the remaining way in one step: the most that this controller follows without overshooting."""
 UP = np.array([0.0, 0.0, 1.0])
 POSITION = "_position"
