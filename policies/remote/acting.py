@@ -10,6 +10,7 @@ from PIL import Image as Picture
 
 from adapters.contract import ACTION_DIM, FloatArray, Image, Observation
 from policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Sees
+from policies.remote import libero
 from policies.remote.card import ACTIONS_KEY, Card
 from policies.remote.episodes import Greeting, as_message, greeting_in, routing_in
 from policies.remote.line import Line, packed
@@ -125,7 +126,7 @@ class RemotePolicy:
         if self._is_ours:
             return as_message(query, self._finished)
         assert query.observation is not None
-        message = card_message(self._card, query.observation)
+        message = card_message(self._card, query.observation, query.episode.task)
         if self._greeting is not None:
             whole = as_message(query, self._finished)
             message |= {key: whole[key] for key in whole if key.startswith("gauntlet/")}
@@ -145,11 +146,19 @@ def card_spec(card: Card) -> PolicySpec:
     return PolicySpec(Sees.OBSERVATION, card.execute or MOST_ACTIONS, cameras=tuple(card.cameras))
 
 
-def card_message(card: Card, seen: Observation) -> dict[str, Any]:
-    """An observation under the server's keys."""
-    message: dict[str, Any] = {key: resized(card, seen.images[camera]) for camera, key in card.cameras.items()}
+def card_message(card: Card, seen: Observation, task: str) -> dict[str, Any]:
+    """An observation of a task under the server's keys, in the convention that the server knows.
+
+    Raises:
+        PolicyMismatch: That convention is of other tasks.
+    """
+    images, proprioception = seen.images, seen.proprioception
+    if card.convention == "libero":
+        images = {camera: libero.native_image(image) for camera, image in images.items()}
+        proprioception = libero.native_proprioception(task, proprioception)
+    message: dict[str, Any] = {key: resized(card, images[camera]) for camera, key in card.cameras.items()}
     if card.proprioception is not None:
-        message[card.proprioception] = seen.proprioception
+        message[card.proprioception] = proprioception
     if card.instruction is not None:
         message[card.instruction] = seen.instruction
     return message
@@ -188,8 +197,9 @@ def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
             raise PolicyMismatch(f"expected {card.execute} actions or more, as option execute says, got {len(rows)}")
         rows = rows[: card.execute]
     chunk = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
-    chunk[:, :3] *= card.translation_scale
-    chunk[:, 3:6] *= card.rotation_scale
+    metres, radians = card.scales
+    chunk[:, :3] *= metres
+    chunk[:, 3:6] *= radians
     if columns[-1] is not None:
         span = card.gripper_closed - card.gripper_open
         if card.gripper_threshold is None and (card.gripper_open, card.gripper_closed) == (-1.0, 1.0):

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from adapters.contract import ACTION_DIM
 from policies.contract import PolicyError
+from policies.remote import libero
 from suites.vocabulary import CAMERAS, content_hash
 
 NAME = "openpi"
@@ -29,6 +30,8 @@ class Card(BaseModel):
     """`ws://HOST:PORT` or `wss://HOST`; `openpi://HOST:PORT` and `HOST:PORT` mean `ws://`."""
     identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     """What acts there, such as a checkpoint's name or hash."""
+    convention: Literal["robogauntlet", "libero"] = "robogauntlet"
+    """What observation and answer mean: ours, or that of policies trained on LIBERO's data."""
 
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """Camera to the server's key."""
@@ -82,6 +85,8 @@ class Card(BaseModel):
             raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
         if self.columns is not None and len(self.columns) != ACTION_DIM:
             raise ValueError(f"columns: expected {ACTION_DIM} places, got {len(self.columns)}")
+        if self.convention == "libero" and self.model_fields_set & {"translation_scale", "rotation_scale"}:
+            raise ValueError("expected no translation_scale and no rotation_scale, which convention libero says")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
         return self
@@ -93,7 +98,16 @@ class Card(BaseModel):
 
     def declaration(self) -> dict[str, Any]:
         """What decides how the policy acts, as plain values: all but where it is and how long to wait for it."""
-        return self.model_dump(mode="json", exclude={"address", "identity", *_HOW})
+        said = self.model_dump(mode="json", exclude={"address", "identity", *_HOW})
+        # It came later: where nothing is said of it, a policy stays the one that it was.
+        return {name: value for name, value in said.items() if (name, value) != ("convention", "robogauntlet")}
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """Metres and radians per unit of the answer."""
+        if self.convention == "libero":
+            return libero.TRANSLATION, libero.ROTATION
+        return self.translation_scale, self.rotation_scale
 
     def digest(self, who: object) -> str:
         """Hash of the policy's content. Args: who: what acts there, as plain values."""
@@ -104,6 +118,7 @@ _HOW = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_sc
 OPTIONS = {
     "address": "ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT",
     "identity": "what acts there (a checkpoint's name or hash); by default what the server says on connection",
+    "convention": "robogauntlet, or libero for policies trained on LIBERO's own data",
     "cameras": "camera to the server's key",
     "proprioception": "key of the eight numbers; null to leave them out",
     "instruction": "key of the goal in words; null to leave it out",

@@ -13,6 +13,7 @@ from adapters.libero.assets import package_folder
 from adapters.libero.package import open_libero
 from adapters.libero.simulation import PATIENCE, SETTLING, STILL, LiberoSimulation
 from adapters.libero.tasks import libero_tasks
+from policies.remote.libero import ROTATION, TRANSLATION, native_image, native_proprioception
 from suites.vocabulary import CAMERAS, Condition, View
 
 pytestmark = [
@@ -44,6 +45,12 @@ def floor() -> Iterator[LiberoSimulation]:
 def exact_state(simulation: LiberoSimulation) -> FloatArray:
     data = simulation._data
     return np.concatenate([data.qpos, data.qvel, data.qacc, data.qacc_warmstart, data.ctrl])
+
+
+def quat2axisangle(quaternion: FloatArray) -> FloatArray:
+    """As the evaluations of policies for LIBERO turn the hand's quaternion, xyzw, into three numbers."""
+    cosine = np.clip(quaternion[3], -1.0, 1.0)
+    return quaternion[:3] * 2.0 * np.arccos(cosine) / np.sqrt(1.0 - cosine**2)
 
 
 def native_episode(task: str, actions: FloatArray) -> tuple[FloatArray, dict[str, Image], FloatArray]:
@@ -82,11 +89,15 @@ def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer: Libero
     assert np.array_equal(state, theirs)
     for camera, image in images.items():
         assert np.array_equal(seen.images[camera], image[::-1]), camera
-    np.testing.assert_allclose(seen.proprioception[:3], proprioception[:3] - drawer._base.xpos, atol=1e-9)
-    np.testing.assert_allclose(seen.proprioception[6:], proprioception[7:] * [1.0, -1.0], atol=1e-9)
+        assert np.array_equal(native_image(seen.images[camera]), image[::-1, ::-1]), camera
+    ours = native_proprioception(f"libero/{DRAWER}", seen.proprioception)
+    np.testing.assert_allclose(ours[:3], proprioception[:3], atol=1e-9)
+    np.testing.assert_allclose(ours[3:6], quat2axisangle(proprioception[3:7]), atol=1e-6)
+    np.testing.assert_allclose(ours[6:], proprioception[7:], atol=1e-9)
 
 
 def test_an_action_of_the_largest_size_is_liberos_own_of_1(floor: LiberoSimulation) -> None:
+    np.testing.assert_allclose(floor.action_spec.high, [TRANSLATION] * 3 + [ROTATION] * 3 + [1.0])
     states = []
     for native in (True, False):
         floor.reset(0, CLEAN)
