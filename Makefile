@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast lint bench chaos report zoo clean
+.PHONY: help setup demo test test-fast lint docs bench chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
 	@echo "make test       set up, check style and types, run all tests"
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
 	@echo "make lint       ruff and mypy"
+	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make chaos      fifty runs under faults drawn at random, compared with one that is left alone (about an hour)"
 	@echo "make report     write the newest run's report again"
@@ -43,6 +44,11 @@ lint: setup
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
+
+docs: setup
+	@# With --quiet, the strict mode would not hear of warnings.
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+	@echo "documentation: runs/site/index.html"
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks

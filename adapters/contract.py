@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from suites.vocabulary import Condition, View
+from suites.vocabulary import CAMERAS, Condition, View
 
 ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
 ACTION_DIM = 7
@@ -183,6 +183,8 @@ class TaskCard:
     """Control steps that a competent policy needs with a comfortable margin."""
     fixed: Mapping[str, str] = field(default_factory=dict)
     """What of its world cannot be adjusted in this task although the simulator adjusts it in others, to the reason."""
+    cameras: tuple[str, ...] = CAMERAS
+    """What it can be looked at with, the third-person camera among them."""
 
 
 @dataclass(frozen=True)

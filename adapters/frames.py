@@ -40,6 +40,11 @@ def relative_pose(
     return relative, (inverse * Rotation.from_quat(quaternion)).as_quat()
 
 
+def proprioception(state: Mapping[str, FloatArray]) -> FloatArray:
+    """The eight numbers of an observation, from a privileged state: tool centre point, its axis-angle, fingers."""
+    return np.concatenate([state["tcp_position"], axis_angle(state["tcp_quaternion"]), state["finger_positions"]])
+
+
 def wxyz_to_xyzw(quaternion: FloatArray) -> FloatArray:
     """SAPIEN's and MuJoCo's order to ours."""
     return np.roll(np.asarray(quaternion, dtype=np.float64), -1)

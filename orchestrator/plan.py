@@ -150,7 +150,7 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
         digests[entry.name] = digest
         sources[entry.name] = PolicySource(entry.kind, entry.options, digest)
     unsupported = _unsupported(suite)
-    problems += _nowhere(suite, unsupported)
+    problems += _nowhere(suite, unsupported) + _unseen(suite)
     if problems:
         raise SuiteError([Problem(str(path), None, problem) for problem in problems])
     without = {(gap.axis, gap.task) for gap in unsupported}
@@ -190,6 +190,17 @@ def _nowhere(suite: Suite, unsupported: Sequence[Unsupported]) -> list[str]:
         f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
         for gap in unsupported
         if tasks[gap.axis] == len(suite.tasks)
+    ]
+
+
+def _unseen(suite: Suite) -> list[str]:
+    """A line for each task that lacks a camera of the suite."""
+    cards = simulators.task_cards()
+    return [
+        f"task '{task}' has no camera '{camera}'; write cameras: [{', '.join(cards[task].cameras)}]"
+        for task in suite.tasks
+        for camera in suite.cameras
+        if camera not in cards[task].cameras
     ]
 
 

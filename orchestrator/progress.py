@@ -146,10 +146,13 @@ class Progress(Display):
 
 
 class FilmingProgress(Display):
-    """A bar of what is filmed."""
+    """A bar of what is filmed, or played again for another end."""
 
-    def __init__(self, console: Console, count: int, *, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, console: Console, count: int, *, what: str = "filming", now: Callable[[], float] = time.monotonic
+    ) -> None:
         super().__init__(console, transient=True, now=now)
+        self._what = what
         self._count, self._done, self._began = count, 0, now()
 
     def came(self) -> None:
@@ -159,8 +162,8 @@ class FilmingProgress(Display):
         words = f"{self._done}/{self._count}" + (f"  {format_duration(left_s)} left" if left_s > 1 else "")
         bar = ProgressBar(total=self._count, completed=self._done, width=30)
         table = Table.grid(padding=(0, 2))
-        table.add_row("[bold]filming", bar, words)
-        self.draw(lambda: table, lambda: [f"filming: {words}"])
+        table.add_row(f"[bold]{self._what}", bar, words)
+        self.draw(lambda: table, lambda: [f"{self._what}: {words}"])
 
 
 def format_duration(seconds: float) -> str:

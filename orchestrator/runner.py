@@ -18,7 +18,7 @@ from orchestrator.sources import PolicySource, build
 from policies.contract import Policy, PolicyError, check_fit
 from results.record import EpisodeResult
 from suites.placement import Resources
-from suites.vocabulary import Cell, Episode, View
+from suites.vocabulary import Cell, Condition, Episode, View
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,7 @@ class EpisodeRunner:
             AdapterError: It does not; the message says why.
         """
         simulations = self._open(task, view, self._resources.at_once)
+        simulations.members[0].reset(0, Condition())  # the contract promises nothing of a world that has not begun
         frame_s = None
         if simulators.find(task.partition("/")[0]).renders:
             simulations.observe([0])

@@ -34,7 +34,7 @@ class Part:
         Raises:
             NoSuchPart: A name or pattern that finds nothing, or more seeds than the suite has.
         """
-        names = _kept("policy", self.policies, [policy.name for policy in suite.policies])
+        names = kept("policy", self.policies, [policy.name for policy in suite.policies])
         count = suite.seeds.count if self.seeds is None else self.seeds
         if not 1 <= count <= suite.seeds.count:
             raise NoSuchPart(f"expected 1 to {suite.seeds.count} seeds, got {count}")
@@ -43,7 +43,7 @@ class Part:
         return suite.model_copy(
             update={
                 "policies": tuple(policy for policy in suite.policies if policy.name in names),
-                "tasks": tuple(task for task in suite.tasks if task in _kept("task", self.tasks, suite.tasks)),
+                "tasks": tuple(task for task in suite.tasks if task in kept("task", self.tasks, suite.tasks)),
                 "seeds": Seeds(start=suite.seeds.start, count=count),
                 "merging": merging,
                 "compare": compare,
@@ -58,11 +58,22 @@ def _within(sides: MergingEntry | CompareEntry | None, names: set[str]) -> bool:
     return sides is not None and {name for _, name in sides.places()} <= names
 
 
-def _kept(what: str, patterns: Iterable[str], names: Sequence[str]) -> set[str]:
+def kept(what: str, patterns: Iterable[str], names: Sequence[str], *, whole: str = "suite") -> set[str]:
+    """The names that some pattern finds; all of them if there is no pattern.
+
+    Args:
+        what: Kind of the names, for messages.
+        patterns: Names, or patterns as `fnmatch` has them.
+        names: All there are.
+        whole: Of what they are, for messages.
+
+    Raises:
+        NoSuchPart: A pattern finds nothing.
+    """
     kept: set[str] = set()
     for pattern in patterns:
         found = {name for name in names if fnmatchcase(name, pattern)}
         if not found:
-            raise NoSuchPart(f"the suite has no {what} '{pattern}'{nearest(pattern, names)}")
+            raise NoSuchPart(f"the {whole} has no {what} '{pattern}'{nearest(pattern, names)}")
         kept |= found
     return kept or set(names)

@@ -26,7 +26,7 @@ import yaml
 
 from adapters.contract import AdapterError, FloatArray, SimulatorUnavailable
 from adapters.libero.assets import Assets, configuration, find_assets, package_folder
-from adapters.mujoco_parts.simulation import import_mujoco
+from adapters.mujoco_parts.simulation import import_with_mujoco
 
 ROBOSUITE = "1.4."
 """How the version of robosuite must begin."""
@@ -81,7 +81,7 @@ def import_libero(assets: Assets | None = None) -> Libero:
         raise SimulatorUnavailable("no module named 'libero': gauntlet env create libero")
     check_versions(version("robosuite"), version("mujoco"))
     with configured(folder), silenced():
-        mujoco, libero, wrapper = import_mujoco("libero", "mujoco", "libero.libero", "libero.libero.envs.env_wrapper")
+        mujoco, libero, wrapper = import_with_mujoco("libero", "libero.libero", "libero.libero.envs.env_wrapper")
         task_map = importlib.import_module("libero.libero.benchmark.libero_suite_task_map").libero_task_map
     if assets is not None:
         libero._assets_path_cache = str(assets.folder)

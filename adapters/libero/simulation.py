@@ -34,6 +34,7 @@ from adapters.contract import (
     AdapterError,
     FloatArray,
     Simulator,
+    SimulatorUnavailable,
     StepOutcome,
     UnsupportedCondition,
 )
@@ -45,7 +46,7 @@ from adapters.mujoco_parts.bodies import MujocoBodies
 from adapters.mujoco_parts.cameras import MujocoCameras
 from adapters.mujoco_parts.frame import BaseFrame
 from adapters.mujoco_parts.lights import MujocoLights
-from adapters.mujoco_parts.simulation import MujocoSimulation, no_rendering
+from adapters.mujoco_parts.simulation import MujocoSimulation
 from adapters.mujoco_parts.stage import MujocoStage
 from suites.vocabulary import CLEAN, Condition, View
 
@@ -111,7 +112,7 @@ class LiberoSimulation(MujocoSimulation):
         frame = BaseFrame(self._base)
         arm = MujocoArm(package.mujoco, world, lambda: self._env.robots[0].controller, tool, frame, self._settle)
         self._lights = key_light(self._env, self._model, frame, package.mujoco)
-        self._stage = MujocoStage(package.mujoco, world, frame, self._renderers) if task.arena in TABLES else None
+        self._stage = MujocoStage(package.mujoco, world, frame, self._scene.renderers) if task.arena in TABLES else None
         objects = LiberoObjects(world, task.placeable, self._states, frame, self._settle) if task.placeable else None
         bodies = [f"{thing}_main" for thing in task.things]
         self.adjusters = Adjusters(
@@ -126,10 +127,10 @@ class LiberoSimulation(MujocoSimulation):
         self._task, self._closed, self._shift = task, False, 0.0
         self.reset(0, Condition())
         try:
-            self._renderer(view.image_size)
-        except Exception as error:  # What MuJoCo and the GL bindings raise here has no common base.
+            self.render_device()
+        except SimulatorUnavailable:
             self.close()
-            raise no_rendering(error) from error
+            raise
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the episode of `seed`: stored state `seed` modulo 50, fixtures placed by `seed`, and settling.
@@ -182,7 +183,7 @@ class LiberoSimulation(MujocoSimulation):
         if self._closed:
             return
         self._closed = True
-        self._close_renderers()
+        self._scene.close()
         self._env.close()
 
     def _place(self) -> None:

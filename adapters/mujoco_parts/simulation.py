@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import importlib
 import logging
-import os
-import sys
 from collections.abc import Mapping
-from ctypes.util import find_library
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,8 @@ from adapters.frames import axis_angle, hash_state, relative_pose
 from adapters.mujoco_parts.cameras import CAMERA_NAMES
 from adapters.mujoco_parts.lights import MujocoLights
 from adapters.mujoco_parts.stage import MujocoStage
-from suites.vocabulary import RenderProfile, View
+from adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, no_rendering
+from suites.vocabulary import View
 
 
 class MujocoSimulation:
@@ -41,9 +39,10 @@ class MujocoSimulation:
         self._mujoco, (self._model, self._data) = mujoco, simulator
         self._view, self._instruction = view, instruction
         self.observation_spec = ObservationSpec(view.cameras, view.image_size)
-        self._option = mujoco.MjvOption()
-        self._option.geomgroup[0] = 0  # Collision shapes.
-        self._renderers: dict[int, Any] = {}
+        option = mujoco.MjvOption()
+        option.geomgroup[0] = 0  # Collision shapes.
+        self._model.vis.global_.offwidth = self._model.vis.global_.offheight = 1  # As much as is needed, no window.
+        self._scene = MujocoScene(self._model, self._data, view.render_profile, option)
 
     def _take_arm(self, base: str, tool_centre: str, hand: str, fingers: list[str]) -> None:
         """Say which body the robot stands on, which site and body the tool is, and which joints the fingers are."""
@@ -78,8 +77,7 @@ class MujocoSimulation:
     def render_device(self) -> str:
         """OpenGL's name of what draws."""
         self._draw(CAMERA_NAMES["third_person"], self._view.image_size)
-        gl = importlib.import_module("OpenGL.GL")
-        return gl.glGetString(gl.GL_RENDERER).decode()
+        return drawing_device()
 
     def _undo_adjustments(self) -> None:
         """Give the world back what was adjusted, but for what resets set anyway."""
@@ -88,33 +86,10 @@ class MujocoSimulation:
             if adjuster is not None:
                 adjuster.undo()  # type: ignore[union-attr]
 
-    def _close_renderers(self) -> None:
-        for renderer in self._renderers.values():
-            renderer.close()
-        self._renderers.clear()
-
-    def _renderer(self, size: int) -> Any:
-        """The renderer for images of `size`, made on first use."""
-        if size not in self._renderers:
-            visual = self._model.vis
-            visual.global_.offwidth, visual.global_.offheight = size, size
-            if self._view.render_profile is RenderProfile.FAST:
-                visual.quality.offsamples = 0
-            renderer = self._mujoco.Renderer(self._model, height=size, width=size)
-            if self._view.render_profile is RenderProfile.FAST:
-                renderer.scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = False
-                renderer.scene.flags[self._mujoco.mjtRndFlag.mjRND_REFLECTION] = False
-            self._renderers[size] = renderer
-        return self._renderers[size]
-
     def _draw(self, camera: str, size: int) -> Image:
         """The world as it is now, (size, size, 3)."""
         self._refresh()
-        renderer = self._renderer(size)
-        renderer.update_scene(self._data, camera, self._option)
-        if self._stage is not None:
-            self._stage.draw(renderer.scene)
-        return self._lights.develop(renderer.render())
+        return self._lights.develop(self._scene.image(camera, size, self._stage.draw if self._stage else None))
 
     def _settle(self) -> None:
         """Bring contacts and forces up to date for a world that was just put together.
@@ -168,8 +143,8 @@ def reached_share(kp: float, control_hz: float) -> float:
     return float(np.sqrt(kp)) / 2.0 / control_hz
 
 
-def import_mujoco(extra: str, *modules: str) -> list[Any]:
-    """These modules, with a renderer chosen and robosuite's start-up warnings silenced.
+def import_with_mujoco(extra: str, *modules: str) -> tuple[Any, ...]:
+    """These modules after mujoco, with a renderer chosen and robosuite's start-up warnings silenced.
 
     Args:
         extra: The extra of this distribution that has them.
@@ -178,24 +153,14 @@ def import_mujoco(extra: str, *modules: str) -> list[Any]:
     Raises:
         SimulatorUnavailable: One is missing, or MuJoCo finds no way to render.
     """
-    os.environ.setdefault("MUJOCO_GL", "egl")
-    if os.environ["MUJOCO_GL"] == "egl" and find_library("EGL") is None and "mujoco" not in sys.modules:
-        os.environ["MUJOCO_GL"] = "osmesa"
+    mujoco = import_mujoco()
     logging.getLogger("robosuite_logs").addFilter(is_error)
     try:
-        return [importlib.import_module(module) for module in modules]
+        return mujoco, *(importlib.import_module(module) for module in modules)
     except ModuleNotFoundError as error:
         raise SimulatorUnavailable(f"{error}: pip install robogauntlet[{extra}]") from error
-    except Exception as error:  # MuJoCo opens its display on import; the GL bindings raise what they like.
+    except Exception as error:  # They open a display too; the GL bindings raise what they like.
         raise no_rendering(error) from error
-
-
-def no_rendering(error: Exception) -> SimulatorUnavailable:
-    """The error to raise when MuJoCo cannot draw."""
-    return SimulatorUnavailable(
-        f"MuJoCo cannot render with MUJOCO_GL={os.environ['MUJOCO_GL']} ({error}): install Mesa's libEGL, or libOSMesa "
-        "with MUJOCO_GL=osmesa; it must be set before mujoco is first imported"
-    )
 
 
 def is_error(record: logging.LogRecord) -> bool:

@@ -25,6 +25,7 @@ from adapters.contract import (
     ActionSpec,
     FloatArray,
     Simulator,
+    SimulatorUnavailable,
     StepOutcome,
     TaskCard,
     UnsupportedCondition,
@@ -34,7 +35,7 @@ from adapters.mujoco_parts.bodies import MujocoBodies
 from adapters.mujoco_parts.cameras import MujocoCameras
 from adapters.mujoco_parts.frame import BaseFrame
 from adapters.mujoco_parts.lights import MujocoLights
-from adapters.mujoco_parts.simulation import MujocoSimulation, import_mujoco, no_rendering, reached_share
+from adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco, reached_share
 from adapters.mujoco_parts.stage import MujocoStage
 from adapters.robosuite.objects import RobosuiteObjects
 from suites.vocabulary import CLEAN, Condition, View
@@ -120,16 +121,16 @@ class RobosuiteSimulation(MujocoSimulation):
         objects = RobosuiteObjects(world, things, self._env.placement_initializer, frame, self._settle)
         arm = MujocoArm(mujoco, world, lambda: robot.part_controllers["right"], tool, frame, self._settle)
         bodies = MujocoBodies(self._model, things.values(), self._settle)
-        self._stage = MujocoStage(mujoco, world, frame, self._renderers)
+        self._stage = MujocoStage(mujoco, world, frame, self._scene.renderers)
         self.adjusters = Adjusters(cameras, self._lights, objects, arm, bodies, self._stage)
         self._closed = False
         self._env.step(np.zeros(self._env.action_dim))
         self.reset(BUILD_SEED, Condition())
         try:
-            self._renderer(view.image_size)
-        except Exception as error:  # What MuJoCo and the GL bindings raise here has no common base.
+            self.render_device()
+        except SimulatorUnavailable:
             self.close()
-            raise no_rendering(error) from error
+            raise
 
     def reset(self, seed: int, condition: Condition) -> None:
         """Start the episode of `seed`, from which the objects' placement and the arm's joint noise are drawn."""
@@ -167,7 +168,7 @@ class RobosuiteSimulation(MujocoSimulation):
         if self._closed:
             return
         self._closed = True
-        self._close_renderers()
+        self._scene.close()
         self._env.close()
 
 
@@ -182,7 +183,7 @@ def import_simulator() -> tuple[Any, Any]:
     Raises:
         SimulatorUnavailable: One is missing, or MuJoCo finds no way to render.
     """
-    robosuite, mujoco = import_mujoco("robosuite", "robosuite", "mujoco")
+    mujoco, robosuite = import_with_mujoco("robosuite", "robosuite")
     return robosuite, mujoco
 
 

@@ -41,9 +41,12 @@ def show(axis: Annotated[str, typer.Argument(help="Name or code, such as noise o
     for severity in range(1, SEVERITIES + 1):
         table.add_row(str(severity), f"{found.value(severity):g}")
     out.print(table)
-    shown = [s.name for s in simulators.simulators().values() if not s.internal]
-    for task in simulators.task_cards():
-        if task.partition("/")[0] in shown and (reason := why_unadjusted(found, task)):
+    for simulator in simulators.simulators().values():
+        tasks = [] if simulator.internal else [f"{simulator.name}/{task}" for task in simulator.tasks]
+        reasons = {task: reason for task in tasks if (reason := why_unadjusted(found, task))}
+        if len(reasons) == len(tasks) > 1 and len(set(reasons.values())) == 1:
+            reasons = {f"{simulator.name}/*": reasons[tasks[0]]}
+        for task, reason in reasons.items():
             out.print(f"unsupported in {task}: {reason}", markup=False, highlight=False)
     out.print(f"changes {found.changes} only; {_checked(found)}", markup=False, highlight=False)
     out.print(f"aligned with: {found.anchors}", markup=False, highlight=False)

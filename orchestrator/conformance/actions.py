@@ -23,16 +23,28 @@ DRAG = 0.08
 """How much an ignored rotation may turn the tool (rad), from carrying the arm along."""
 OPEN_WIDTH, CLOSED_WIDTH = 0.04, 0.012
 """Sum of the finger positions of an open gripper at least, and of a closed one at most (m)."""
+FACTORS = {
+    -1.0: "the other sign",
+    0.01: "a controller in centimetres",
+    0.001: "a controller in millimetres",
+    100.0: "actions taken for centimetres",
+    np.pi / 180.0: "a controller in degrees",
+    180.0 / np.pi: "actions taken for degrees",
+}
+"""Ways of the wrong length, as a factor, and what they may come from."""
 GRIPPING = 15
 """Steps after which fingers have arrived."""
 
 
-def _lifted(subject: Subject) -> Simulation:
-    """At rest, a little above the start: away from table and things."""
+def _lifted(subject: Subject, back: FloatArray | None = None) -> Simulation:
+    """At rest, a little above the start, away from table and things, and then some steps of `back` away."""
     simulation = subject.reset()
     height = min(0.02, simulation.action_spec.max_translation)
     for _ in range(3):
         simulation.step(subject.action(dz=height))
+    if back is not None:
+        for _ in range(RUN_UP + MEASURED):
+            simulation.step(back.copy())
     for _ in range(6):
         simulation.step(subject.action())
     return simulation
@@ -53,8 +65,11 @@ def _translation(name: str) -> Check:
         length = min(LENGTH, subject.simulation.action_spec.max_translation)
         way = MEASURED * length
         for sign in (1, -1):
-            simulation = _lifted(subject)
             action = subject.action(**{name: sign * length})
+            # A tool may start at the edge of where its controller lets it go: the way is gone back first, but not down.
+            simulation = _lifted(
+                subject, back=None if (name, sign) == ("dz", 1) else subject.action(**{name: -sign * length})
+            )
             for _ in range(RUN_UP):
                 simulation.step(action)
             start = _position(simulation)
@@ -65,10 +80,20 @@ def _translation(name: str) -> Check:
             if abs(moved[axis] - way) > TOLERANCE * way or aside > ASIDE * way:
                 yield Fault(
                     f"{MEASURED} steps of {sign * length:+g} m in {name} to move the tool by {sign * way:+.3f} m",
-                    "it moved by " + ", ".join(f"{sign * m:+.3f} m in {a}" for m, a in zip(moved, "xyz", strict=True)),
+                    "it moved by "
+                    + ", ".join(f"{sign * m:+.3f} m in {a}" for m, a in zip(moved, "xyz", strict=True))
+                    + hint(moved[axis] / way),
                 )
 
     return translation
+
+
+def hint(factor: float) -> str:
+    """What a way that is too long or too short by a factor may be a sign of; nothing if the factor is none known."""
+    for known, meaning in FACTORS.items():
+        if abs(factor / known - 1.0) < TOLERANCE:
+            return f" ({meaning}?)"
+    return ""
 
 
 def _rotation(name: str) -> Check:
@@ -92,6 +117,7 @@ def _rotation(name: str) -> Check:
         turned = (_turn(simulation) * start.inv()).as_rotvec()
         seen = "it turned by " + ", ".join(f"{t:+.3f} rad about {a}" for t, a in zip(turned, "xyz", strict=True))
         way = MEASURED * angle
+        seen += hint(turned[axis] / way)
         if ignored:
             if np.abs(turned).max() > DRAG:
                 yield Fault(f"no turn from {name}, which is declared ignored", seen)
@@ -132,9 +158,11 @@ def ignored(subject: Subject) -> Iterator[Fault]:
     moving[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
     usual = _end(subject, moving)
     for number, name in enumerate(ACTION_NAMES):
-        other = moving.copy()
-        other[number] = -bounds[number] if name != "gripper" else -1.0
-        differs = _end(subject, other) != usual
+        differs = False
+        for value in (-bounds[number], bounds[number]):
+            other = moving.copy()
+            other[number] = value
+            differs = differs or _end(subject, other) != usual
         if differs and name in spec.ignored:
             yield Fault(f"no effect of {name}, which is declared ignored", "another state after 5 steps")
         elif not differs and name not in spec.ignored:

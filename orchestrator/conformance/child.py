@@ -22,7 +22,7 @@ def answer(subject: Subject, request: dict[str, Any]) -> Any:
     """What becomes of a request: the findings of a check, or the trace of a seed."""
     if "check" in request:
         return [asdict(finding) for finding in CHECKS[request["check"]].play(subject)]
-    return asdict(trace(subject, request["trace"], look=subject.simulator.renders))
+    return asdict(trace(subject, request["trace"]))
 
 
 def main() -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
+from adapters import catalog
 from adapters.contract import Simulator
 from orchestrator.conformance.findings import Check, Finding, Outcome
 from orchestrator.conformance.processes import TIME_LIMIT_S, Ended, Hung, Process
@@ -33,7 +35,8 @@ class Examination:
             reason = f"not played: the task's process has crashed or hung {self._ends} times"
             return [Finding(check.name, self.task, Outcome.SKIPPED, seen=reason)]
         if self._process is None:
-            self._process = Process(self.task, VIEW)
+            cameras = catalog.task_cards()[self.task].cameras
+            self._process = Process(self.task, replace(VIEW, cameras=cameras))
         try:
             told = self._process.ask({"check": check.name}, self._limit_s)
         except Ended as how:

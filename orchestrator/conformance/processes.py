@@ -9,7 +9,6 @@ import re
 import select
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Mapping
@@ -17,7 +16,7 @@ from dataclasses import asdict
 from typing import Any
 
 from adapters import catalog
-from orchestrator.worker_environment import worker_environment
+from orchestrator.environments.homes import Homes
 from suites.vocabulary import View
 
 TIME_LIMIT_S = 120.0
@@ -46,11 +45,11 @@ class Process:
             view: What it renders.
             group: Whether it leads a group of processes, which is ended with it; else it belongs to the caller's.
         """
-        environment = {**os.environ, **worker_environment(catalog.find(task.partition("/")[0]))}
+        python, environment = Homes().child(catalog.find(task.partition("/")[0]))
         answers, write_end = os.pipe()
         self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed in close
         shown = json.dumps(asdict(view))
-        command = [sys.executable, "-m", "orchestrator.conformance.child", task, shown, str(write_end)]
+        command = [python, "-m", "orchestrator.conformance.child", task, shown, str(write_end)]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,

@@ -21,7 +21,7 @@ GROWTH_MB = 16.0
 """By which memory may grow from then on."""
 LIMITS_S = {"open": 120.0, "reset": 10.0, "step": 1.0, "observe": 5.0}
 """Beyond these a run is of no use."""
-GRACE_S = 2.0
+GRACE_S = 1.0
 """In which threads and processes that were told to end are gone."""
 
 
@@ -94,7 +94,7 @@ def pace(subject: Subject) -> Iterator[Fault]:
     seconds["observe"] = _fastest(simulation.observe)
     for what, limit in LIMITS_S.items():
         if seconds[what] > limit:
-            yield Fault(f"{what} to take less than {limit:g} s", f"{seconds[what]:.1f} s")
+            yield Fault(f"{what} to take less than {limit:g} s", f"{seconds[what]:.3g} s")
 
 
 def _fastest(call: Callable[[], object], repeats: int = 3) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from adapters.adjusting import Adjustable, Adjusters
 from adapters.contract import ACTION_NAMES, AdapterError, FloatArray, Image, Simulation, Simulator, TaskCard
 from orchestrator.conformance.findings import CannotOpen
+from orchestrator.perturbations.references import ReferenceLooks
 from suites.vocabulary import CAMERAS, Condition, RenderProfile, View
 
 SIZE = 96
@@ -19,6 +21,16 @@ VIEW = View(CAMERAS, SIZE, RenderProfile.FAST)
 STEP, TURN = 0.02, 0.05
 """Scale of the actions that are drawn (m, rad), where the simulation accepts as much."""
 CLEAN = Condition()
+
+
+@dataclass(frozen=True)
+class Start:
+    """How an episode starts."""
+
+    state: str
+    """State hash."""
+    images: Mapping[str, Image]
+    picture: Image
 
 
 class Subject:
@@ -39,6 +51,9 @@ class Subject:
         self.loaded_by_declaring = loaded_by_declaring
         self.opening_s: float | None = None
         """What opening took, once it was."""
+        self.references = ReferenceLooks()
+        """What the clean episode shows, for perturbations that are measured against it."""
+        self._starts: dict[int, Start] = {}
 
     @property
     def task(self) -> str:
@@ -99,6 +114,25 @@ class Subject:
         """The open task at the start of an episode."""
         self.simulation.reset(seed, CLEAN)
         return self.simulation
+
+    def start(self, seed: int) -> Start:
+        """How the episode of a seed starts, as it did when it was first asked for. Resets, if it was not."""
+        if seed not in self._starts:
+            simulation = self.reset(seed)
+            images = {camera: image.copy() for camera, image in simulation.observe().images.items()}
+            self._starts[seed] = Start(simulation.state_hash(), images, simulation.picture().copy())
+        return self._starts[seed]
+
+    def differences(self, start: Start, *, picture: bool = True) -> Iterator[str]:
+        """What is not as at a start, now."""
+        simulation = self.simulation
+        if (state := simulation.state_hash()) != start.state:
+            yield f"state hash {state} instead of {start.state}"
+        after = simulation.observe().images
+        if other := [camera for camera, image in start.images.items() if (after[camera] != image).any()]:
+            yield f"other images of {', '.join(other)}"
+        elif picture and (simulation.picture() != start.picture).any():
+            yield "another picture"
 
     def ignores(self, name: str) -> bool:
         """Whether a dimension of actions is declared to have no effect."""

@@ -9,7 +9,7 @@ In a test file:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import pytest
 
@@ -21,7 +21,11 @@ from suites.plugins import nearest
 
 
 def gauntlet_conformance(
-    simulator: str, *, tasks: Sequence[str] | None = None, all_tasks: bool = False
+    simulator: str,
+    *,
+    tasks: Sequence[str] | None = None,
+    all_tasks: bool = False,
+    may_skip: Collection[str] | None = None,
 ) -> Callable[..., None]:
     """A test for each task and check of an adapter; assign it to a name that begins with `test`.
 
@@ -29,6 +33,7 @@ def gauntlet_conformance(
         simulator: Name of its entry point.
         tasks: Which tasks, by their names in the simulator; None for three at most, evenly spread.
         all_tasks: Every task.
+        may_skip: Checks that may be skipped, each as `TASK:check`, so that none is lost unnoticed; None for any.
 
     Raises:
         AdapterError: There is no such simulator.
@@ -49,6 +54,10 @@ def gauntlet_conformance(
         if failed:
             pytest.fail("\n".join(failed), pytrace=False)
         if findings[0].outcome is Outcome.SKIPPED:
+            if may_skip is not None and f"{gauntlet_task.partition('/')[2]}:{gauntlet_check}" not in may_skip:
+                pytest.fail(
+                    f"{gauntlet_check}: expected it to be played; seen: skipped: {findings[0].seen}", pytrace=False
+                )
             pytest.skip(findings[0].seen)
 
     return conforms

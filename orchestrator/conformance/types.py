@@ -20,7 +20,7 @@ from adapters.contract import (
 from adapters.frames import axis_angle
 from orchestrator.conformance.findings import Fault, check
 from orchestrator.conformance.subject import CLEAN, Subject, describe
-from suites.vocabulary import Condition
+from suites.vocabulary import CAMERAS, Condition
 
 FARTHEST = 2.0
 """Where a tool can be, seen from the base of an arm that stands on a table (m)."""
@@ -46,6 +46,10 @@ def card(subject: Subject) -> Iterator[Fault]:
         yield Fault("`fixed` to name what the simulator adjusts in other tasks", ", ".join(sorted(stray)))
     if mute := [name for name, reason in told.fixed.items() if not reason.strip()]:
         yield Fault("a reason for all that is `fixed`", f"none for {', '.join(mute)}")
+    if set(told.cameras) - set(CAMERAS) or CAMERAS[0] not in told.cameras:
+        yield Fault(
+            f"`cameras` out of {', '.join(CAMERAS)}, {CAMERAS[0]} among them", ", ".join(told.cameras) or "none"
+        )
 
 
 @check("opens", look="Simulator.open, and reset")

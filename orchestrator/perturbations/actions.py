@@ -21,10 +21,13 @@ class PerturbedActions(Perturbed):
         """Start the episode."""
         super().reset(seed, condition)
         self._steps = 0
+        self.told: FloatArray | None = None
+        """The last action that the policy told."""
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Execute what becomes of the action."""
-        executed = self._executed(np.array(action, dtype=np.float64))
+        self.told = np.array(action, dtype=np.float64)
+        executed = self._executed(self.told.copy())
         self._steps += 1
         return self.simulation.step(executed)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import TypeVar
 
@@ -40,6 +41,14 @@ class Perturbed(Around):
         """Start the clean episode of the seed; a subclass then changes what it changes."""
         self.simulation.reset(seed, Condition())
         self._clean_start = self.simulation.state_hash()
+
+    def glance(self) -> Observation:
+        """What a look would show now, without counting as one: the next look shows what it would have shown anyway."""
+        twin = copy.copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, dict | set):
+                setattr(twin, name, value.copy())
+        return twin.observe()
 
     def check_start(self) -> None:
         """Refuse a start that differs from the clean episode's in more than the axis changes, or not at all.

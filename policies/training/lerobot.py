@@ -12,7 +12,7 @@ import hashlib
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -51,11 +51,13 @@ class Recording:
     states: FloatArray
     """Proprioception before the step, shape (n, 8), see `adapters.contract`."""
     actions: FloatArray
-    """The oracle's action, shape (n, 7), without the noise that was executed with it."""
+    """What was told to be done, shape (n, 7), without noise that was executed with it."""
     success: NDArray[np.bool_]
     """The task's predicate after the step, shape (n,)."""
     images: Mapping[str, Sequence[Image]]
     """Camera name to n images (size, size, 3)."""
+    about: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    """What else is to be known of the episode: columns of our own beside it under `meta/episodes`."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ class EncodedEpisode:
     """Camera name to minimum, maximum, mean and standard deviation of each channel in [0, 1], shape (3, 1, 1)."""
     content_hash: str
     """See `episode_hash`."""
+    about: Mapping[str, str | int | float | bool] = field(default_factory=dict)
+    """See `Recording`."""
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -133,6 +137,7 @@ def encode_episode(recording: Recording) -> EncodedEpisode:
         {camera: tuple(map(encode_png, frames)) for camera, frames in stacked.items()},
         {camera: _delivered_statistics(frames) for camera, frames in stacked.items()},
         episode_hash(recording.instruction, fps, states, actions, success, stacked),
+        recording.about,
     )
 
 

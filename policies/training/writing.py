@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ STORAGE: Mapping[str, Any] = {"compression": "none", "use_dictionary": False, "w
 
 @dataclass(frozen=True)
 class Attempt:
-    """One seed that was played: kept if it succeeded, else only counted."""
+    """One seed that was played: kept if its status is one that the dataset keeps, else only counted."""
 
     seed: int
     status: str
@@ -56,18 +56,20 @@ class DatasetWriter:
     that was killed, and are overwritten.
     """
 
-    def __init__(self, folder: Path, source: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, source: Mapping[str, Any], *, keeps: Collection[str] = (SUCCESS_STATUS,)) -> None:
         """Begin a dataset, or go on with it.
 
         Args:
             folder: The dataset's; made at the first commit.
             source: How its episodes come about, as plain JSON. Must be the same to go on.
+            keeps: Statuses whose episodes are kept.
 
         Raises:
             DatasetError: The folder holds something else.
         """
         self.folder = folder
         self.source = json.loads(json.dumps(source))
+        self._keeps = frozenset(keeps)
         self.attempts: list[Attempt] = []
         self.spec: DatasetSpec | None = None
         self._rows: list[dict[str, Any]] = []
@@ -94,20 +96,26 @@ class DatasetWriter:
         """As `Demonstrations.content_hash`, from the hashes taken when the episodes were recorded."""
         return content_hash(sorted(row["content_hash"] for row in self._rows)) if self._rows else None
 
+    def about(self, name: str) -> list[Any]:
+        """What the committed episodes say of themselves under this name, see `Recording.about`."""
+        return [row.get(name) for row in self._rows]
+
     def commit(self, attempts: Sequence[Attempt], episodes: Sequence[EncodedEpisode]) -> None:
         """Add what was played, in order.
 
         Args:
             attempts: Every seed that was played.
-            episodes: Those of them that succeeded.
+            episodes: Those of them that are kept.
 
         Raises:
             DatasetError: The two do not fit together, or the episodes do not fit those that are there.
             OSError: It cannot be written; nothing is committed.
         """
-        expected = [attempt.seed for attempt in attempts if attempt.status == SUCCESS_STATUS]
+        expected = [attempt.seed for attempt in attempts if attempt.status in self._keeps]
         if expected != [episode.seed for episode in episodes]:
-            raise DatasetError(f"expected an episode for each success {expected}, got {[e.seed for e in episodes]}")
+            raise DatasetError(
+                f"expected an episode for each that is kept {expected}, got {[e.seed for e in episodes]}"
+            )
         for episode in episodes:
             self.spec = self.spec or episode.spec
             if episode.spec != self.spec:
@@ -220,7 +228,7 @@ def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
 def _row(
     episode: EncodedEpisode, table: pa.Table, episode_index: int, first_index: int, chunk: int, file: int
 ) -> dict[str, Any]:
-    """An episode's row under `meta/episodes`; `seed` and `content_hash` are ours."""
+    """An episode's row under `meta/episodes`; `seed`, `content_hash` and what it says of itself are ours."""
     plain = _without_images(table)
     statistics = {name: number_statistics(numbers(plain, name)) for name in plain.column_names}
     statistics |= {image_key(camera): dict(found) for camera, found in episode.delivered_statistics.items()}
@@ -236,6 +244,7 @@ def _row(
         "meta/episodes/file_index": 0,
         "seed": episode.seed,
         "content_hash": episode.content_hash,
+        **episode.about,
         **{f"stats/{key}/{name}": value for key, found in statistics.items() for name, value in found.items()},
     }
 

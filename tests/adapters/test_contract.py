@@ -12,7 +12,7 @@ from adapters import catalog
 from adapters.contract import PICTURE_SIZE, UnknownTask, UnsupportedCondition
 from adapters.frames import axis_angle
 from orchestrator.worker_environment import worker_environment
-from suites.vocabulary import CAMERAS, Condition, RenderProfile, View
+from suites.vocabulary import Condition, RenderProfile, View
 from tests.adapters.sampling import tasks_here
 
 pytestmark = pytest.mark.simulator
@@ -25,7 +25,8 @@ TASKS = tasks_here()
 def opened(request):
     """Each task, opened once for all tests of this module."""
     os.environ.update(worker_environment(catalog.find(request.param.partition("/")[0])))
-    simulation = catalog.open_simulation(request.param, View(CAMERAS, SIZE, RenderProfile.FAST))
+    view = View(catalog.task_cards()[request.param].cameras, SIZE, RenderProfile.FAST)
+    simulation = catalog.open_simulation(request.param, view)
     yield request.param, simulation
     simulation.close()
     simulation.close()
@@ -74,10 +75,10 @@ def test_equal_seeds_give_equal_worlds_in_a_fresh_process(opened):
 
 
 def test_an_observation_is_what_the_contract_says(opened):
-    _, simulation = opened
+    task, simulation = opened
     simulation.reset(0, CLEAN)
     observation = simulation.observe()
-    assert tuple(observation.images) == simulation.observation_spec.cameras == CAMERAS
+    assert tuple(observation.images) == simulation.observation_spec.cameras == catalog.task_cards()[task].cameras
     for image in observation.images.values():
         assert (image.shape, image.dtype) == ((SIZE, SIZE, 3), np.uint8)
         assert image.std() > 5, "the image is blank"
@@ -114,7 +115,7 @@ def test_an_observation_shows_the_present(opened):
     for _ in range(8):
         simulation.step(np.array([0.0, 0.02, 0.01, 0.0, 0.0, 0.0, -1.0]))
     after = simulation.observe()
-    for camera in CAMERAS:
+    for camera in simulation.observation_spec.cameras:
         change = np.abs(before.images[camera].astype(int) - after.images[camera].astype(int))
         assert (change > 30).any(), f"{camera} shows no motion"
 

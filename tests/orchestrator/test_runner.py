@@ -1,7 +1,10 @@
 """What a worker does with a lease, without Ray."""
 
+from dataclasses import replace
+
 import pytest
 
+from adapters.null import SIMULATOR, NullSimulation
 from orchestrator.runner import EpisodeRunner, Lease
 from orchestrator.sources import PolicySource
 from policies.catalog import digest
@@ -102,3 +105,13 @@ def test_a_closed_runner_goes_on(runner):
     runner.close()
     runner.close()
     assert outcome_row(next(runner.play(lease()))) == first
+
+
+def test_a_simulator_is_looked_at_after_a_reset_only(runner, monkeypatch):
+    begun = []
+    reset, observe = NullSimulation.reset, NullSimulation.observe
+    monkeypatch.setattr(NullSimulation, "reset", lambda self, *start: begun.append("reset") or reset(self, *start))
+    monkeypatch.setattr(NullSimulation, "observe", lambda self: begun.append("look") or observe(self))
+    monkeypatch.setattr("orchestrator.runner.simulators.find", lambda name: replace(SIMULATOR, renders=True))
+    runner.prepare("null/Reach", View())
+    assert begun == ["reset", "look", "look"]

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from adapters import catalog
 from adapters.contract import AdapterError, Simulator
-from orchestrator.cli.shared import BadInput, err, fail, out
+from orchestrator.cli.shared import BadInput, err, fail, homes_here, out
 from orchestrator.conformance.examining import MOST_TASKS, default_tasks, examine
 from orchestrator.conformance.findings import Check, Finding, Outcome
 from orchestrator.conformance.processes import TIME_LIMIT_S
@@ -69,7 +69,7 @@ def _found(name: str) -> Simulator:
         simulator = catalog.find(name)
     except AdapterError as error:
         raise BadInput(str(error)) from None
-    if reason := catalog.missing_reason(simulator):
+    if reason := homes_here().missing_reason(simulator):
         raise BadInput(f"{name}: {reason}")
     if not simulator.tasks:
         raise BadInput(f"{name}: expected a simulator with tasks, it declares none")

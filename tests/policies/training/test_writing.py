@@ -94,5 +94,5 @@ def test_episodes_that_do_not_fit_are_refused(tmp_path, recordings):
     other = recording(9, size=8)
     with pytest.raises(DatasetError, match="expected episodes of DatasetSpec"):
         writer.commit([won(other)], [encode_episode(other)])
-    with pytest.raises(DatasetError, match=r"expected an episode for each success \[9\], got \[\]"):
+    with pytest.raises(DatasetError, match=r"expected an episode for each that is kept \[9\], got \[\]"):
         writer.commit([won(other)], [])

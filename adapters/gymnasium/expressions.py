@@ -1,0 +1,52 @@
+"""Expressions that say where a number is: names, attributes, items, calls with constants, comparisons. Nothing else."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from typing import Any
+
+from suites.plugins import nearest
+
+NAMES = ("observation", "info", "reward", "terminated", "unwrapped")
+"""What an expression begins with: what reset and step gave, and the environment without its wrappers."""
+_ALLOWED = (
+    *(ast.Expression, ast.Name, ast.Load, ast.Constant, ast.UnaryOp, ast.USub, ast.Attribute, ast.Call),
+    *(ast.Subscript, ast.Slice, ast.Compare, ast.Lt, ast.LtE, ast.Gt, ast.GtE),
+)
+
+
+def check_expression(text: str) -> str:
+    """The expression, such as `observation["goal"]`, `unwrapped.data.site("grip").xpos` or `reward >= 0.5`.
+
+    Raises:
+        ValueError: It is none, or does something else.
+    """
+    try:
+        nodes = list(ast.walk(ast.parse(text, mode="eval")))
+    except SyntaxError:
+        raise ValueError(f"'{text}' is no expression such as observation[0:3]") from None
+    for node in nodes:
+        hidden = isinstance(node, ast.Attribute) and node.attr.startswith("_")
+        if hidden or not isinstance(node, _ALLOWED) or (isinstance(node, ast.Call) and node.keywords):
+            raise ValueError(
+                f"'{text}': only names, .attributes, [items], calls and comparisons, nothing with _ in front"
+            )
+        if isinstance(node, ast.Name) and node.id not in NAMES:
+            raise ValueError(f"'{text}': unknown name '{node.id}'{nearest(node.id, NAMES)}")
+    return text
+
+
+def value_of(text: str, names: Mapping[str, Any]) -> Any:
+    """What a checked expression says now.
+
+    Raises:
+        ValueError: There is no such thing.
+    """
+    try:
+        return eval(compile(ast.parse(text, mode="eval"), text, "eval"), {"__builtins__": {}}, dict(names))
+    except AttributeError as error:
+        known = [name for name in dir(error.obj) if not name.startswith("_")]
+        raise ValueError(f"'{text}': no '{error.name}' there{nearest(str(error.name), known)}") from None
+    except Exception as error:  # what is called may raise anything
+        raise ValueError(f"'{text}': {type(error).__name__}: {' '.join(str(error).split())}") from None

@@ -1,0 +1,138 @@
+"""Mapping files: what the numbers of a gymnasium environment are. One YAML file is one task, named as the file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from adapters.contract import AdapterError, TaskCard
+from adapters.gymnasium.expressions import check_expression
+from suites.plugins import nearest
+from suites.vocabulary import CAMERAS
+
+FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
+"""Environment variable: folders with mapping files of one's own, separated as in PATH. They win over the shipped."""
+
+Expression = Annotated[str, AfterValidator(check_expression)]
+Vector = tuple[float, float, float]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Drive(_Strict):
+    """One of our numbers at work: it adds `offset + scale * number` to one of the environment's action."""
+
+    index: Annotated[int, Field(ge=0)]
+    scale: float
+    offset: float = 0.0
+
+
+class Orbit(_Strict):
+    """A camera of one's own in a MuJoCo environment."""
+
+    at: Expression | Vector
+    """What is in the middle of the image, the environment's world (m)."""
+    distance: Annotated[float, Field(gt=0)]
+    """From there (m)."""
+    azimuth: float
+    """Where it looks (degrees); 0 is along the world's x."""
+    elevation: float
+    """And how far upwards (degrees); -90 is straight down."""
+
+
+class Cameras(_Strict):
+    """In MuJoCo the name of a camera or an orbit; elsewhere `render`, for what the environment's own `render` draws."""
+
+    third_person: str | Orbit = "render"
+    wrist: str | Orbit | None = None
+
+
+class Base(_Strict):
+    """The robot's base in the environment's world."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    yaw: float = 0.0
+    """Degrees about z."""
+
+
+class EnvironmentMapping(_Strict):
+    """A mapping file."""
+
+    env: str
+    """Id for `gymnasium.make`; `package:Id` imports the package that registers it."""
+    make: dict[str, Any] = {}
+    """Further arguments for `gymnasium.make`."""
+    instruction: Annotated[str, Field(min_length=1)]
+    horizon: Annotated[int, Field(ge=1)]
+    control_hz: Annotated[float, Field(gt=0)]
+    max_translation: Annotated[float, Field(ge=0)]
+    """What one step moves the tool by at most (m), per axis."""
+    max_rotation: Annotated[float, Field(ge=0)] = 0.0
+    action: Annotated[dict[Literal["dx", "dy", "dz", "rx", "ry", "rz", "gripper"], Drive], Field(min_length=1)]
+    """Numbers that are left out are ignored."""
+    base: Base = Base()
+    state: dict[str, Expression | list[Expression | float]]
+    """Privileged state, by the contract's names. Positions and orientations (matrices or quaternions xyzw) are turned
+    into the base frame. Lists are put together; such of plain numbers stand as they are."""
+    tool: Vector = (0.0, 0.0, 0.0)
+    """Turns what `tcp_quaternion` reads so that z points out of the gripper and the fingers open along y: Euler angles
+    xyz about its own axes (degrees)."""
+    success: Expression
+    terminates: bool = False
+    """The environment cannot be stepped past `terminated`: it is then left as it is."""
+    cameras: Cameras = Cameras()
+
+
+def mapping_files() -> Iterator[tuple[str, Path]]:
+    """Task and file, the shipped ones first."""
+    own = filter(None, os.environ.get(FOLDERS, "").split(os.pathsep))
+    for folder in (Path(__file__).with_name("mappings"), *map(Path, own)):
+        yield from ((path.stem, path) for path in sorted(folder.glob("*.yaml")))
+
+
+def load_mapping(path: Path) -> EnvironmentMapping:
+    """Read a mapping file.
+
+    Raises:
+        AdapterError: One line for each mistake.
+    """
+    try:
+        return EnvironmentMapping.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        raise AdapterError("\n".join(dict.fromkeys(f"{path}: {_said(one)}" for one in error.errors()))) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise AdapterError(f"{path}: not a mapping file: {' '.join(str(error).split())}") from None
+
+
+def load_card(path: Path) -> TaskCard:
+    """The card of a mapping file; that of a file with mistakes says the first."""
+    try:
+        mapping = load_mapping(path)
+    except AdapterError as error:
+        return TaskCard(f"cannot be opened: {str(error).splitlines()[0]}", 1)
+    cameras = CAMERAS if mapping.cameras.wrist else CAMERAS[:1]
+    return TaskCard(mapping.instruction, mapping.horizon, cameras=cameras)
+
+
+def _said(problem: Any) -> str:
+    """One of pydantic's mistakes as a line."""
+    where = [str(part) for part in problem["loc"]] or ["file"]
+    place = ".".join(where)
+    match problem["type"]:
+        case "extra_forbidden":
+            models: dict[str, type[_Strict]] = {"base": Base, "action": Drive, "cameras": Cameras}
+            model = models.get(where[0], EnvironmentMapping) if len(where) > 1 else EnvironmentMapping
+            return f"unknown key '{place}'{nearest(where[-1], model.model_fields)}"
+        case "missing":
+            return f"missing key '{place}'"
+        case "value_error":
+            return f"{place}: {problem['ctx']['error']}"
+        case _:
+            return f"{place}: {problem['msg'].replace('Input should', 'should')}, found {problem['input']!r}"

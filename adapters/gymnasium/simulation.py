@@ -1,0 +1,149 @@
+"""Any gymnasium environment that a mapping file describes (see `adapters.gymnasium.mapping`).
+
+The environment keeps its own physics, drawing and idea of success; the mapping only says which of its numbers are which
+of ours. Whether equal seeds give equal worlds is the environment's affair: the conformance suite finds out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from typing import Any
+
+import numpy as np
+
+from adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, Simulator, StepOutcome
+from adapters.frames import hash_state
+from adapters.gymnasium.expressions import value_of
+from adapters.gymnasium.fitting import (
+    action_map,
+    action_spec,
+    check_camera,
+    check_state,
+    in_base_frame,
+    is_mujoco,
+    make,
+    scaled,
+)
+from adapters.gymnasium.mapping import EnvironmentMapping, Orbit, load_card, load_mapping, mapping_files
+from adapters.mujoco_scene import MujocoScene, drawing_device, mujoco_state, orbit_camera
+from adapters.plain import PlainSimulation
+from suites.vocabulary import View
+
+FILES = dict(mapping_files())
+
+
+class GymnasiumSimulation(PlainSimulation):
+    """One environment, see `adapters.contract.Simulation`."""
+
+    def __init__(self, mapping: EnvironmentMapping, view: View) -> None:
+        """Make the environment and take one step in it.
+
+        Raises:
+            ValueError: The mapping does not fit the environment.
+        """
+        super().__init__(view, mapping.instruction, action_spec(mapping))
+        self._mapping, self._env = mapping, make(mapping)
+        world = self._world = self._env.unwrapped
+        self._scene = MujocoScene(world.model, world.data, view.render_profile) if is_mujoco(world) else None
+        self._gain, self._offset = action_map(mapping, self._env.action_space)
+        for camera in view.cameras:
+            check_camera(camera, mapping, self._world)
+        self.begin(0)
+        self.step(np.zeros(ACTION_DIM))
+        check_state(self.privileged_state())
+
+    def begin(self, seed: int) -> None:
+        """Start the episode of `seed`, from which the environment draws what it draws."""
+        observation, info = self._env.reset(seed=seed)
+        self._said = {"observation": observation, "info": info, "reward": 0.0, "terminated": False}
+        self._ended: StepOutcome | None = None
+
+    def step(self, action: FloatArray) -> StepOutcome:
+        """Apply `action` (7,) for one step of the environment, whose reward it is."""
+        if self._ended:
+            return self._ended
+        command = self._gain @ np.clip(action, self.action_spec.low, self.action_spec.high) + self._offset
+        observation, reward, terminated, _, info = self._env.step(command.astype(self._env.action_space.dtype))
+        self._said = {"observation": observation, "info": info, "reward": reward, "terminated": terminated}
+        success = bool(np.all(self._value(self._mapping.success)))
+        if terminated and self._mapping.terminates:
+            self._ended = StepOutcome(0.0, success)
+            return StepOutcome(float(reward), success, terminated=not success)
+        return StepOutcome(float(reward), success)
+
+    def privileged_state(self) -> Mapping[str, FloatArray]:
+        """What the mapping names, in the base frame."""
+        return {name: self._read(name, source) for name, source in self._mapping.state.items()}
+
+    def state_hash(self) -> str:
+        """Hash of the observation and, in MuJoCo, of the state of its world."""
+        from gymnasium.spaces import flatten
+
+        seen = {"observation": flatten(self._env.observation_space, self._said["observation"])}
+        return hash_state(seen | (mujoco_state(self._world.model, self._world.data) if self._scene else {}))
+
+    def draw(self, camera: str, size: int) -> Image:
+        """What the mapping's camera shows, (size, size, 3); what `render` gives is cut to a square and scaled."""
+        source = getattr(self._mapping.cameras, camera)
+        if self._scene is None:
+            return scaled(self._env.render(), size)
+        world, data = self._world, self._world.data
+        world.data = copy(
+            data
+        )  # gymnasium-robotics' callback, which puts the goal's marker in its place, changes more.
+        try:
+            getattr(world, "_render_callback", bool)()
+            if isinstance(source, Orbit):
+                at = self._value(source.at) if isinstance(source.at, str) else source.at
+                source = orbit_camera(at, source.distance, source.azimuth, source.elevation)
+            return self._scene.image(source, size, data=world.data)
+        finally:
+            world.data = data
+
+    def render_device(self) -> str:
+        """OpenGL's name of what draws; an environment's own `render` does not say."""
+        self.draw("third_person", self.view.image_size)
+        return drawing_device() if self._scene else f"render of {self._mapping.env}"
+
+    def close(self) -> None:
+        """Free environment and renderers."""
+        if self._scene:
+            self._scene.close()
+        self._env.close()
+
+    def _value(self, expression: str) -> Any:
+        return value_of(expression, {**self._said, "unwrapped": self._world})
+
+    def _read(self, name: str, source: Any) -> FloatArray:
+        """One entry of the state."""
+        parts = source if isinstance(source, list) else [source]
+        values = [self._value(part) if isinstance(part, str) else part for part in parts]
+        value = np.concatenate([np.ravel(value).astype(np.float64) for value in values])
+        plain = not any(isinstance(part, str) for part in parts)
+        return value if plain else in_base_frame(name, value, self._mapping)
+
+
+def open_environment(task: str, view: View) -> GymnasiumSimulation:
+    """Open the environment of a mapping file.
+
+    Raises:
+        SimulatorUnavailable: A package is missing.
+        AdapterError: The file has mistakes, or does not fit the environment; one line for each.
+    """
+    mapping = load_mapping(FILES[task])
+    try:
+        return GymnasiumSimulation(mapping, view)
+    except ValueError as error:
+        raise AdapterError(f"{FILES[task]}: {error}") from error
+
+
+SIMULATOR = Simulator(
+    name="gymnasium",
+    title="gymnasium (by mapping file)",
+    tasks={task: load_card(path) for task, path in FILES.items()},
+    modules=("gymnasium",),
+    distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
+    open=open_environment,
+    environment={"MUJOCO_GL": "egl"},
+)

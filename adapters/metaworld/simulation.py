@@ -1,0 +1,133 @@
+"""Meta-World (MuJoCo): a Sawyer at a table with fifty tasks. Its world has y forward; ours is turned a quarter.
+
+- A mocap body pulls the hand by a soft weld. An action moves that body, within the box that the task allows it, and in
+  steady motion the tool follows by about 0.9 of it. Rotations are ignored: the gripper keeps pointing down, its fingers
+  one before the other (y of the tool is x of the base). The gripper's number is a force: close to zero, it holds still.
+- Object and goal are drawn anew for every seed, as in the benchmark's MT50 and ML45. The goal is hidden from
+  proprioception; where the task has a marker for it, the images show it, as Meta-World's own do.
+- `third_person` is the camera `corner2` from nearby (where 3.1 has `corner4`). It hangs upside down: its images are
+  turned. `wrist` is `gripperPOV`.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from adapters.contract import (
+    ActionSpec,
+    FloatArray,
+    Image,
+    Simulator,
+    SimulatorUnavailable,
+    StepOutcome,
+    TaskCard,
+)
+from adapters.frames import hash_state
+from adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, mujoco_state
+from adapters.plain import PlainSimulation
+from suites.vocabulary import View
+
+CAMERAS = {"third_person": "corner2", "wrist": "gripperPOV"}
+NEARBY = (0.75, 0.075, 0.7)
+"""Where the third-person camera hangs (m, Meta-World's world)."""
+BASE = Rotation.from_euler("z", 90, degrees=True)
+"""The base frame in Meta-World's world. Both have their origin in the robot's base."""
+TOOL = Rotation.from_euler("y", 90, degrees=True)
+"""The tool's frame in the hand's, whose x points from wrist to fingertips."""
+CLOSED = np.array([0.04, -0.03])
+"""Joint positions of the right and the left finger at which they meet (m)."""
+
+TASKS = {
+    name: TaskCard(**card)
+    for name, card in yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8")).items()
+}
+
+
+class MetaWorldSimulation(PlainSimulation):
+    """One task of Meta-World, see `adapters.contract.Simulation`."""
+
+    def __init__(self, task: str, view: View) -> None:
+        """Build the task's model.
+
+        Raises:
+            SimulatorUnavailable: Meta-World or MuJoCo is missing.
+        """
+        import_mujoco()
+        try:
+            from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE as ENVIRONMENTS
+        except ImportError as error:
+            raise SimulatorUnavailable(f"{error}: pip install robogauntlet[metaworld]") from error
+        self._env = ENVIRONMENTS[f"{task}-goal-observable"](seed=0)
+        self._env._freeze_rand_vec, self._env.seeded_rand_vec = False, True  # Each reset draws, from its own seed.
+        self._env.max_path_length = sys.maxsize  # The horizon is ours.
+        self._model, self._data = self._env.model, self._env.data
+        self._model.camera("corner2").pos = NEARBY
+        self._scene = MujocoScene(self._model, self._data, view.render_profile)
+        spec = ActionSpec(
+            max_translation=self._env.action_scale,
+            max_rotation=0.0,
+            control_hz=1.0 / self._env.dt,
+            ignored=("rx", "ry", "rz"),
+        )
+        super().__init__(view, TASKS[task].instruction, spec)
+
+    def begin(self, seed: int) -> None:
+        """Start the episode of `seed`, from which Meta-World draws object and goal."""
+        self._env.seed(seed)
+        self._env.reset()
+
+    def step(self, action: FloatArray) -> StepOutcome:
+        """Apply `action` (7,) for one control step of five physics steps. The reward is Meta-World's, 0 to 10."""
+        action = np.clip(action, self.action_spec.low, self.action_spec.high)
+        command = np.append(BASE.apply(action[:3]) / self._env.action_scale, action[6])
+        _, reward, _, _, info = self._env.step(command)
+        return StepOutcome(reward=float(reward), success=bool(info["success"]))
+
+    def privileged_state(self) -> Mapping[str, FloatArray]:
+        """Tool and fingers, `hand_position`, `goal_position`, `object_position` and, in some, `other_position`."""
+        world, hand = BASE.inv(), self._data.body("hand")
+        fingers = np.concatenate([self._data.joint("r_close").qpos, self._data.joint("l_close").qpos])
+        state = {
+            "tcp_position": world.apply(self._env.tcp_center),
+            "tcp_quaternion": (world * Rotation.from_matrix(hand.xmat.reshape(3, 3)) * TOOL).as_quat(),
+            "finger_positions": (CLOSED - fingers) * (1.0, -1.0),
+            "hand_position": world.apply(hand.xpos),
+            "goal_position": world.apply(self._env._get_pos_goal()),
+        }
+        objects = world.apply(self._env._get_pos_objects().reshape(-1, 3))
+        return state | dict(zip(("object_position", "other_position"), objects, strict=False))
+
+    def state_hash(self) -> str:
+        """Hash of joints, mocap body, fixed bodies and goal."""
+        return hash_state(mujoco_state(self._model, self._data) | {"goal": self._env._get_pos_goal()})
+
+    def draw(self, camera: str, size: int) -> Image:
+        """What a camera shows, (size, size, 3)."""
+        image = self._scene.image(CAMERAS[camera], size)
+        return image[::-1, ::-1].copy() if camera == "third_person" else image
+
+    def render_device(self) -> str:
+        """OpenGL's name of what draws."""
+        self.draw("third_person", self.view.image_size)
+        return drawing_device()
+
+    def close(self) -> None:
+        """Free the renderers."""
+        self._scene.close()
+
+
+SIMULATOR = Simulator(
+    name="metaworld",
+    title="Meta-World (MuJoCo)",
+    tasks=TASKS,
+    modules=("metaworld", "mujoco"),
+    distributions=("metaworld", "mujoco", "gymnasium"),
+    open=MetaWorldSimulation,
+    environment={"MUJOCO_GL": "egl"},
+)

@@ -1,0 +1,317 @@
+"""Draws the pictures of docs/statistics.md and prints the numbers that stand there: `python -m scripts.site.pictures`.
+
+Every number comes from `results.statistics`, on counts that are given here or taken from the screening that the
+repository keeps (docs/reports/screening/episodes.parquet).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from results.statistics.multiplicity import ALPHA
+from results.statistics.pairs import Pairs, detectable_drop, mcnemar, paired_difference
+from results.statistics.rates import Interval, rate_bounds, wilson_interval
+from results.statistics.sequential import log_evidence
+from scripts.site.concepts import CONCEPTS
+from scripts.site.drawing import DOCS, Axes, Drawing
+
+COUNTS = ((9, 10), (18, 20), (45, 50), (90, 100), (900, 1000))
+UNRELATED, RELATED = Pairs(76, 14, 9, 1), Pairs(83, 7, 2, 8)
+"""Both 90 against 85 of 100: outcomes that have nothing to do with each other, and such that go together."""
+SHARE = 0.2
+"""Of pairs that disagree, in the power of the gate."""
+RUNS, PAIRS, EVERY, SEED = 4000, 400, 10, 0
+"""Simulated comparisons without a difference, pairs of each, how often they are looked at, and the generator's seed."""
+MARGIN = 0.05
+CASES = (
+    ("shown to be no worse", Pairs(1860, 30, 34, 76)),
+    ("nothing is shown", Pairs(93, 2, 2, 3)),
+    ("shown to be worse", Pairs(160, 4, 26, 10)),
+)
+
+
+def percent(interval: Interval | None, digits: int = 0) -> str:
+    """An interval as the page has it: `[60, 98]`."""
+    assert interval is not None
+    return f"[{100 * interval.low:.{digits}f}, {100 * interval.high:.{digits}f}]".replace("[-0,", "[0,")
+
+
+def screening() -> Pairs:
+    """Experts against the merged model in the clean episodes of the screening."""
+    import pandas as pd
+
+    rows = pd.read_parquet(DOCS / "reports/screening/episodes.parquet", columns=["pair_id", "policy", "axis", "status"])
+    clean = rows[(rows["axis"] == "clean") & rows["policy"].isin(["experts", "merged"])]
+    sides = clean.assign(ok=(clean["status"] == "success").astype(float)).pivot(
+        index="pair_id", columns="policy", values="ok"
+    )
+    return Pairs.of(sides["experts"].to_numpy(), sides["merged"].to_numpy())
+
+
+def false_alarms() -> tuple[np.ndarray, np.ndarray]:
+    """Share of comparisons without a difference that McNemar's test, and the e-value, have called one after each look.
+
+    A fifth of the pairs disagrees, each way with equal chances.
+    """
+    from scipy.stats import binom
+
+    draws = np.random.default_rng(SEED).random((RUNS, PAIRS))
+    first = np.cumsum(draws < SHARE / 2, axis=1)[:, EVERY - 1 :: EVERY]
+    second = np.cumsum((draws >= SHARE / 2) & (draws < SHARE), axis=1)[:, EVERY - 1 :: EVERY]
+    disagree = first + second
+    p_values = np.minimum(1.0, 2 * binom.cdf(np.minimum(first, second), disagree, 0.5))
+    decided = log_evidence(first.ravel(), second.ravel()).reshape(first.shape) >= -np.log(ALPHA)
+    return tuple(np.logical_or.accumulate(found, axis=1).mean(axis=0) for found in (p_values <= ALPHA, decided))
+
+
+def drops() -> list[tuple[int, float]]:
+    """Pairs of a night, and the drop that they show in four of five nights."""
+    found = []
+    for n in (*range(40, 100, 5), *range(100, 1001, 20)):
+        odd = round(SHARE * n)
+        drop = detectable_drop(Pairs(n - odd, odd // 2, odd - odd // 2, 0), ALPHA)
+        assert drop is not None
+        found.append((n, drop))
+    return found
+
+
+def numbers() -> Mapping[str, str]:
+    """What the page says, by what it is."""
+    real = screening()
+    unrelated, related, lost = (paired_difference(pairs) for pairs in (UNRELATED, RELATED, real))
+    bounds = rate_bounds(90, 5, 5)
+    peeking, evidence = false_alarms()
+    assert unrelated is not None
+    assert related is not None
+    assert lost is not None
+    assert bounds is not None
+    tasks = [1 - (1 - ALPHA) ** count for count in (9, 20)]
+    return {
+        **{f"{k} of {n}": percent(wilson_interval(k, n)) for k, n in COUNTS},
+        "unrelated": percent(unrelated.interval),
+        "related": percent(related.interval),
+        "screening, pairs": f"{real.both}, {real.first_only}, {real.second_only}, {real.neither}",
+        "screening, loss": f"{100 * lost.value:.1f} points {percent(lost.interval, 1)}",
+        "screening, p": f"{mcnemar(real):.2f}",
+        "9 tasks": f"{100 * tasks[0]:.0f} %",
+        "20 tasks": f"{100 * tasks[1]:.0f} %",
+        "looked at 40 times": f"{100 * peeking[-1]:.0f} %",
+        "evidence": f"{100 * evidence[-1]:.1f} %",
+        "drop at 100": f"{100 * dict(drops())[100]:.0f} points",
+        "drop at 500": f"{100 * dict(drops())[500]:.0f} points",
+        "bounds": f"{100 * bounds.low:.0f} % to {100 * bounds.high:.0f} %",
+        "bounds with chance": percent(bounds.interval),
+        **{
+            f"case {number}": f"{100 * estimate.value:.1f} {percent(estimate.interval, 1)}"
+            for number, (_, pairs) in enumerate(CASES, 1)
+            if (estimate := paired_difference(pairs))
+        },
+    }
+
+
+def intervals() -> Drawing:
+    """The same rate, from more and more episodes."""
+    sheet = Drawing(480, 216)
+    axes = Axes(sheet, 112, 440, 50, 100)
+    axes.ticks((50, 60, 70, 80, 90, 100), 22, 178)
+    sheet.text(276, 212, "success rate that the count allows (%)", "soft small", anchor="middle")
+    for number, (k, n) in enumerate(COUNTS):
+        found, y = wilson_interval(k, n), 36 + 32 * number
+        assert found is not None
+        sheet.text(100, y + 4, f"{k} of {n:,}", anchor="end")
+        sheet.line([(axes(100 * found.low), y), (axes(100 * found.high), y)], "line-one")
+        sheet.dot(axes(100 * k / n), y, "fill-one", 4.5)
+    return sheet
+
+
+def paired() -> Drawing:
+    """One difference, from outcomes that go together and from such that do not."""
+    sheet = Drawing(480, 158)
+    axes = Axes(sheet, 150, 450, -10, 20)
+    axes.ticks((-10, 0, 10, 20), 14, 118)
+    sheet.line([(axes(0), 8), (axes(0), 118)], "dash")
+    sheet.text(300, 152, "90 of 100 against 85 of 100: difference (points)", "soft small", anchor="middle")
+    for y, name, more, pairs, kind in (
+        (42, "other worlds", "23 pairs disagree", UNRELATED, "two"),
+        (92, "the same worlds", "9 pairs disagree", RELATED, "one"),
+    ):
+        found = paired_difference(pairs)
+        assert found is not None
+        assert found.interval is not None
+        sheet.text(138, y - 2, name, anchor="end")
+        sheet.text(138, y + 14, more, "soft small", anchor="end")
+        sheet.line([(axes(100 * found.interval.low), y), (axes(100 * found.interval.high), y)], f"line-{kind}")
+        sheet.dot(axes(100 * found.value), y, f"fill-{kind}", 4.5)
+    return sheet
+
+
+def disagreeing() -> Drawing:
+    """The pairs of the screening, a square each."""
+    real = screening()
+    sheet = Drawing(480, 176)
+    order = [
+        ("fill-soft", real.both),
+        ("fill-one", real.first_only),
+        ("fill-two", real.second_only),
+        ("shade", real.neither),
+    ]
+    kinds = [kind for kind, count in order for _ in range(count)]
+    for number, kind in enumerate(kinds):
+        sheet.rect(24 + 24 * (number % 18), 12 + 24 * (number // 18), 20, 20, kind, round_=3)
+    for x, kind, said in (
+        (24, "fill-soft", f"both: {real.both}"),
+        (112, "fill-one", f"experts only: {real.first_only}"),
+        (236, "fill-two", f"merged only: {real.second_only}"),
+        (362, "shade", f"neither: {real.neither}"),
+    ):
+        sheet.rect(x, 148, 12, 12, kind, round_=2)
+        sheet.text(x + 18, 158.5, said, "small")
+    return sheet
+
+
+def margins() -> Drawing:
+    """What an interval says about a margin."""
+    sheet = Drawing(480, 206)
+    axes = Axes(sheet, 40, 450, -20, 10)
+    sheet.rect(axes(-20), 14, axes(-100 * MARGIN) - axes(-20), 152, "shade")
+    axes.ticks((-20, -15, -10, -5, 0, 5, 10), 14, 166)
+    sheet.line([(axes(0), 8), (axes(0), 166)], "dash")
+    sheet.text(axes(-5) - 6, 26, "worse by more than the margin", "soft small", anchor="end")
+    sheet.text(245, 200, "new minus old (points), with its 95 % interval", "soft small", anchor="middle")
+    for number, (said, pairs) in enumerate(CASES):
+        found, y = paired_difference(pairs), 62 + 44 * number
+        assert found is not None
+        assert found.interval is not None
+        kind = ("three", "four", "two")[number]
+        sheet.line([(axes(100 * found.interval.low), y), (axes(100 * found.interval.high), y)], f"line-{kind}")
+        sheet.dot(axes(100 * found.value), y, f"fill-{kind}", 4.5)
+        sheet.text(axes(-20) + 8, y + 4 - 17 * (number == 2), said, f"{kind} bold small")
+    return sheet
+
+
+def curves(
+    lines: list[tuple[str, str, list[tuple[float, float]]]],
+    *,
+    right: float,
+    top: float,
+    x_ticks: tuple[float, ...],
+    y_ticks: tuple[float, ...],
+    below: str,
+    above: str,
+    labels: list[tuple[float, float, str, str]],
+) -> Drawing:
+    """Lines over two axes, each with its class and name."""
+    sheet = Drawing(480, 250)
+    x, y = Axes(sheet, 52, 460, 0, right), Axes(sheet, 204, 34, 0, top)
+    for tick in y_ticks:
+        sheet.line([(52, y(tick)), (460, y(tick))], "rule")
+        sheet.text(44, y(tick) + 4, f"{tick:g}", "soft small", anchor="end")
+    for tick in x_ticks:
+        sheet.text(x(tick), 222, f"{tick:g}", "soft small", anchor="middle")
+    sheet.text(256, 244, below, "soft small", anchor="middle")
+    sheet.text(16, 16, above, "soft small")
+    for kind, _, points in lines:
+        sheet.line([(x(a), y(b)) for a, b in points], kind)
+    for a, b, said, kind in labels:
+        sheet.text(x(a), y(b), said, f"{kind} bold small")
+    return sheet
+
+
+def many() -> Drawing:
+    """The chance of a false alarm among many tests."""
+    alone = [(float(n), 100 * (1 - (1 - ALPHA) ** n)) for n in range(1, 41)]
+    together = [(float(n), 100 * (1 - (1 - ALPHA / n) ** n)) for n in range(1, 41)]
+    return curves(
+        [("line-two", "", alone), ("line-one", "", together)],
+        right=40,
+        top=100,
+        x_ticks=(1, 10, 20, 30, 40),
+        y_ticks=(0, 25, 50, 75, 100),
+        below="tests of one night, nothing has changed",
+        above="chance of at least one alarm (%)",
+        labels=[(2, 84, "each by itself at 5 %", "two"), (22, 10, "together, by Holm", "one")],
+    )
+
+
+def peeking() -> Drawing:
+    """The chance of a false alarm when one looks again and again."""
+    plain, evidence = false_alarms()
+    looks = np.arange(EVERY, PAIRS + 1, EVERY)
+    return curves(
+        [
+            ("dash", "", [(0.0, 5.0), (float(PAIRS), 5.0)]),
+            ("line-two", "", list(zip(looks.tolist(), (100 * plain).tolist(), strict=True))),
+            ("line-one", "", list(zip(looks.tolist(), (100 * evidence).tolist(), strict=True))),
+        ],
+        right=PAIRS,
+        top=30,
+        x_ticks=(0, 100, 200, 300, 400),
+        y_ticks=(0, 10, 20, 30),
+        below="pairs so far, looked at every ten; nothing differs",
+        above="comparisons that were called different by then (%)",
+        labels=[(150, 15.5, "McNemar's test", "two"), (255, 7, "evidence (e-value)", "one")],
+    )
+
+
+def power() -> Drawing:
+    """What drop a night of so many pairs shows."""
+    return curves(
+        [("line-one", "", [(float(n), 100 * drop) for n, drop in drops()])],
+        right=1000,
+        top=25,
+        x_ticks=(0, 200, 400, 600, 800, 1000),
+        y_ticks=(0, 5, 10, 15, 20, 25),
+        below="pairs in the night, a fifth of which disagree",
+        above="drop that is caught in four nights of five (points)",
+        labels=[(120, 1.2, "smaller drops mostly pass", "one")],
+    )
+
+
+def bounds() -> Drawing:
+    """What errors leave open."""
+    sheet = Drawing(480, 126)
+    axes = Axes(sheet, 20, 460, 80, 100)
+    found = rate_bounds(90, 5, 5)
+    assert found is not None
+    axes.ticks((80, 85, 90, 95, 100), 14, 86)
+    sheet.text(240, 120, "success rate (%): 90 successes, 5 failures, 5 errors", "soft small", anchor="middle")
+    ends = [axes(100 * end) for end in (found.interval.low, found.low, found.high, found.interval.high)]
+    sheet.line([(ends[0], 50), (ends[3], 50)], "line-one")
+    sheet.rect(ends[1], 41, ends[2] - ends[1], 18, "pale-one", round_=3)
+    sheet.text((ends[1] + ends[2]) / 2, 33, "errors", "one bold small", anchor="middle")
+    sheet.text(ends[0], 76, "chance", "soft small")
+    sheet.text(ends[3], 76, "chance", "soft small", anchor="end")
+    return sheet
+
+
+STATISTICS: Mapping[str, Callable[[], Drawing]] = {
+    "intervals": intervals,
+    "paired": paired,
+    "disagreeing": disagreeing,
+    "margins": margins,
+    "many": many,
+    "peeking": peeking,
+    "power": power,
+    "bounds": bounds,
+}
+
+
+def drawings() -> dict[Path, str]:
+    """Every file and what it is to hold."""
+    images = DOCS / "images"
+    return {
+        images / folder / f"{name}.svg": draw().svg()
+        for folder, pictures in (("statistics", STATISTICS), ("concepts", CONCEPTS))
+        for name, draw in pictures.items()
+    }
+
+
+if __name__ == "__main__":
+    for path, text in drawings().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    for name, number in numbers().items():
+        print(f"{name}: {number}")

@@ -1,0 +1,217 @@
+"""Mapping files: what they may say, and that what does not fit is told in a line. Played on gymnasium's own Reacher."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from adapters.contract import AdapterError
+from adapters.gymnasium import mapping as mappings
+from adapters.gymnasium import simulation as adapter
+from adapters.gymnasium.expressions import check_expression, value_of
+from suites.vocabulary import CAMERAS, Condition, View
+
+VIEW = View(CAMERAS[:1], 32)
+REACHER = {
+    "env": "Reacher-v5",
+    "instruction": "move the tip to the red dot",
+    "horizon": 50,
+    "control_hz": 50,
+    "max_translation": 0.02,
+    "action": {"dx": {"index": 0, "scale": 50}, "gripper": {"index": 1, "scale": -0.5, "offset": 0.5}},
+    "base": {"position": [0.1, 0.0, 0.0], "yaw": 90},
+    "state": {
+        "tcp_position": 'unwrapped.data.body("fingertip").xpos',
+        "tcp_quaternion": 'unwrapped.data.body("fingertip").xmat',
+        "finger_positions": [0, 0],
+        "joints_angles": ["observation[0:2]", 'unwrapped.data.joint("joint0").qpos'],
+    },
+    "success": 'info["reward_dist"] >= -0.02',
+    "cameras": {"third_person": {"at": [0, 0, 0], "distance": 0.6, "azimuth": 90, "elevation": -60}},
+}
+
+
+def written(folder, changes=None, without=()):
+    """A mapping file: that of Reacher with changes at dotted places."""
+    data = yaml.safe_load(yaml.safe_dump(REACHER))
+    for place, value in (changes or {}).items():
+        *path, last = place.split(".")
+        inner = data
+        for key in path:
+            inner = inner[key]
+        inner[last] = value
+    for key in without:
+        del data[key]
+    path = folder / "Mine.yaml"
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+@pytest.fixture
+def open_mine(tmp_path, monkeypatch):
+    """Opens Reacher by a mapping file with changes."""
+    opened = []
+
+    def open_task(changes=None, view=VIEW):
+        monkeypatch.setitem(adapter.FILES, "Mine", written(tmp_path, changes))
+        opened.append(adapter.open_environment("Mine", view))
+        return opened[-1]
+
+    yield open_task
+    for simulation in opened:
+        simulation.close()
+
+
+@pytest.mark.parametrize("path", sorted((mappings.Path(mappings.__file__).parent / "mappings").glob("*.yaml")))
+def test_every_shipped_mapping_is_sound(path):
+    assert mappings.load_mapping(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"tcp": 1}, "unknown key 'tcp'; known: "),
+        ({"instrution": "x"}, "unknown key 'instrution'; did you mean 'instruction'?"),
+        ({"action.dx.sacle": 1}, "unknown key 'action.dx.sacle'; did you mean 'scale'?"),
+        ({"base.roll": 1}, "unknown key 'base.roll'; known: position, yaw"),
+        ({"horizon": 0}, "horizon: should be greater than or equal to 1, found 0"),
+        ({"state.tcp_position": "observations[0:3]"}, "unknown name 'observations'; did you mean 'observation'?"),
+        ({"state.tcp_position": "observation[0:3"}, "'observation[0:3' is no expression such as observation[0:3]"),
+        ({"success": "__import__('os').system('ls')"}, "unknown name '__import__'"),
+        ({"success": "unwrapped.__class__"}, "nothing with _ in front"),
+        ({"success": "[x for x in observation]"}, "only names, .attributes, [items], calls and comparisons"),
+    ],
+)
+def test_a_mistake_in_a_mapping_is_one_line_with_the_nearest_name(tmp_path, changes, line):
+    with pytest.raises(AdapterError) as error:
+        mappings.load_mapping(written(tmp_path, changes))
+    assert line in str(error.value)
+    assert all(one.startswith(str(tmp_path)) for one in str(error.value).splitlines())
+
+
+def test_all_mistakes_are_told_at_once(tmp_path):
+    with pytest.raises(AdapterError) as error:
+        mappings.load_mapping(written(tmp_path, {"horizon": "long"}, without=("success",)))
+    assert len(str(error.value).splitlines()) == 2
+    assert "missing key 'success'" in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["", "- 1", "a: [", "a: !!python/object:os.x {}"])
+def test_what_is_no_mapping_is_refused_in_a_line(tmp_path, text):
+    path = tmp_path / "Mine.yaml"
+    path.write_text(text)
+    with pytest.raises(AdapterError, match=rf"^{path}: [^\n]+$"):
+        mappings.load_mapping(path)
+
+
+def test_a_folder_of_ones_own_adds_tasks_and_a_broken_file_among_them_takes_no_other_along(tmp_path):
+    written(tmp_path)
+    (tmp_path / "Broken.yaml").write_text("horizon: 3")
+    code = (
+        "from adapters.catalog import task_cards\nfor task, card in task_cards().items(): print(task, card.instruction)"
+    )
+    environment = {**os.environ, mappings.FOLDERS: str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert "gymnasium/Mine move the tip to the red dot" in done.stdout
+    assert f"gymnasium/Broken cannot be opened: {tmp_path}/Broken.yaml: missing key 'env'" in done.stdout
+    assert "gymnasium/FetchReach-v4" in done.stdout
+
+
+def test_a_task_has_the_cameras_that_its_mapping_names(tmp_path):
+    assert mappings.load_card(written(tmp_path)).cameras == CAMERAS[:1]
+    assert mappings.load_card(written(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
+
+
+def test_an_expression_reads_and_does_nothing_else():
+    names = {"observation": {"goal": np.arange(5)}, "reward": 0.5}
+    assert value_of(check_expression('observation["goal"][1:3]'), names).tolist() == [1, 2]
+    assert value_of(check_expression("reward >= -0.5"), names)
+    with pytest.raises(ValueError, match=r"KeyError: 'gaol'"):
+        value_of('observation["gaol"]', names)
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"env": "Reachr-v5"}, r"Reachr.*Did you mean: `Reacher`"),
+        ({"env": "no_such_package:Reacher-v5"}, "No module named 'no_such_package'"),
+        ({"make": {"colour": "red"}}, r"gymnasium cannot make 'Reacher-v5': .*colour"),
+        ({"action.dx.index": 2}, "action.dx: expected an index below 2, the size of Reacher-v5's action"),
+        (
+            {"action.dx.scale": 100},
+            "action: number 0 would be -2 to 2, Reacher-v5 takes -1 to 1; lower scale or bounds",
+        ),
+        ({"state.tcp_position": "observation[0:2]"}, "state.tcp_position: expected 3 numbers, got 2"),
+        ({"state.tcp_position": "unwrapped.dat.qpos"}, "no 'dat' there; did you mean 'data'?"),
+        ({"state.tcp_position": 'unwrapped.data.body("finger").xpos'}, "Invalid name 'finger'"),
+        ({"state": {"tcp_position": [0, 0, 0]}}, "state: missing key 'tcp_quaternion'"),
+        ({"success": 'info["done"]'}, "KeyError: 'done'"),
+        ({"cameras.third_person": "front"}, "no camera 'front' in the model"),
+        ({"cameras.third_person": "render"}, "Reacher-v5 is of MuJoCo, name one of its cameras or an orbit"),
+    ],
+)
+def test_a_mapping_that_does_not_fit_its_environment_is_refused_in_a_line(open_mine, changes, line):
+    with pytest.raises(AdapterError, match=rf"^[^\n]*{line}[^\n]*$"):
+        open_mine(changes)
+
+
+@pytest.mark.simulator
+def test_an_environment_that_cannot_render_is_refused_if_it_must(open_mine):
+    import gymnasium
+
+    gymnasium.register("Blind-v0", "tests.adapters.blind:Blind")
+    state = {"tcp_position": [0, 0, 0], "tcp_quaternion": [1, 0, 0, 0], "finger_positions": [0, 0]}
+    plain = {"env": "Blind-v0", "state": state, "success": "terminated", "action": {"dx": {"index": 0, "scale": 1}}}
+    with pytest.raises(AdapterError, match=r"cameras\.third_person: Blind-v0 cannot render to rgb_array"):
+        open_mine({**plain, "cameras": {}})
+    with pytest.raises(AdapterError, match="Blind-v0 is not of MuJoCo, only `render` can draw it"):
+        open_mine(plain)
+
+
+@pytest.mark.simulator
+def test_numbers_reach_the_environment_scaled_and_its_poses_come_back_in_the_base_frame(open_mine, monkeypatch):
+    simulation = open_mine()
+    given = []
+    step = simulation._env.step
+    monkeypatch.setattr(simulation._env, "step", lambda action: given.append(action) or step(action))
+    simulation.step(np.array([0.01, 9.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(given, [[0.5, 0.0]])
+    tip, state = simulation._world.data.body("fingertip").xpos, simulation.privileged_state()
+    np.testing.assert_allclose(state["tcp_position"], [tip[1], 0.1 - tip[0], tip[2]], atol=1e-9)
+    assert state["joints_angles"].size == 3
+    assert simulation.action_spec.ignored == ("dy", "dz", "rx", "ry", "rz")
+
+
+@pytest.mark.simulator
+def test_orbits_draw_the_present_round_a_point_and_along_with_a_body(open_mine):
+    wrist = {"at": 'unwrapped.data.body("fingertip").xpos', "distance": 0.2, "azimuth": 0, "elevation": -80}
+    simulation = open_mine({"cameras": {**REACHER["cameras"], "wrist": wrist}}, View(CAMERAS, 48))
+    simulation.reset(0, Condition())
+    before = simulation.state_hash()
+    images = simulation.observe().images
+    assert simulation.state_hash() == before
+    assert all((image.shape, image.std() > 5) == ((48, 48, 3), True) for image in images.values())
+    for _ in range(10):
+        simulation.step(np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert all((image != images[name]).any() for name, image in simulation.observe().images.items())
+
+
+@pytest.mark.simulator
+def test_an_environment_that_ends_stays_as_it_ended(open_mine):
+    import gymnasium
+
+    gymnasium.register("Blind-v0", "tests.adapters.blind:Blind")
+    state = {"tcp_position": ["observation[0:1]", 0, 0], "tcp_quaternion": [1, 0, 0, 0], "finger_positions": [0, 0]}
+    changes = {"env": "Blind-v0", "make": {"render_mode": "rgb_array", "length": 3}, "state": state, "cameras": {}}
+    changes |= {"action": {"dx": {"index": 0, "scale": 1}}, "success": "reward > 0", "terminates": True}
+    simulation = open_mine(changes)
+    simulation.reset(0, Condition())
+    outcomes = [simulation.step(np.full(7, 0.01)) for _ in range(6)]
+    assert [outcome.success for outcome in outcomes] == [False, False, True, True, True, True]
+    assert not any(outcome.terminated for outcome in outcomes)
+    assert (simulation.picture() == 3).all()
+    assert simulation._world.steps == 3

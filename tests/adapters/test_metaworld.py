@@ -1,0 +1,83 @@
+"""What is particular to Meta-World; the promises of every adapter are in the conformance test."""
+
+import numpy as np
+import pytest
+
+from adapters.metaworld import SIMULATOR
+from policies.oracles.metaworld import SCRIPTS, in_base, in_world, observation
+from suites.vocabulary import SUCCESS_HOLD, Condition, RenderProfile, View
+
+VIEW = View(image_size=32, render_profile=RenderProfile.FAST)
+
+
+@pytest.fixture(scope="module")
+def opened():
+    pytest.importorskip("metaworld")
+    simulation = SIMULATOR.open("hammer-v3", VIEW)
+    yield simulation
+    simulation.close()
+
+
+def test_all_fifty_tasks_are_declared_and_have_an_oracle():
+    assert len(SIMULATOR.tasks) == 50
+    assert set(SCRIPTS) == {f"metaworld/{task}" for task in SIMULATOR.tasks}
+
+
+def test_no_task_has_more_steps_than_meta_world_allows_and_each_is_told_in_words():
+    assert all(60 <= card.horizon <= 500 for card in SIMULATOR.tasks.values())
+    assert len({card.instruction for card in SIMULATOR.tasks.values()}) == 50
+
+
+@pytest.mark.simulator
+def test_the_declared_tasks_are_those_that_meta_world_has():
+    env_dict = pytest.importorskip("metaworld.env_dict")
+    assert set(SIMULATOR.tasks) == set(env_dict.ALL_V3_ENVIRONMENTS)
+
+
+@pytest.mark.simulator
+def test_its_policies_are_given_what_its_observation_holds(opened):
+    opened.reset(4, Condition())
+    for _ in range(5):
+        opened.step(np.array([0.005, 0.005, -0.01, 0.0, 0.0, 0.0, 1.0]))
+    seen, own = observation(opened.privileged_state()), opened._env._get_obs()
+    read = [*range(7), *range(11, 14), *range(36, 39)]
+    np.testing.assert_allclose(seen[read], own[read], atol=1e-6)
+
+
+@pytest.mark.simulator
+def test_resets_draw_from_no_global_generator(opened):
+    opened.reset(1, Condition())
+    expected = opened.state_hash()
+    np.random.seed(7)
+    before = np.random.get_state()[1].tolist()
+    opened.reset(1, Condition())
+    assert opened.state_hash() == expected
+    assert np.random.get_state()[1].tolist() == before
+
+
+@pytest.mark.simulator
+def test_an_episode_may_go_on_after_as_many_steps_as_meta_world_allows(opened):
+    opened.reset(0, Condition())
+    opened._env.curr_path_length = 500
+    opened.step(np.zeros(7))
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["reach-v3", "drawer-open-v3", "pick-place-v3"])
+def test_the_oracle_succeeds_within_the_horizon(task):
+    pytest.importorskip("metaworld")
+    simulation = SIMULATOR.open(task, VIEW)
+    for seed in range(2):
+        simulation.reset(seed, Condition())
+        script, held = SCRIPTS[f"metaworld/{task}"](), 0
+        for _ in range(SIMULATOR.tasks[task].horizon):
+            held = held + 1 if simulation.step(script(simulation.privileged_state())).success else 0
+            if held == SUCCESS_HOLD:
+                break
+        assert held == SUCCESS_HOLD
+    simulation.close()
+
+
+def test_the_two_frames_are_turned_by_a_quarter():
+    np.testing.assert_array_equal(in_base(np.array([0.0, 1.0, 0.5])), [1.0, 0.0, 0.5])
+    np.testing.assert_array_equal(in_world(in_base(np.array([1.0, 2.0, 3.0]))), [1.0, 2.0, 3.0])

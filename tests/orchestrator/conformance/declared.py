@@ -1,0 +1,12 @@
+"""What the entry points of the liars point at."""
+
+from orchestrator.scaffold.template.robogauntlet_toysim.oracle import Reach
+from tests.orchestrator.conformance.liars import LIARS
+
+
+def __getattr__(name):
+    if name.startswith("oracle_"):
+        return {f"{name.removeprefix('oracle_')}/Reach": Reach}
+    if name in LIARS:
+        return LIARS[name]
+    raise AttributeError(name)

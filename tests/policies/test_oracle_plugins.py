@@ -1,0 +1,80 @@
+"""Packages bring oracles for their simulators, and only for theirs; what they bring is part of what the oracle is."""
+
+import sys
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from policies import catalog, oracles
+from policies.oracles.plugins import GROUP, load_oracles
+
+MODULE = """
+class Reach:
+    def __call__(self, state):
+        return {value}
+
+GOOD = {{"mysim/Reach": Reach}}
+FOREIGN = {{"robosuite/Lift": Reach}}
+NO_SCRIPT = {{"mysim/Reach": 5}}
+"""
+
+
+@pytest.fixture
+def declared(monkeypatch, tmp_path):
+    """Declares entry points of a module whose one script gives back a value."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def declare(entries, value=1):
+        (tmp_path / "brought.py").write_text(MODULE.format(value=value))
+        sys.modules.pop("brought", None)
+        points = [EntryPoint(name, f"brought{what}", GROUP) for name, what in entries]
+        found = oracles.plugins.metadata.entry_points
+        monkeypatch.setattr(
+            "policies.oracles.plugins.metadata.entry_points",
+            lambda group: points if group == GROUP else found(group=group),
+        )
+        forget()
+
+    yield declare
+    sys.modules.pop("brought", None)
+    monkeypatch.undo()
+    forget()
+
+
+def forget():
+    load_oracles.cache_clear()
+    oracles.scripts.cache_clear()
+
+
+def test_a_script_that_a_package_brings_is_played_for_its_task(declared):
+    declared([("mysim", ":GOOD")], value=7)
+    assert oracles.scripts()["mysim/Reach"]()({}) == 7
+    assert "robosuite/Lift" in oracles.scripts()
+    assert "mysim/Reach" in catalog.find("oracle").tasks()
+
+
+def test_the_oracles_digest_covers_what_packages_bring(declared):
+    alone = catalog.digest("oracle", {})
+    declared([("mysim", ":GOOD")], value=1)
+    first = catalog.digest("oracle", {})
+    declared([("mysim", ":GOOD")], value=2)
+    assert len({alone, first, catalog.digest("oracle", {})}) == 3
+
+
+@pytest.mark.parametrize(
+    ("entries", "reason"),
+    [
+        ([("mysim", ":GONE")], "brought:GONE cannot be loaded: AttributeError"),
+        ([("mysim", "")], "brought is a module, expected a mapping of 'mysim/TASK' to what makes a script"),
+        ([("mysim", ":FOREIGN")], "has a script for 'robosuite/Lift', expected tasks of its own simulator"),
+        ([("mysim", ":NO_SCRIPT")], "has a int for 'mysim/Reach'"),
+        ([("mysim", ":GOOD"), ("mysim", ":GOOD")], "is the second entry point named 'mysim'"),
+        ([("robosuite", ":FOREIGN")], "'robosuite' has oracles of its own, which stay in use"),
+    ],
+)
+def test_what_is_broken_is_told_and_takes_nothing_along(declared, entries, reason):
+    own = oracles.scripts()["robosuite/Lift"]
+    declared(entries)
+    (broken,) = oracles.broken_plugins()
+    assert reason in broken.reason
+    assert oracles.scripts()["robosuite/Lift"] is own
