@@ -41,6 +41,7 @@ from adapters.contract import (
 from adapters.libero.objects import LiberoObjects
 from adapters.libero.package import Libero, open_libero, silenced
 from adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
+from adapters.libero.things import thing_of
 from adapters.mujoco_parts.arm import MujocoArm
 from adapters.mujoco_parts.bodies import MujocoBodies
 from adapters.mujoco_parts.cameras import MujocoCameras
@@ -107,13 +108,14 @@ class LiberoSimulation(MujocoSimulation):
         )
         tool = robot.gripper.important_sites["grip_site"], robot.robot_model.eef_name
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper.joints)
-        self._poses_of, self._angles_of, self._goal = things_of(self._env)
-        self._free = [self._data.body(f"{name}_main") for name in self._env.objects_dict]
+        self._things = {name: thing_of(self._model, self._data, name) for name in self._env.objects_dict}
+        self._poses_of, self._angles_of, self._goal = fixtures_of(self._env)
         frame = BaseFrame(self._base)
         arm = MujocoArm(package.mujoco, world, lambda: self._env.robots[0].controller, tool, frame, self._settle)
         self._lights = key_light(self._env, self._model, frame, package.mujoco)
         self._stage = MujocoStage(package.mujoco, world, frame, self._scene.renderers) if task.arena in TABLES else None
-        objects = LiberoObjects(world, task.placeable, self._states, frame, self._settle) if task.placeable else None
+        movable = {name: self._things[name] for name in task.placeable}
+        objects = LiberoObjects(world, movable, self._states, frame, self._settle) if movable else None
         bodies = [f"{thing}_main" for thing in task.things]
         self.adjusters = Adjusters(
             cameras=MujocoCameras(self._model, self._base),
@@ -164,12 +166,12 @@ class LiberoSimulation(MujocoSimulation):
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """The true state: `tcp_*` and `finger_positions`, then what the task has, named as LIBERO names it.
 
-        Every object and every body of a fixture (`akita_black_bowl_1_*`, `wooden_cabinet_1_cabinet_top_*`), fixtures'
-        joints (`wooden_cabinet_1_top_level`, (1,), m or rad), and `goal_position`, of what or where the first of the
-        goal's predicates is about. `settling_shift` (1,) is how far an object moved sideways while things came to rest
-        (m): a few of the stored states are bad.
+        The middle of every object (`akita_black_bowl_1_*`), every body of a fixture
+        (`wooden_cabinet_1_cabinet_top_*`), fixtures' joints (`wooden_cabinet_1_top_level`, (1,), m or rad), and
+        `goal_position`, of what or where the first of the goal's predicates is about. `settling_shift` (1,) is how far
+        an object moved sideways while things came to rest (m): a few of the stored states are bad.
         """
-        state = self._arm_state() | self._poses(self._poses_of)
+        state = self._arm_state() | self._poses(self._things | self._poses_of)
         state |= {name: joint.qpos.copy() for name, joint in self._angles_of.items()}
         state["goal_position"], _ = self._in_base(self._goal.xpos, self._goal.xmat)
         return state | {"settling_shift": np.array([self._shift])}
@@ -214,22 +216,22 @@ class LiberoSimulation(MujocoSimulation):
     def _sites(self) -> FloatArray:
         """Where the free things are, x and y, (n, 2)."""
         self._refresh()
-        return np.array([body.xpos[:2] for body in self._free])
+        return np.array([thing.body.xpos[:2] for thing in self._things.values()])
 
     def _fastest(self) -> float:
         """The largest speed of a free thing (m/s)."""
-        starts = [self._model.body_dofadr[body.id] for body in self._free]
+        starts = [self._model.body_dofadr[thing.body.id] for thing in self._things.values()]
         return float(max(np.linalg.norm(self._data.qvel[start : start + 3]) for start in starts))
 
 
-def things_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:
-    """What a task consists of, in MuJoCo's data: bodies by name, fixtures' joints by name, and the goal.
+def fixtures_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:
+    """Fixtures in MuJoCo's data: their bodies by name, their joints by name, and what or where the goal is about.
 
     Args:
         env: LIBERO's.
     """
     model, data = env.sim.model._model, env.sim.data._data
-    poses = {name: data.body(f"{name}_main") for name in env.objects_dict}
+    poses: dict[str, Any] = {}
     named = [model.body(number).name for number in range(model.nbody)]
     for fixture in env.fixtures_dict:
         poses |= {name.removesuffix("_main"): data.body(name) for name in named if name.startswith(f"{fixture}_")}
@@ -240,7 +242,7 @@ def things_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:
         if any(name.startswith(f"{fixture}_") for fixture in env.fixtures_dict)
     }
     about = env.parsed_problem["goal_state"][0][-1]
-    return poses, angles, data.site(about) if about in env.object_sites_dict else poses[about]
+    return poses, angles, data.site(about) if about in env.object_sites_dict else data.body(f"{about}_main")
 
 
 def key_light(env: Any, model: Any, frame: BaseFrame, mujoco: Any) -> MujocoLights:

@@ -36,7 +36,7 @@ class Grasp:
     """Between which the fingers are apart when they hold it (m)."""
 
 
-BOWL = Grasp(0.037, rim=0.047, wide=0.04)
+BOWL = Grasp(0.01, rim=0.047, wide=0.04)
 GRASPS = {
     "akita_black_bowl": BOWL,
     "alphabet_soup": Grasp(0.023, narrow=0.04),
@@ -46,9 +46,8 @@ GRASPS = {
     "chocolate_pudding": Grasp(0.004, narrow=0.02),
     "salad_dressing": Grasp(0.055),
     "ketchup": Grasp(0.055),
-    "bbq_sauce": Grasp(0.035),
-    "milk": Grasp(0.044),
-    "orange_juice": Grasp(0.044),
+    "bbq_sauce": Grasp(0.0365),
+    "orange_juice": Grasp(0.0485),
 }
 
 
@@ -184,12 +183,12 @@ SIDES: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.
 
 
 def _on_plate() -> Script:
-    return PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.012, travel=0.13)
+    return PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15)
 
 
 def _in_basket(thing: str, low: float) -> Callable[[], Script]:
-    """`low`: how far the thing's bottom is below its middle (m). Baskets are 14 cm high."""
-    return lambda: PickAndPlace(thing, "basket_1", rest=0.15 + low, travel=0.175 + low, near=0.02)
+    """`low`: how far the thing's bottom is below its middle (m). A basket's rim is 7 cm above its own."""
+    return lambda: PickAndPlace(thing, "basket_1", rest=0.0745 + low, travel=0.0995 + low, near=0.02)
 
 
 SPATIAL = (
@@ -205,19 +204,18 @@ SPATIAL = (
 OBJECTS = {
     "0-alphabet-soup": 0.038,
     "2-salad-dressing": 0.073,
-    "3-bbq-sauce": 0.055,
+    "3-bbq-sauce": 0.0535,
     "4-ketchup": 0.072,
     "5-tomato-sauce": 0.038,
     "6-butter": 0.009,
-    "7-milk": 0.07,
     "8-chocolate-pudding": 0.013,
-    "9-orange-juice": 0.07,
+    "9-orange-juice": 0.0655,
 }
 BY_NAME: dict[str, Callable[[], Script]] = {
     **{f"spatial-{name}": _on_plate for name in SPATIAL},
     **{f"object-{name}": _in_basket(f"{name[2:].replace('-', '_')}_1", low) for name, low in OBJECTS.items()},
-    "goal-1-put-bowl-on-stove": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.03, travel=0.13),
-    "goal-4-put-bowl-on-top-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.01, travel=0.06),
+    "goal-1-put-bowl-on-stove": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.057, travel=0.157),
+    "goal-4-put-bowl-on-top-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.037, travel=0.087),
     "goal-6-put-cream-cheese-in-bowl": lambda: PickAndPlace("cream_cheese_1", "goal", rest=0.055, travel=0.12),
     "goal-7-turn-on-stove": lambda: TurnKnob("flat_stove_1_button", 0.7),
     "goal-8-put-bowl-on-plate": _on_plate,

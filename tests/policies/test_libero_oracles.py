@@ -14,7 +14,7 @@ PLAYED = ("spatial-8-next-to-plate", "object-3-bbq-sauce", "goal-7-turn-on-stove
 
 def test_every_script_is_for_a_task_that_there_is() -> None:
     assert {f"libero/{task}" for task in SIMULATOR.tasks} >= SCRIPTS.keys()
-    assert len(SCRIPTS) == 22
+    assert len(SCRIPTS) == 21
 
 
 @pytest.mark.simulator
