@@ -107,7 +107,8 @@ def rollout(
 
     actions = hashlib.sha256()
     routing: Routing | None = None
-    steps = queries = held = clipped = 0
+    answer_times: list[float] = []
+    steps = held = clipped = 0
     success_once = terminated = False
     reward = 0.0
     if watcher:
@@ -116,10 +117,11 @@ def rollout(
         query = _look(simulation, policy, episode, steps, phases)
         if isinstance(simulation, Perturbed) and query.observation is not None:
             simulation.check_words(query.observation.instruction)
+        asked = clock()
         with phases.timed("inference"):
             decision = _ask(policy, query)
             chunk = check_chunk(decision.actions)
-        queries += 1
+        answer_times.append(clock() - asked)
         if routing is None and decision.routing is not None:
             routing = check_routing(decision.routing)
         chunk = chunk[: min(protocol.replan_every, protocol.horizon - steps)]
@@ -153,7 +155,8 @@ def rollout(
         status=str(Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE),
         success_once=success_once,
         steps=steps,
-        queries=queries,
+        queries=len(answer_times),
+        **_query_times(answer_times),
         clipped_steps=clipped,
         reward_sum=round(reward, 6),
         state_hash=state_hash,
@@ -170,6 +173,14 @@ def rollout(
         wall_s=clock() - began,
         **phases.as_fields(),
     )
+
+
+def _query_times(seconds: list[float]) -> dict[str, float]:
+    """Median, 95th percentile and longest of the answers' times, as fields of an `EpisodeResult`; by nearest rank."""
+    ranked = sorted(seconds)
+    last = len(ranked) - 1
+    places = {"query_p50_s": 0.5, "query_p95_s": 0.95, "query_max_s": 1.0}
+    return {name: ranked[round(place * last)] for name, place in places.items()} if ranked else {}
 
 
 def _rounded(value: float) -> float:

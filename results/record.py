@@ -76,6 +76,9 @@ class EpisodeResult:
     physics_s: Annotated[float, "Time in control steps (s)."] = 0.0
     render_s: Annotated[float, "Time in observing (s)."] = 0.0
     inference_s: Annotated[float, "Time in the policy (s)."] = 0.0
+    query_p50_s: Annotated[float | None, "Median of the times that the policy took to answer a query (s)."] = None
+    query_p95_s: Annotated[float | None, "95th percentile of these times (s)."] = None
+    query_max_s: Annotated[float | None, "The longest of these times (s)."] = None
     routing_s: Annotated[float, "Time the policy took to infer its task, a part of inference_s (s)."] = 0.0
     wait_s: Annotated[float, "Time the worker had nothing to do before this episode (s)."] = 0.0
     wall_s: Annotated[float, "Time from the episode's start to its end, without build, load and wait (s)."] = 0.0
@@ -134,6 +137,9 @@ TELEMETRY = (
     "physics_s",
     "render_s",
     "inference_s",
+    "query_p50_s",
+    "query_p95_s",
+    "query_max_s",
     "routing_s",
     "wait_s",
     "wall_s",

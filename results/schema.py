@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from results.database import Schema
 from results.record import describe_fields
 
-VERSION = 4
+VERSION = 5
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 
 metadata = sa.MetaData()
@@ -111,6 +111,11 @@ def _history(connection: sa.Connection) -> None:
     connection.execute(sa.insert(cells).from_select([*(c.name for c in columns), name.name, planned.name], count))
 
 
+def _queries(connection: sa.Connection) -> None:
+    """How long single queries took; what older rows took is not known."""
+    _add_columns(connection, episodes, "query_p50_s", "query_p95_s", "query_max_s")
+
+
 CELL = ("policy_digest", "task", "axis", "severity")
 """What makes a cell of a run. The digest, not the name: a policy that was renamed has kept its episodes."""
 
@@ -127,4 +132,4 @@ def counted_cells() -> sa.Select[Any]:
     return sa.select(*key, *counts).group_by(*key)
 
 
-SCHEMA = Schema(metadata, _version, VERSION, {1: _routing, 2: _perturbations, 3: _history}, "store")
+SCHEMA = Schema(metadata, _version, VERSION, {1: _routing, 2: _perturbations, 3: _history, 4: _queries}, "store")

@@ -12,7 +12,7 @@ from results import timing
 from results.record import EpisodeResult, Status
 from results.run import PlannedCell, RunDocument
 from results.statistics.rates import Interval, RateBounds, rate, rate_bounds, wilson_intervals
-from results.timing import PhaseTiming
+from results.timing import AnswerTiming, PhaseTiming
 from suites.vocabulary import Condition
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ KEY = ("policy_digest", "task", "axis", "severity")
 """What makes rows of one cell. The digest, not the name: a policy that was renamed has kept its episodes."""
 COLUMNS = (
     *("episode_id", "simulator", "task", "policy", "policy_digest", "axis", "severity", "seed"),
-    *("status", "success_once", "steps", "error", *timing.COLUMNS),
+    *("status", "success_once", "steps", "error", *timing.COLUMNS, *timing.ANSWER_COLUMNS),
 )
 """Fields of the record that the tables are made from."""
 CATEGORIES = ("simulator", "task", "policy", "policy_digest", "axis", "status", "error", "worker")
@@ -157,6 +157,8 @@ class Tables:
     not_run: tuple[NotRun, ...]
     errors: tuple[ErrorGroup, ...]
     """Most frequent message first."""
+    answers: tuple[AnswerTiming, ...] = ()
+    """Per policy whose answering times are known."""
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
@@ -216,6 +218,7 @@ def build_tables(document: RunDocument, rows: Iterable[EpisodeResult] | pd.DataF
         skipped=skipped,
         not_run=tuple(_not_run(document, cells)),
         errors=_error_groups(frame),
+        answers=timing.answer_timing(frame),
     )
 
 

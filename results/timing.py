@@ -13,6 +13,24 @@ PHASES = ("build", "load", "reset", "physics", "render", "inference", "rest", "w
 COLUMNS = ("worker", "build_s", "load_s", "reset_s", "physics_s", "render_s", "inference_s", "wait_s", "wall_s")
 """Fields of the record that are needed."""
 
+ANSWER_COLUMNS = ("query_p50_s", "query_p95_s", "query_max_s")
+"""Fields of the record from which a policy's answering times are made; rows of older stores have none."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerTiming:
+    """How long a policy took to answer queries. Queries that were never answered are errors, and not among them."""
+
+    policy: str
+    episodes: int
+    """Rows of which the times are known."""
+    median_s: float
+    """Median over the episodes of the episode's median (s)."""
+    p95_s: float
+    """Median over the episodes of the episode's 95th percentile (s)."""
+    longest_s: float
+    """Of all queries (s)."""
+
 
 @dataclass(frozen=True, slots=True)
 class PhaseTiming:
@@ -85,3 +103,24 @@ def phase_timing(frame: pd.DataFrame) -> tuple[PhaseTiming, ...]:
             )
         )
     return tuple(timings)
+
+
+def answer_timing(frame: pd.DataFrame) -> tuple[AnswerTiming, ...]:
+    """Answering times per policy, in the order of the frame; none for policies of which none are known.
+
+    Args:
+        frame: Records with the columns `policy` and, unless they are of an older export, `ANSWER_COLUMNS`.
+    """
+    if frame.empty or not set(ANSWER_COLUMNS) <= set(frame.columns):
+        return ()
+    known = frame[["policy", *ANSWER_COLUMNS]].dropna().astype(dict.fromkeys(ANSWER_COLUMNS, float))
+    return tuple(
+        AnswerTiming(
+            policy=str(policy),
+            episodes=len(rows),
+            median_s=float(rows["query_p50_s"].median()),
+            p95_s=float(rows["query_p95_s"].median()),
+            longest_s=float(rows["query_max_s"].max()),
+        )
+        for policy, rows in known.groupby("policy", observed=True, sort=False)
+    )

@@ -20,7 +20,9 @@ WORLDLY = tuple(axis for axis in AXES.values() if str(axis.changes) in ADJUSTABL
 
 
 def _played(axis: Axis) -> Check:
-    @check(f"axis-{axis.name}", look=f"`adjusters.{axis.changes}`, which orchestrator/perturbations builds upon")
+    @check(
+        f"axis-{axis.name}", look=f"`adjusters.{axis.changes}`, which orchestrator/perturbations builds upon", once=True
+    )
     def played(subject: Subject) -> Iterator[Fault]:
         """What the axis asks for is delivered at the mildest and at the strongest severity, and then undone."""
         if reason := why_unadjusted(axis, subject.task):

@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from adapters.adjusting import Cameras, Viewpoint
 from adapters.contract import FloatArray, Image, Simulation
+from adapters.viewpoints import seen_at_height
 from orchestrator.conformance.findings import Fault, NotApplicable, check
 from orchestrator.conformance.subject import SIZE, Subject, changed
-from orchestrator.perturbations.cameras import THIRD_PERSON
+from orchestrator.perturbations.cameras import BASE_HEIGHT, THIRD_PERSON
 
 ANGLE = math.radians(8.0)
 """By which cameras are turned."""
@@ -98,7 +99,11 @@ def viewpoint(subject: Subject) -> Iterator[Fault]:
     for camera in subject.view.cameras:
         own = cameras.viewpoint(camera)
         yield from _right_handed(camera, own)
-        before = _smooth(subject.simulation.observe().images[camera])
+        image = subject.simulation.observe().images[camera]
+        cameras.set_viewpoint(camera, own)
+        if (share := changed(image, subject.simulation.observe().images[camera])) > 0.02:
+            yield Fault(f"{camera}, set to its own viewpoint, to show the own image", f"{share:.0%} other pixels")
+        before = _smooth(image)
         likenesses: dict[str, list[float]] = {drawn: [] for drawn in DRAWN}
         for axis, sign in TURNS:
             turn = Rotation.from_rotvec(sign * ANGLE * np.eye(3)[axis]).as_matrix()
@@ -193,6 +198,21 @@ def pixel(viewpoint: Viewpoint, point: FloatArray, size: int) -> tuple[float, fl
     return float(size / 2.0 + down * scale), float(size / 2.0 + right * scale)
 
 
+@check("camera-aim", look="where the third-person camera stands: perturbations carry it round what it is aimed at")
+def aim(subject: Subject) -> Iterator[Fault]:
+    """The third-person camera is aimed at the table in front of the robot."""
+    if THIRD_PERSON not in subject.view.cameras:
+        raise NotApplicable("the third-person camera is not rendered")
+    own = _cameras(subject).viewpoint(THIRD_PERSON)
+    x, y, _ = seen_at_height(own, BASE_HEIGHT)
+    if not (0.3 < x < 0.9 and abs(y) < 0.2):
+        yield Fault(
+            "an optical axis that meets the base's height at x 0.3 to 0.9, y within 0.2 m", f"({x:.2f}, {y:.2f}) m"
+        )
+    if not math.radians(20.0) < own.fovy < math.radians(75.0):
+        yield Fault("a vertical field of view of 20 to 75 deg", f"{math.degrees(own.fovy):.0f} deg")
+
+
 @check("camera-picture", look="Simulation.picture: the third-person view, at 256 px", renders=True)
 def same_picture(subject: Subject) -> Iterator[Fault]:
     """The picture for people shows what the third-person camera shows."""
@@ -232,4 +252,4 @@ def adjusted(subject: Subject) -> Iterator[Fault]:
             yield Fault(f"all as before after a reset, once {camera} was moved", difference)
 
 
-CHECKS = (upright, viewpoint, place, same_picture, adjusted)
+CHECKS = (upright, viewpoint, place, aim, same_picture, adjusted)

@@ -21,7 +21,7 @@ def modules_loaded_by(simulator: str) -> frozenset[str]:
     return frozenset(set(sys.modules) - before)
 
 
-@check("declaration", look="the imports at the top of the adapter: the simulator is imported by `open` only")
+@check("declaration", look="the imports at the top of the adapter: the simulator is imported by `open` only", once=True)
 def declaration(subject: Subject) -> Iterator[Fault]:
     """Declaring the simulator imports neither it nor anything heavy."""
     unwanted = {*subject.simulator.modules, *HEAVY} & subject.loaded_by_declaring

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from adapters import catalog
 from adapters.contract import Simulator
 from orchestrator.conformance.findings import Check, Finding, Outcome
 from orchestrator.conformance.processes import TIME_LIMIT_S, Ended, Hung, Process
-from orchestrator.conformance.registry import CHECKS
 from orchestrator.conformance.subject import VIEW
 
 MOST_TASKS = 3
@@ -85,9 +84,14 @@ def default_tasks(simulator: Simulator) -> list[str]:
     return [names[round(i * (len(names) - 1) / (MOST_TASKS - 1))] for i in range(MOST_TASKS)]
 
 
+def checks_of(tasks: Sequence[str], checks: Iterable[Check], *, every: bool) -> dict[str, list[Check]]:
+    """What is played on each task: those checks that tell more of the simulator on the first only, unless `every`."""
+    wanted = list(checks)
+    return {task: [check for check in wanted if every or task == tasks[0] or not check.once] for task in tasks}
+
+
 def examine(
-    tasks: Sequence[str],
-    checks: Iterable[Check] = CHECKS.values(),
+    wanted: Mapping[str, Sequence[Check]],
     *,
     limit_s: float = TIME_LIMIT_S,
     told: Callable[[Finding], None] = lambda finding: None,
@@ -95,18 +99,16 @@ def examine(
     """Play checks on tasks, as many tasks at once as there are cores, at most two.
 
     Args:
-        tasks: `simulator/task`, all of which the catalog knows.
-        checks: What to play.
+        wanted: What to play on each `simulator/task`, all of which the catalog knows.
         limit_s: For each check.
         told: Is given each finding as soon as it is there, from any thread.
     """
-    wanted = list(checks)
 
     def examined(task: str) -> list[Finding]:
         examination = Examination(task, limit_s)
         found = []
         try:
-            for check in wanted:
+            for check in wanted[task]:
                 for finding in examination.play(check):
                     told(finding)
                     found.append(finding)
@@ -115,4 +117,4 @@ def examine(
         return found
 
     with ThreadPoolExecutor(max_workers=min(2, len(os.sched_getaffinity(0)))) as pool:
-        return [finding for findings in pool.map(examined, tasks) for finding in findings]
+        return [finding for findings in pool.map(examined, wanted) for finding in findings]

@@ -79,6 +79,8 @@ class Check:
     """Yields what is wrong. May raise `NotApplicable`, and whatever the adapter raises."""
     renders: bool = False
     """Whether it needs images."""
+    once: bool = False
+    """Whether it tells more of the simulator than of the task, so that one task is enough."""
 
     def play(self, subject: Subject) -> list[Finding]:
         """What it finds in a task: at least one finding."""
@@ -105,12 +107,12 @@ class Check:
         return [found(Outcome.FAILED, fault.expected, fault.seen, self.look) for fault in faults]
 
 
-def check(name: str, *, look: str, renders: bool = False) -> Callable[[Body], Check]:
+def check(name: str, *, look: str, renders: bool = False, once: bool = False) -> Callable[[Body], Check]:
     """Make a check of a function; the first line of its docstring is the promise."""
 
     def made(body: Body) -> Check:
         promise = (body.__doc__ or "").strip().splitlines()[0].rstrip(".")
-        return Check(name, promise[0].lower() + promise[1:], look, body, renders)
+        return Check(name, promise[0].lower() + promise[1:], look, body, renders, once)
 
     return made
 

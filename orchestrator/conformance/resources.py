@@ -25,7 +25,7 @@ GRACE_S = 1.0
 """In which threads and processes that were told to end are gone."""
 
 
-@check("closes", look="Simulation.close: processes, threads, sockets, files and contexts that open started")
+@check("closes", look="Simulation.close: processes, threads, sockets, files and contexts that open started", once=True)
 def closes(subject: Subject) -> Iterator[Fault]:
     """Closing ends the processes, threads and files of a task, and may be done twice."""
     own = psutil.Process()
@@ -66,7 +66,7 @@ def _settled(count: Callable[[], int], before: int) -> int:
     return more
 
 
-@check("memory", look="Simulation.reset: lists that grow, scenes, textures and renderers that are made anew")
+@check("memory", look="Simulation.reset: lists that grow, scenes, textures and renderers that are made anew", once=True)
 def memory(subject: Subject) -> Iterator[Fault]:
     """Memory stays flat over 500 resets."""
     simulation, own = subject.simulation, psutil.Process()
@@ -84,7 +84,7 @@ def memory(subject: Subject) -> Iterator[Fault]:
         yield Fault(f"memory to grow by less than {GROWTH_MB:g} MB in {RESETS - SETTLED} resets", f"{grown:.0f} MB")
 
 
-@check("pace", look="what takes long, by `python -m cProfile` or py-spy")
+@check("pace", look="what takes long, by `python -m cProfile` or py-spy", once=True)
 def pace(subject: Subject) -> Iterator[Fault]:
     """Opening, resetting, stepping and looking take no longer than a run can wait."""
     simulation = subject.simulation

@@ -108,7 +108,7 @@ def looking(subject: Subject) -> Iterator[Fault]:
     simulation.observe()
     if simulation.state_hash() != before:
         yield Fault("the same state before and after a look", f"{before}, then {simulation.state_hash()}")
-    for seed in SEEDS[:2]:
+    for seed in SEEDS[:1]:
         blind, seeing = trace(subject, seed), trace(subject, seed, look=True)
         if (blind.end, blind.exact_end) != (seeing.end, seeing.exact_end):
             yield Fault(f"seed {seed} to end alike whether or not anyone looks", f"{blind.end}, looking {seeing.end}")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Sequence
 import pytest
 
 from adapters import catalog
-from orchestrator.conformance.examining import Examinations, default_tasks
+from orchestrator.conformance.examining import Examinations, checks_of, default_tasks
 from orchestrator.conformance.findings import Outcome
 from orchestrator.conformance.registry import CHECKS
 from suites.plugins import nearest
@@ -32,7 +32,7 @@ def gauntlet_conformance(
     Args:
         simulator: Name of its entry point.
         tasks: Which tasks, by their names in the simulator; None for three at most, evenly spread.
-        all_tasks: Every task.
+        all_tasks: Every check on every task; else some checks are played on the first task only.
         may_skip: Checks that may be skipped, each as `TASK:check`, so that none is lost unnoticed; None for any.
 
     Raises:
@@ -46,8 +46,10 @@ def gauntlet_conformance(
     chosen = list(found.tasks) if all_tasks else tasks
     full = default_tasks(found) if chosen is None else [f"{simulator}/{task}" for task in chosen]
 
-    @pytest.mark.parametrize("gauntlet_check", list(CHECKS))
-    @pytest.mark.parametrize("gauntlet_task", full)
+    wanted = checks_of(full, CHECKS.values(), every=all_tasks)
+    pairs = [pytest.param(task, check.name, id=f"{task}-{check.name}") for task in wanted for check in wanted[task]]
+
+    @pytest.mark.parametrize(("gauntlet_task", "gauntlet_check"), pairs)
     def conforms(gauntlet_examinations: Examinations, gauntlet_task: str, gauntlet_check: str) -> None:
         findings = gauntlet_examinations.of(gauntlet_task).play(CHECKS[gauntlet_check])
         failed = [str(finding) for finding in findings if finding.outcome is Outcome.FAILED]

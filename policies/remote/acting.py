@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from PIL import Image as Picture
+from scipy.spatial.transform import Rotation
 
 from adapters.contract import ACTION_DIM, FloatArray, Image, Observation
 from policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Sees
@@ -147,21 +148,32 @@ def card_spec(card: Card) -> PolicySpec:
 
 
 def card_message(card: Card, seen: Observation, task: str) -> dict[str, Any]:
-    """An observation of a task under the server's keys, in the convention that the server knows.
+    """An observation of a task under the server's keys.
 
     Raises:
-        PolicyMismatch: That convention is of other tasks.
+        PolicyMismatch: The card's convention is of other tasks.
     """
-    images, proprioception = seen.images, seen.proprioception
-    if card.convention == "libero":
-        images = {camera: libero.native_image(image) for camera, image in images.items()}
-        proprioception = libero.native_proprioception(task, proprioception)
-    message: dict[str, Any] = {key: resized(card, images[camera]) for camera, key in card.cameras.items()}
+    message: dict[str, Any] = {
+        key: resized(card, turned(card, seen.images[camera])) for camera, key in card.cameras.items()
+    }
     if card.proprioception is not None:
-        message[card.proprioception] = proprioception
+        own = card.convention == "robogauntlet"
+        message[card.proprioception] = (
+            seen.proprioception if own else libero.native_proprioception(task, seen.proprioception)
+        )
     if card.instruction is not None:
         message[card.instruction] = seen.instruction
     return message
+
+
+TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
+"""Steps through an image's rows and columns."""
+
+
+def turned(card: Card, image: Image) -> Image:
+    """An image (height, width, 3) as the card turns or mirrors it."""
+    rows, columns = TURNS[card.turn]
+    return np.ascontiguousarray(image[::rows, ::columns])
 
 
 def resized(card: Card, image: Image) -> Image:
@@ -189,17 +201,16 @@ def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
     Raises:
         PolicyMismatch: It is missing, too short or too narrow, or holds what is not a finite number.
     """
-    columns = card.columns or tuple(range(ACTION_DIM))
+    columns = card.columns or tuple(range(card.width))
     width = 1 + max((column for column in columns if column is not None), default=0)
     rows = _chunk(answer, card.actions, width, exactly=card.columns is None)
     if card.execute is not None:
         if len(rows) < card.execute:
             raise PolicyMismatch(f"expected {card.execute} actions or more, as option execute says, got {len(rows)}")
         rows = rows[: card.execute]
-    chunk = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
-    metres, radians = card.scales
-    chunk[:, :3] *= metres
-    chunk[:, 3:6] *= radians
+    read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
+    rotations = as_axis_angles(card, read[:, 3:-1])
+    chunk = np.concatenate([read[:, :3] * card.translation_scale, rotations, read[:, -1:]], axis=1)
     if columns[-1] is not None:
         span = card.gripper_closed - card.gripper_open
         if card.gripper_threshold is None and (card.gripper_open, card.gripper_closed) == (-1.0, 1.0):
@@ -209,6 +220,26 @@ def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
         else:
             chunk[:, 6] = np.where((chunk[:, 6] - card.gripper_threshold) * span > 0, 1.0, -1.0)
     return chunk
+
+
+def as_axis_angles(card: Card, rotations: FloatArray) -> FloatArray:
+    """An answer's rotations, (n, 3) or (n, 4), as axis-angle vectors, (n, 3), rad, of angles up to pi.
+
+    Raises:
+        PolicyMismatch: A quaternion is not of length 1, to within 0.01; rounding of float16 stays below that.
+    """
+    match card.rotation:
+        case "axis-angle":
+            return rotations * card.rotation_scale
+        case "euler":
+            return Rotation.from_euler("xyz", rotations * card.rotation_scale).as_rotvec()
+    lengths = np.linalg.norm(rotations, axis=1)
+    for row in np.flatnonzero(np.abs(lengths - 1.0) > 0.01):
+        raise PolicyMismatch(
+            f"expected quaternions of length 1 in '{card.actions}', got length {lengths[row]:.3g} in row {row}; "
+            "see options rotation and columns"
+        )
+    return Rotation.from_quat(rotations, scalar_first=card.rotation.endswith("wxyz")).as_rotvec()
 
 
 def _chunk(answer: Mapping[str, Any], key: str, width: int, *, exactly: bool) -> FloatArray:

@@ -31,7 +31,8 @@ class Card(BaseModel):
     identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     """What acts there, such as a checkpoint's name or hash."""
     convention: Literal["robogauntlet", "libero"] = "robogauntlet"
-    """What observation and answer mean: ours, or that of policies trained on LIBERO's data."""
+    """What observation and answer mean: ours, or that of policies trained on LIBERO's data (`policies.remote.libero`),
+    which then says `turn`, `rotation` and the scales."""
 
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """Camera to the server's key."""
@@ -40,14 +41,19 @@ class Card(BaseModel):
     image_size: Size | tuple[Size, Size] | None = None
     """Pixels, or height and width; None to send what is rendered."""
     resize: Literal["pad", "stretch"] = "pad"
+    turn: Literal["none", "half", "left-right", "upside-down"] = "none"
+    """What becomes of each image before it is resized: nothing, half a turn, or a mirroring."""
 
     actions: Key = ACTIONS_KEY
     columns: tuple[Annotated[int, Field(strict=True, ge=0, le=255)] | None, ...] | None = None
-    """Where in a row of the answer our seven numbers stand, None for one that is always 0."""
+    """Where in a row of the answer our seven numbers stand (eight with a quaternion), None for one that is always 0."""
     translation_scale: float = 1.0
     """Metres per unit of the answer."""
+    rotation: Literal["axis-angle", "euler", "quaternion-xyzw", "quaternion-wxyz"] = "axis-angle"
+    """How the answer's rotations are written, which turn the tool in the base frame: as axis-angle vectors, as Euler
+    angles about the fixed axes x, y and z in this order, or as quaternions."""
     rotation_scale: float = 1.0
-    """Radians per unit of the answer."""
+    """Radians per unit of the answer; none for quaternions, which have no unit."""
     gripper_open: float = -1.0
     gripper_closed: float = 1.0
     gripper_threshold: float | None = None
@@ -83,13 +89,29 @@ class Card(BaseModel):
         keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
         if len(set(keys)) < len(keys):
             raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
-        if self.columns is not None and len(self.columns) != ACTION_DIM:
-            raise ValueError(f"columns: expected {ACTION_DIM} places, got {len(self.columns)}")
-        if self.convention == "libero" and self.model_fields_set & {"translation_scale", "rotation_scale"}:
-            raise ValueError("expected no translation_scale and no rotation_scale, which convention libero says")
+        if self.columns is not None and len(self.columns) != self.width:
+            kind = "" if self.width == ACTION_DIM else f" for a {self.rotation}"
+            raise ValueError(f"columns: expected {self.width} places{kind}, got {len(self.columns)}")
+        if self.turns_by_quaternion and self.columns is not None and set(self.columns[3:7]) == {None}:
+            raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
+        if self.turns_by_quaternion and self.rotation_scale != 1.0:
+            raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
+        said = sorted(self.model_fields_set & libero.OPTIONS.keys())
+        if self.convention == "libero" and said:
+            raise ValueError(f"expected no {' and no '.join(said)}, which convention libero says")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
         return self
+
+    @property
+    def turns_by_quaternion(self) -> bool:
+        """Whether the answer's rotations are quaternions."""
+        return self.rotation.startswith("quaternion")
+
+    @property
+    def width(self) -> int:
+        """How many of a row's numbers are read."""
+        return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
 
     @property
     def is_plain(self) -> bool:
@@ -99,15 +121,7 @@ class Card(BaseModel):
     def declaration(self) -> dict[str, Any]:
         """What decides how the policy acts, as plain values: all but where it is and how long to wait for it."""
         said = self.model_dump(mode="json", exclude={"address", "identity", *_HOW})
-        # It came later: where nothing is said of it, a policy stays the one that it was.
-        return {name: value for name, value in said.items() if (name, value) != ("convention", "robogauntlet")}
-
-    @property
-    def scales(self) -> tuple[float, float]:
-        """Metres and radians per unit of the answer."""
-        if self.convention == "libero":
-            return libero.TRANSLATION, libero.ROTATION
-        return self.translation_scale, self.rotation_scale
+        return {name: value for name, value in said.items() if (name, value) not in _LATER}
 
     def digest(self, who: object) -> str:
         """Hash of the policy's content. Args: who: what acts there, as plain values."""
@@ -115,6 +129,8 @@ class Card(BaseModel):
 
 
 _HOW = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
+_LATER = (("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle"))
+"""Defaults of options that came later: without them, the hash of a policy that does not use them stays what it was."""
 OPTIONS = {
     "address": "ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT",
     "identity": "what acts there (a checkpoint's name or hash); by default what the server says on connection",
@@ -124,9 +140,11 @@ OPTIONS = {
     "instruction": "key of the goal in words; null to leave it out",
     "image_size": "px, or [height, width]; by default as rendered",
     "resize": "pad (keeps the shape) or stretch",
+    "turn": "none, half (180 degrees), left-right or upside-down: what becomes of images before they are sent",
     "actions": "key of the chunk in the answer",
-    "columns": "seven columns of the answer for dx dy dz rx ry rz gripper; null for one that is always 0",
+    "columns": "columns of the answer for dx dy dz rx ry rz gripper (with a quaternion four, not three); null for 0",
     "translation_scale": "metres per unit of the answer",
+    "rotation": "axis-angle, euler (fixed axes x, y, z), quaternion-xyzw or quaternion-wxyz",
     "rotation_scale": "radians per unit of the answer",
     "gripper_open": "the answer's number for open",
     "gripper_closed": "the answer's number for closed",
@@ -148,10 +166,11 @@ def read_card(options: Mapping[str, Any]) -> Card:
         PolicyError: One is missing, or is not what it should be; in one line.
     """
     try:
-        return Card.model_validate(dict(options))
+        card = Card.model_validate(dict(options))
     except ValidationError as error:
         fault = first_fault(error).removeprefix("all of it: ").replace("Value error, ", "")
         raise PolicyError(f"policy '{NAME}': {' '.join(fault.split())}") from None
+    return card.model_copy(update=libero.OPTIONS) if card.convention == "libero" else card
 
 
 def first_fault(error: ValidationError) -> str:

@@ -26,6 +26,10 @@ TRANSLATION, ROTATION = 0.0131, 0.118
 """What an action of 1 is in `adapters.contract`'s units (m, rad): what the tool moves in steady motion when it is given
 LIBERO's offset of 5 cm and 0.5 rad."""
 
+OPTIONS = {"turn": "left-right", "rotation": "axis-angle", "translation_scale": TRANSLATION, "rotation_scale": ROTATION}
+"""What this convention says of a card. LIBERO's images are upside down, and a half turn of what is upside down is
+upright and mirrored."""
+
 
 def base_of(task: str) -> FloatArray:
     """Where the robot stands in the world of a task (`libero/...`), shape (3,), m.

@@ -51,10 +51,11 @@ def write_parquet(path: Path, document: RunDocument, store: Store) -> None:
 
 
 def read_frame(path: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
-    """Columns of an `episodes.parquet`, texts with few values as categories."""
+    """Columns of an `episodes.parquet`, texts with few values as categories; an older file may lack some."""
     import pyarrow.parquet as pq
 
     assert set(columns) <= set(FIELDS)
+    there = set(pq.read_schema(path).names)
     categories = [name for name in CATEGORIES if name in columns]
-    table = pq.read_table(path, columns=list(columns), read_dictionary=categories)
+    table = pq.read_table(path, columns=[name for name in columns if name in there], read_dictionary=categories)
     return table.to_pandas(split_blocks=True, self_destruct=True)

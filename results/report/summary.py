@@ -10,7 +10,7 @@ from results.robustness import Robustness
 from results.run import Provenance, RunDocument, RunStatus
 from results.statistics.rates import CONFIDENCE
 from results.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
-from results.timing import PhaseTiming
+from results.timing import AnswerTiming, PhaseTiming
 
 SUMMARY_FORMAT = 1
 ERROR_GROUPS = 50
@@ -49,6 +49,8 @@ class Summary(BaseModel):
     """Per policy, task and condition."""
     timing: tuple[PhaseTiming, ...]
     """Worker time per simulator."""
+    answers: tuple[AnswerTiming, ...] = ()
+    """How long policies took to answer."""
     skipped: dict[str, str]
     """Simulator to the reason why it could not run."""
     not_run: tuple[NotRun, ...]
@@ -91,6 +93,7 @@ def build_summary(
         simulators=tables.by_simulator,
         cells=tables.cells,
         timing=tables.timing,
+        answers=tables.answers,
         skipped=dict(tables.skipped),
         not_run=tables.not_run,
         errors=tables.errors[:ERROR_GROUPS],

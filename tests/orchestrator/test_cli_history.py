@@ -115,5 +115,5 @@ def test_a_history_of_a_newer_version_is_refused_and_untouched(gauntlet, runs):
     connection.close()
     before = (runs / "history.sqlite").read_bytes()
     said = gauntlet("history")
-    assert (said.code, "store version 99, this program reads version 4" in said.err) == (2, True)
+    assert (said.code, "store version 99, this program reads version 5" in said.err) == (2, True)
     assert (runs / "history.sqlite").read_bytes() == before

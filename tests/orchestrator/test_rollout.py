@@ -213,3 +213,4 @@ def test_phases_add_up_to_no_more_than_the_whole():
     result = rollout(Counting(), load("untrained", {}), episode())
     phases = result.reset_s + result.physics_s + result.render_s + result.inference_s
     assert 0 < phases <= result.wall_s
+    assert 0 < result.query_p50_s <= result.query_p95_s <= result.query_max_s <= result.inference_s

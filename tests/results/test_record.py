@@ -23,12 +23,14 @@ def test_every_field_has_a_sentence_and_a_type(name):
     assert len(sentence.split()) > 1
 
 
-def test_fields_are_outcome_or_telemetry_and_only_routing_perturbation_and_error_may_be_none():
+def test_fields_are_outcome_or_telemetry_and_only_routing_perturbation_answers_and_error_may_be_none():
     assert set(OUTCOME) | set(TELEMETRY) == set(FIELDS)
     assert not set(OUTCOME) & set(TELEMETRY)
     described = describe_fields()
     routing = {"inferred_task", "routing_scores", "unknown_score", "rejected"}
-    assert {name for name in FIELDS if described[name][1]} == {*routing, "delivered", "delivered_statistics", "error"}
+    answers = {"query_p50_s", "query_p95_s", "query_max_s"}
+    optional = {*routing, *answers, "delivered", "delivered_statistics", "error"}
+    assert {name for name in FIELDS if described[name][1]} == optional
 
 
 def test_a_record_carries_the_identity_of_its_episode():

@@ -173,11 +173,11 @@ def test_a_newer_store_is_refused(path):
     with sqlite3.connect(path) as connection:
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
-    with pytest.raises(StoreError, match="store version 99, this program reads version 4"):
+    with pytest.raises(StoreError, match="store version 99, this program reads version 5"):
         Store.open_file(path, "run-1")
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_an_older_store_keeps_its_rows_and_takes_new_ones(path, version):
     text = (Path(__file__).parent / "stores" / f"version-{version}.sql").read_text()
     with sqlite3.connect(path) as connection:
@@ -187,7 +187,7 @@ def test_an_older_store_keeps_its_rows_and_takes_new_ones(path, version):
     c = cells()
     old = [row(c[0], 0), row(c[0], 1, "failure"), row(c[0], 2, "error"), row(c[1], 0)]
     assert sorted(store.results(), key=lambda r: r.episode_id) == sorted(old, key=lambda r: r.episode_id)
-    assert store.add([row(c[0], 3, unknown_score=0.5, delivered=1.25)]) == 1
+    assert store.add([row(c[0], 3, unknown_score=0.5, delivered=1.25, query_max_s=0.5)]) == 1
     store.close()
     history = History.open_file(path)
     (entry,) = history.runs()

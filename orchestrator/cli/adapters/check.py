@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Annotated
 
@@ -16,7 +16,7 @@ from rich.table import Table
 from adapters import catalog
 from adapters.contract import AdapterError, Simulator
 from orchestrator.cli.shared import BadInput, err, fail, homes_here, out
-from orchestrator.conformance.examining import MOST_TASKS, default_tasks, examine
+from orchestrator.conformance.examining import MOST_TASKS, checks_of, default_tasks, examine
 from orchestrator.conformance.findings import Check, Finding, Outcome
 from orchestrator.conformance.processes import TIME_LIMIT_S
 from orchestrator.conformance.registry import CHECKS
@@ -30,7 +30,7 @@ def check(
     task: Annotated[
         list[str] | None, typer.Option(help=f"Only this task. Repeatable; by default {MOST_TASKS} at most.")
     ] = None,
-    all_tasks: Annotated[bool, typer.Option("--all-tasks", help="Every task of the simulator.")] = False,
+    all_tasks: Annotated[bool, typer.Option("--all-tasks", help="Every check on every task of the simulator.")] = False,
     only: Annotated[
         list[str] | None, typer.Option(help="Only this check, or those that begin so, such as action. Repeatable.")
     ] = None,
@@ -39,10 +39,10 @@ def check(
 ) -> None:
     """Check an adapter against its contract, each task in a process of its own. Exit code 1 if a check failed."""
     simulator = _found(name)
-    tasks, checks = _tasks(simulator, task, all_tasks), _checks(only)
+    wanted = checks_of(_tasks(simulator, task, all_tasks), _checks(only), every=all_tasks)
     began = time.perf_counter()
     with _progress() as progress:
-        bar = progress.add_task(name, total=len(tasks) * len(checks), doing="")
+        bar = progress.add_task(name, total=sum(map(len, wanted.values())), doing="")
         seen: set[tuple[str, str]] = set()
         alone = threading.Lock()
 
@@ -51,12 +51,12 @@ def check(
                 seen.add((finding.task, finding.check))
                 progress.update(bar, completed=len(seen), doing=f"{finding.task} {finding.check}")
 
-        findings = examine(tasks, checks, limit_s=time_limit, told=told)
+        findings = examine(wanted, limit_s=time_limit, told=told)
     failed = [finding for finding in findings if finding.outcome is Outcome.FAILED]
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=1))
     else:
-        _show(tasks, checks, findings, time.perf_counter() - began)
+        _show(wanted, findings, time.perf_counter() - began)
     if failed:
         raise typer.Exit(1)
 
@@ -99,17 +99,19 @@ def _progress() -> Progress:
     return Progress(*columns, TextColumn("{task.fields[doing]}"), console=err, transient=True)
 
 
-def _show(tasks: Sequence[str], checks: Sequence[Check], findings: Sequence[Finding], seconds: float) -> None:
+def _show(wanted: Mapping[str, Sequence[Check]], findings: Sequence[Finding], seconds: float) -> None:
     """A row for each check, a column for each task; then what failed, and why what was skipped was."""
     table = Table("check", box=None, pad_edge=False)
-    for task in tasks:
-        table.add_column(task, no_wrap=True)
+    for task in wanted:
+        table.add_column(task.partition("/")[2], no_wrap=True)
     table.add_column("promise")
     worst: dict[tuple[str, str], Outcome] = {}
     for finding in findings:
         worst.setdefault((finding.check, finding.task), finding.outcome)
+    checks = list(dict.fromkeys(check for checks in wanted.values() for check in checks))
     for found in checks:
-        table.add_row(found.name, *(MARKS[worst[found.name, task]] for task in tasks), found.promise)
+        marks = [MARKS[worst[found.name, task]] if found in checks else "" for task, checks in wanted.items()]
+        table.add_row(found.name, *marks, found.promise)
     out.print(table)
     skipped: dict[tuple[str, str], list[str]] = {}
     for finding in findings:
@@ -123,4 +125,4 @@ def _show(tasks: Sequence[str], checks: Sequence[Check], findings: Sequence[Find
         fail(f"{finding.task}: {finding}")
     counts = {outcome: sum(found is outcome for found in worst.values()) for outcome in Outcome}
     numbers = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
-    out.print(f"{len(checks)} checks on {len(tasks)} tasks in {seconds:.0f} s: {numbers}", markup=False)
+    out.print(f"{len(checks)} checks on {len(wanted)} tasks in {seconds:.0f} s: {numbers}", markup=False)

@@ -10,11 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from adapters.adjusting import Adjusters
 from adapters.contract import AdapterError, SimulatorUnavailable
 from orchestrator.scaffold.template.robogauntlet_toysim import adapter
 from orchestrator.scaffold.template.robogauntlet_toysim.adapter import ToysimSimulation
-from orchestrator.scaffold.template.robogauntlet_toysim.cameras import ToysimCameras
 from orchestrator.scaffold.template.robogauntlet_toysim.world import World
 
 LIARS = {}
@@ -282,84 +280,6 @@ class EndsAtHorizon(Liar):
         if self._left < 0:
             raise ValueError("executing action in terminated episode")
         return super().step(action)
-
-
-# Cameras
-
-
-class Mirrored(Liar):
-    def _draw(self, camera, size):
-        return super()._draw(camera, size)[:, ::-1].copy()
-
-
-class UpsideDown(Liar):
-    def _draw(self, camera, size):
-        return super()._draw(camera, size)[::-1].copy()
-
-
-class WristTurnedRound(Liar):
-    def _draw(self, camera, size):
-        image = super()._draw(camera, size)
-        return image[::-1, ::-1].copy() if camera == "wrist" else image
-
-
-class PictureUpsideDown(Liar):
-    def picture(self):
-        return super().picture()[::-1].copy()
-
-
-class Misplaced(ToysimCameras):
-    def viewpoint(self, camera):
-        own = super().viewpoint(camera)
-        return replace(own, position=own.position + np.array([0.0, 0.5, 0.0]))
-
-
-class Wide(ToysimCameras):
-    def viewpoint(self, camera):
-        own = super().viewpoint(camera)
-        return replace(own, fovy=2.0 * own.fovy)
-
-    def set_viewpoint(self, camera, viewpoint):
-        super().set_viewpoint(camera, replace(viewpoint, fovy=0.5 * viewpoint.fovy))
-
-
-class Deaf(ToysimCameras):
-    def set_viewpoint(self, camera, viewpoint):
-        pass
-
-
-class _OtherCameras(Liar):
-    cameras = ToysimCameras
-
-    def __init__(self, view):
-        super().__init__(view)
-        self._cameras = self.cameras()
-        self.adjusters = Adjusters(cameras=self._cameras)
-
-
-class CameraElsewhere(_OtherCameras):
-    cameras = Misplaced
-
-
-class HalfTheLens(_OtherCameras):
-    cameras = Wide
-
-
-class CameraStays(_OtherCameras):
-    cameras = Deaf
-
-
-class CameraKeepsItsPlace(_OtherCameras):
-    def reset(self, seed, condition):
-        now = dict(self._cameras.now)
-        super().reset(seed, condition)
-        self._cameras.now = now
-
-
-class OffersNothing(Liar):
-    def __init__(self, view):
-        super().__init__(view)
-        self.adjusters = Adjusters()
 
 
 # What is taken and not given back

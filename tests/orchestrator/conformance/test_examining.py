@@ -6,7 +6,7 @@ import psutil
 import pytest
 
 from adapters.contract import Simulator, TaskCard
-from orchestrator.conformance.examining import Examination, default_tasks, examine
+from orchestrator.conformance.examining import Examination, checks_of, default_tasks, examine
 from orchestrator.conformance.findings import Outcome
 from orchestrator.conformance.registry import CHECKS
 
@@ -78,7 +78,10 @@ def test_the_honest_toy_passes_in_a_process_of_its_own(examination):
 
 def test_findings_are_told_as_they_come_and_returned_by_task():
     told = []
-    findings = examine(["honest/Reach", "otherwords/Reach"], [CHECKS["card"], CHECKS["observation"]], told=told.append)
+    findings = examine(
+        {task: [CHECKS["card"], CHECKS["observation"]] for task in ("honest/Reach", "otherwords/Reach")},
+        told=told.append,
+    )
     assert [(f.task, f.check, f.outcome) for f in findings] == [
         ("honest/Reach", "card", Outcome.PASSED),
         ("honest/Reach", "observation", Outcome.PASSED),
@@ -95,7 +98,13 @@ def test_of_many_tasks_three_are_checked_evenly_spread(count, chosen):
     assert default_tasks(simulator) == [f"many/T{i}" for i in chosen]
 
 
+def test_what_tells_of_the_simulator_is_checked_in_one_task_unless_all_is_asked_for():
+    checks = CHECKS["card"], CHECKS["memory"]
+    assert checks_of(["a/A", "a/B"], checks, every=False) == {"a/A": [*checks], "a/B": [checks[0]]}
+    assert checks_of(["a/A", "a/B"], checks, every=True) == {"a/A": [*checks], "a/B": [*checks]}
+
+
 def test_a_check_leaves_no_descriptor_behind():
     before = psutil.Process(os.getpid()).num_fds()
-    examine(["honest/Reach"], [CHECKS["card"]])
+    examine({"honest/Reach": [CHECKS["card"]]})
     assert psutil.Process(os.getpid()).num_fds() == before

@@ -6,6 +6,7 @@ from orchestrator.conformance import resources
 from orchestrator.conformance.findings import Outcome
 from orchestrator.conformance.registry import CHECKS
 from orchestrator.conformance.subject import Subject
+from tests.orchestrator.conformance import camera_liars  # noqa: F401  registers them
 from tests.orchestrator.conformance.liars import LIARS
 
 LIES = [
@@ -51,11 +52,12 @@ LIES = [
     ("endsathorizon", "survives", "steps beyond the horizon of 60; seen: ValueError: executing action in terminated"),
     ("mirrored", "camera-viewpoint", "they move as in an image that is mirrored"),
     (
-        "upsidedown",
+        "upsidedownuntold",
         "camera-upright",
         "motion to go up in the third-person image as the tool goes up; seen: it goes down",
     ),
     ("upsidedown", "camera-viewpoint", "third_person, turned by 8 deg, to show the same things moved accordingly"),
+    ("hangsfromtheceiling", "camera-upright", "the image's down to point down in the base frame; seen: it points to"),
     ("wristturnedround", "camera-viewpoint", "wrist, turned by 8 deg, to show the same things moved accordingly"),
     ("pictureupsidedown", "camera-picture", "the picture to look like the third-person image"),
     ("cameraelsewhere", "camera-place", "where tcp_position projects; seen: motion around row"),

@@ -301,6 +301,19 @@ OPTIONS = {
     "one key": ({"cameras": {"wrist": "prompt"}}, "expected another key for each part"),
     "columns": ({"columns": [0, 1]}, "columns: expected 7 places, got 2"),
     "column": ({"columns": [-1] * 7}, "columns.0"),
+    "columns of a quaternion": (
+        {"rotation": "quaternion-xyzw", "columns": [0, 1, 2, 3, 4, 5, 6]},
+        "columns: expected 8 places for a quaternion-xyzw, got 7",
+    ),
+    "no quaternion": (
+        {"rotation": "quaternion-wxyz", "columns": [0, 1, 2, None, None, None, None, 3]},
+        "columns: a quaternion is never all 0",
+    ),
+    "unit of a quaternion": (
+        {"rotation": "quaternion-wxyz", "rotation_scale": 0.5},
+        "rotation_scale: quaternions have",
+    ),
+    "rotation": ({"rotation": "rpy"}, "rotation: Input should be 'axis-angle', 'euler'"),
     "gripper": ({"gripper_open": 1.0}, "expected gripper_open other than gripper_closed"),
     "scale": ({"translation_scale": float("nan")}, "translation_scale"),
     "size": ({"image_size": 8}, "image_size"),

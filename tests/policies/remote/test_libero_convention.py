@@ -43,8 +43,8 @@ def test_a_task_of_something_else_is_refused(task):
 
 
 def test_a_scale_beside_the_convention_is_refused():
-    with pytest.raises(PolicyError, match="expected no translation_scale and no rotation_scale"):
-        read_card({**CARD, "translation_scale": 0.05})
+    with pytest.raises(PolicyError, match="expected no translation_scale and no turn, which convention libero says"):
+        read_card({**CARD, "translation_scale": 0.05, "turn": "half"})
 
 
 def test_a_policy_of_which_nothing_is_said_stays_the_one_that_it_was():

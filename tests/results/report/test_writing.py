@@ -125,7 +125,7 @@ def test_the_shape_of_the_summary_is_stable():
     """Programs read this file: adding a field is fine (add it here), renaming or removing one needs a new `format`."""
     schema = Summary.model_json_schema()
     assert sorted(schema["properties"]) == [
-        *("cells", "confidence", "elapsed_s", "episodes_per_hour", "error_messages", "errors"),
+        *("answers", "cells", "confidence", "elapsed_s", "episodes_per_hour", "error_messages", "errors"),
         *("findings", "finished_at", "format"),
         *(
             "merging",
