@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from adapters.adjusting import Placeable
 from adapters.contract import FloatArray
 from adapters.frames import wxyz_to_xyzw
-from adapters.robosuite.frame import BaseFrame
+from adapters.mujoco_parts.frame import BaseFrame
 
 
 class RobosuiteObjects:

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
@@ -82,7 +81,9 @@ class LeRobotPolicy:
             raise ProcessLost("LeRobot's process ended while the episode was under way")
         card, seen = self._checkpoint.card, query.observation
         assert seen is not None
-        arrays = card_message(card, replace(seen, proprioception=seen.proprioception.astype(np.float32)))
+        arrays = card_message(card, seen, query.episode.task)
+        if card.proprioception is not None:
+            arrays[card.proprioception] = arrays[card.proprioception].astype(np.float32)
         seed = int(content_hash([query.episode.id, query.step]), 16) % 2**63
         message = {"episode": query.episode.id, "seed": seed, "task": seen.instruction, "over": self._over}
         answer = self._process.ask(message, arrays)

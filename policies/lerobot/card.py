@@ -71,7 +71,7 @@ def read_checkpoint(options: Mapping[str, Any]) -> Checkpoint:
         PolicyMismatch: The options do not fit the checkpoint, or it does not fit our observations and actions.
     """
     try:
-        card = Card.model_validate(dict(options))
+        card = Card.model_validate(dict(options)).spelled_out()
     except ValidationError as error:
         fault = first_fault(error).removeprefix("all of it: ").replace("Value error, ", "")
         raise PolicyError(f"policy '{NAME}': {' '.join(fault.split())}") from None

@@ -18,7 +18,7 @@ from policies.oracles.plugins import OraclePlugin, load_oracles
 from suites.plugins import BrokenPlugin
 from suites.vocabulary import Episode
 
-_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "gymnasium")
+_SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "gymnasium", "libero")
 
 
 @cache

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from adapters.contract import ACTION_DIM, FloatArray, Image, Observation
 from policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Sees
+from policies.remote import libero
 from policies.remote.card import ACTIONS_KEY, Card, Convention
 from policies.remote.episodes import Greeting, as_message, greeting_in, routing_in
 from policies.remote.line import Line, packed
@@ -126,7 +127,7 @@ class RemotePolicy:
         if self._is_ours:
             return as_message(query, self._finished)
         assert query.observation is not None
-        message = card_message(self._card, query.observation)
+        message = card_message(self._card, query.observation, query.episode.task)
         if self._greeting is not None:
             whole = as_message(query, self._finished)
             message |= {key: whole[key] for key in whole if key.startswith("gauntlet/")}
@@ -146,13 +147,20 @@ def card_spec(card: Card) -> PolicySpec:
     return PolicySpec(Sees.OBSERVATION, card.execute or MOST_ACTIONS, cameras=tuple(card.cameras))
 
 
-def card_message(card: Convention, seen: Observation) -> dict[str, Any]:
-    """An observation under the server's keys."""
+def card_message(card: Convention, seen: Observation, task: str) -> dict[str, Any]:
+    """An observation of a task under the server's keys.
+
+    Raises:
+        PolicyMismatch: The card's convention is of other tasks.
+    """
     message: dict[str, Any] = {
         key: resized(card, turned(card, seen.images[camera])) for camera, key in card.cameras.items()
     }
     if card.proprioception is not None:
-        message[card.proprioception] = seen.proprioception
+        own = card.convention == "robogauntlet"
+        message[card.proprioception] = (
+            seen.proprioception if own else libero.native_proprioception(task, seen.proprioception)
+        )
     if card.instruction is not None:
         message[card.instruction] = seen.instruction
     return message

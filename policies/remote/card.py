@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from adapters.contract import ACTION_DIM
 from policies.contract import PolicyError
+from policies.remote import libero
 from suites.vocabulary import CAMERAS, content_hash
 
 NAME = "openpi"
@@ -24,6 +25,10 @@ class Convention(BaseModel):
     """How an observation is given to somebody else's policy, and how its answer is to be read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    convention: Literal["robogauntlet", "libero"] = "robogauntlet"
+    """What observation and answer mean: ours, or that of policies trained on LIBERO's data (`policies.remote.libero`),
+    which then says `turn`, `rotation` and the scales."""
 
     cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
     """Camera to the server's key."""
@@ -65,9 +70,16 @@ class Convention(BaseModel):
             raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
         if self.turns_by_quaternion and self.rotation_scale != 1.0:
             raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
+        said = sorted(self.model_fields_set & libero.OPTIONS.keys())
+        if self.convention == "libero" and said:
+            raise ValueError(f"expected no {' and no '.join(said)}, which convention libero says")
         if self.gripper_open == self.gripper_closed:
             raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
         return self
+
+    def spelled_out(self) -> Self:
+        """The same with what its convention says of the other options."""
+        return self.model_copy(update=libero.OPTIONS) if self.convention == "libero" else self
 
     @property
     def turns_by_quaternion(self) -> bool:
@@ -126,9 +138,10 @@ class Card(Convention):
 
 
 _HOW = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
-_LATER = (("turn", "none"), ("rotation", "axis-angle"))
+_LATER = (("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle"))
 """Defaults of options that came later: without them, the hash of a policy that does not use them stays what it was."""
 CONVENTION_OPTIONS = {
+    "convention": "robogauntlet, or libero for policies trained on LIBERO's own data",
     "cameras": "camera to the server's key",
     "proprioception": "key of the eight numbers; null to leave them out",
     "instruction": "key of the goal in words; null to leave it out",
@@ -165,10 +178,11 @@ def read_card(options: Mapping[str, Any]) -> Card:
         PolicyError: One is missing, or is not what it should be; in one line.
     """
     try:
-        return Card.model_validate(dict(options))
+        card = Card.model_validate(dict(options))
     except ValidationError as error:
         fault = first_fault(error).removeprefix("all of it: ").replace("Value error, ", "")
         raise PolicyError(f"policy '{NAME}': {' '.join(fault.split())}") from None
+    return card.spelled_out()
 
 
 def first_fault(error: ValidationError) -> str:

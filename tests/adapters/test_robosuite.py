@@ -8,7 +8,7 @@ import pytest
 
 from adapters.adjusting import Dynamics, Form, Light, Prop, unit
 from adapters.contract import FloatArray, SimulatorUnavailable
-from adapters.robosuite.lights import development
+from adapters.mujoco_parts.lights import development
 from adapters.robosuite.simulation import SIMULATOR, RobosuiteSimulation, import_simulator
 from suites.vocabulary import Condition, RenderProfile, View
 
@@ -125,7 +125,7 @@ def test_fast_draws_neither_shadows_nor_multisampling() -> None:
         simulation = SIMULATOR.open("Lift", View(cameras=("third_person",), image_size=48, render_profile=profile))
         simulation.reset(0, CLEAN)
         pixels[profile] = simulation.observe().images["third_person"]
-        flags = simulation._renderer(48).scene.flags
+        flags = simulation._scene.renderers[48].scene.flags
         drawn = bool(flags[simulation._mujoco.mjtRndFlag.mjRND_SHADOW])
         assert drawn == (profile is RenderProfile.STANDARD)
         simulation.close()

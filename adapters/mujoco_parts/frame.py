@@ -1,4 +1,4 @@
-"""The frame of the robot's base in robosuite's worlds."""
+"""The frame of the robot's base in MuJoCo's worlds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sets mass and friction of the things in robosuite's tasks."""
+"""Sets mass and friction of the things in a task."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SLIDING = 0
 CHANGED = (*MASSES, *COMPLIANCES, "geom_friction")
 
 
-class RobosuiteBodies:
+class MujocoBodies:
     """See `adapters.adjusting.Bodies`.
 
     MuJoCo's contacts take the larger of two frictions: what slides on the table (1) or between the fingertips (2) does

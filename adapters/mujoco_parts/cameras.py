@@ -1,4 +1,4 @@
-"""Moves the cameras of robosuite's models."""
+"""Moves the cameras of robosuite's models, and of those that are built on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RIGHT_DOWN_FORWARD = np.diag([1.0, -1.0, -1.0])
 """The image's right, down and forward, as columns, in MuJoCo's camera frame: x right, y up, looking along -z."""
 
 
-class RobosuiteCameras:
+class MujocoCameras:
     """See `adapters.adjusting.Cameras`. The model is changed; poses follow when the scene is next drawn."""
 
     def __init__(self, model: Any, base: Any) -> None:

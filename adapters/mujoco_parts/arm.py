@@ -1,4 +1,4 @@
-"""Brings robosuite's arm to where an episode is to start."""
+"""Brings an arm of robosuite's to where an episode is to start."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from adapters.adjusting import Unreachable
 from adapters.contract import FloatArray
-from adapters.robosuite.frame import BaseFrame
+from adapters.mujoco_parts.frame import BaseFrame
 
 NEAR, ALIGNED = 1e-3, 1e-2
 """How well a pose has to be met (m, rad)."""
@@ -18,28 +18,34 @@ DAMPING, STRIDE, ROUNDS = 1e-4, 0.1, 200
 """Of the inverse kinematics: what is added to J J', the most that a round corrects (m, rad), and how many there are."""
 
 
-class RobosuiteArm:
+class MujocoArm:
     """See `adapters.adjusting.Arm`. Every reset puts the arm where it starts, with new controllers: nothing to undo."""
 
     turns = True
 
     def __init__(
-        self, mujoco: Any, simulator: tuple[Any, Any], robot: Any, frame: BaseFrame, settle: Callable[[], None]
+        self,
+        mujoco: Any,
+        simulator: tuple[Any, Any],
+        controller: Callable[[], Any],
+        tool: tuple[str, str],
+        frame: BaseFrame,
+        settle: Callable[[], None],
     ) -> None:
         """Take the arm.
 
         Args:
             mujoco: The module.
             simulator: MuJoCo's model and data.
-            robot: robosuite's.
+            controller: robosuite's of the arm, whenever asked: resets make a new one.
+            tool: Names of the tool centre point's site and of the hand's body.
             frame: The robot's base.
             settle: Brings forces and contacts up to date.
         """
-        self._mujoco, self._robot, self._frame, self._settle = mujoco, robot, frame, settle
+        self._mujoco, self._controller, self._frame, self._settle = mujoco, controller, frame, settle
         self._model, self._data = simulator
-        self._site = self._model.site(robot.gripper["right"].important_sites["grip_site"]).id
-        self._hand = self._model.body(robot.robot_model.eef_name["right"]).id
-        arm = robot.part_controllers["right"]
+        self._site, self._hand = self._model.site(tool[0]).id, self._model.body(tool[1]).id
+        arm = controller()
         self._joints, self._qpos, self._dofs = arm.joint_index, arm.qpos_index, arm.qvel_index
         self._scratch: Any = None
         """Data to try joint positions on, made on first use."""
@@ -63,7 +69,7 @@ class RobosuiteArm:
             raise Unreachable(f"no tool pose at ({where}) m: {touched} would touch")
         self._data.qpos[self._qpos], self._data.qvel[self._dofs] = joints, 0.0
         # The controller pulls idle joints to where it believes the arm to have started. Resets make a new one.
-        self._robot.part_controllers["right"].update_initial_joints(joints)
+        self._controller().update_initial_joints(joints)
         self._settle()
 
     def _reach(self, position: FloatArray, rotation: Rotation) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""Dims, colours and turns the light of robosuite's models.
+"""Dims, colours and turns the light of robosuite's models, and of those that are built on it.
 
 The gain is not put into the lamps. MuJoCo limits the light that falls on a surface to 1 before the surface's texture
 comes in, and robosuite's lamps add up to 1.2 on what is level: at half the light, which is 0.73 of the lamps, floors
@@ -11,39 +11,55 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from adapters.adjusting import Light, unit
 from adapters.contract import FloatArray, Image
-from adapters.robosuite.frame import BaseFrame
+from adapters.mujoco_parts.frame import BaseFrame
 from suites.photometry import encoded, linear
 
-KEY = 0
-"""The one lamp of robosuite's tables. The headlight, which follows the camera, has no direction of its own."""
 
-
-class RobosuiteLights:
+class MujocoLights:
     """See `adapters.adjusting.Lights`. What is drawn passes through `develop`; directions follow when it is drawn."""
 
-    def __init__(self, model: Any, frame: BaseFrame) -> None:
-        """Args: model: MuJoCo's; frame: the robot's base."""
-        self._model, self._frame = model, frame
-        self._own_direction = model.light_dir[KEY].copy()
+    def __init__(self, model: Any, frame: BaseFrame, key: int = 0, *, lit: FloatArray | None = None) -> None:
+        """Take the lamps.
+
+        Args:
+            model: MuJoCo's.
+            frame: The robot's base.
+            key: Number of the key light. The headlight, which follows the camera, has no direction of its own.
+            lit: If the key light stands somewhere instead of shining alike on everything: the point (3,) of the
+                world, m, that it is turned about.
+        """
+        self._model, self._frame, self._key, self._lit = model, frame, key, lit
+        self._own_direction, self._own_position = model.light_dir[key].copy(), model.light_pos[key].copy()
         self._gain = np.ones(3)
         self._developed: Image | None = None
         """What becomes of each value in each channel, (256, 3); None while nothing changes."""
 
     def undo(self) -> None:
         """Give the scene its own light back."""
-        self._model.light_dir[KEY] = self._own_direction
+        self._model.light_dir[self._key] = self._own_direction
+        self._model.light_pos[self._key] = self._own_position
         self._gain, self._developed = np.ones(3), None
 
     def light(self) -> Light:
         """The gain that images are developed with, and the key light's direction as MuJoCo has it."""
-        return Light(self._gain.copy(), unit(-self._frame.rotation.inv().apply(self._model.light_dir[KEY])))
+        model = self._model
+        away = -model.light_dir[self._key] if self._lit is None else model.light_pos[self._key] - self._lit
+        return Light(self._gain.copy(), unit(self._frame.rotation.inv().apply(away)))
 
     def set_light(self, light: Light) -> None:
         """Give the scene another light, until the next reset."""
-        self._model.light_dir[KEY] = -self._frame.rotation.apply(light.direction)
+        away = self._frame.rotation.apply(light.direction)
+        if self._lit is None:
+            self._model.light_dir[self._key] = -away
+        else:  # Carried round: it shines as far off its mark as before.
+            lever = self._own_position - self._lit
+            turn, _ = Rotation.align_vectors(away[None], unit(lever)[None])
+            self._model.light_pos[self._key] = self._lit + turn.apply(lever)
+            self._model.light_dir[self._key] = turn.apply(self._own_direction)
         self._gain = np.array(light.gain, dtype=np.float64)
         self._developed = None if (self._gain == 1.0).all() else development(self._gain)
 

@@ -1,4 +1,4 @@
-"""Sets robosuite's stage: props that are only drawn, and another surface on the table."""
+"""Sets the stage of robosuite's tables: props that are only drawn, and another surface on the table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from adapters.adjusting import Form, Prop
 from adapters.contract import FloatArray, Image
-from adapters.robosuite.frame import BaseFrame
+from adapters.mujoco_parts.frame import BaseFrame
 
 TABLE = "table_visual"
 SPARE_MATERIAL, SPARE_TEXTURE = "table_mat", "textable"
@@ -19,7 +19,7 @@ TOP = 4
 """The face of MuJoCo's cube textures that lies upwards."""
 
 
-class RobosuiteStage:
+class MujocoStage:
     """See `adapters.adjusting.Stage`. Props are added to what is drawn, not to the model."""
 
     def __init__(self, mujoco: Any, simulator: tuple[Any, Any], frame: BaseFrame, renderers: Mapping[int, Any]) -> None:

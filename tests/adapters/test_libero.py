@@ -1,0 +1,204 @@
+"""What only LIBERO's adapter promises, where LIBERO is installed: `gauntlet env create libero` makes such a place."""
+
+import itertools
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from adapters.contract import AdapterError, FloatArray, Image
+from adapters.libero import SIMULATOR
+from adapters.libero.assets import package_folder
+from adapters.libero.package import open_libero
+from adapters.libero.simulation import PATIENCE, SETTLING, STILL, LiberoSimulation
+from adapters.libero.tasks import libero_tasks
+from policies.remote.libero import ROTATION, TRANSLATION, native_image, native_proprioception
+from suites.vocabulary import CAMERAS, Condition, View
+
+pytestmark = [
+    pytest.mark.simulator,
+    pytest.mark.skipif(package_folder() is None, reason="LIBERO is not installed here: gauntlet env create libero"),
+]
+CLEAN = Condition()
+DRAWER = "spatial-4-in-top-drawer-wooden-cabinet"
+"""Fixtures, one of which starts open."""
+FLOOR = "object-0-alphabet-soup"
+"""No fixtures."""
+SEED, SIZE = 3, 64
+
+
+@pytest.fixture(scope="module")
+def drawer() -> Iterator[LiberoSimulation]:
+    simulation = SIMULATOR.open(DRAWER, View(CAMERAS, SIZE))
+    yield simulation
+    simulation.close()
+
+
+@pytest.fixture(scope="module")
+def floor() -> Iterator[LiberoSimulation]:
+    simulation = SIMULATOR.open(FLOOR, View(CAMERAS, SIZE))
+    yield simulation
+    simulation.close()
+
+
+def exact_state(simulation: LiberoSimulation) -> FloatArray:
+    data = simulation._data
+    return np.concatenate([data.qpos, data.qvel, data.qacc, data.qacc_warmstart, data.ctrl])
+
+
+def quat2axisangle(quaternion: FloatArray) -> FloatArray:
+    """As the evaluations of policies for LIBERO turn the hand's quaternion, xyzw, into three numbers."""
+    cosine = np.clip(quaternion[3], -1.0, 1.0)
+    return quaternion[:3] * 2.0 * np.arccos(cosine) / np.sqrt(1.0 - cosine**2)
+
+
+def native_episode(task: str, actions: FloatArray) -> tuple[FloatArray, dict[str, Image], FloatArray]:
+    """State, images as LIBERO gives them, and proprioception after these actions under LIBERO's own protocol."""
+    package, known = open_libero(), libero_tasks()[task]
+    from libero.libero.envs import OffScreenRenderEnv
+
+    env = OffScreenRenderEnv(
+        bddl_file_name=str(package.description(known.libero_suite, known.name)),
+        camera_heights=SIZE,
+        camera_widths=SIZE,
+    )
+    env.env.object_property_initializers = []  # Else this hard reset draws for the drawers of two models.
+    env.seed(SEED)
+    env.reset()
+    env.set_init_state(package.stored_states(known.libero_suite, known.name)[SEED])
+    for action in itertools.chain([STILL] * SETTLING, actions):
+        env.step(list(action))
+    state = np.concatenate([env.sim.data.qpos, env.sim.data.qvel])
+    env.env.sim.forward()
+    seen = env.env._get_observations(force_update=True)
+    env.close()
+    images = {"third_person": seen["agentview_image"], "wrist": seen["robot0_eye_in_hand_image"]}
+    proprioception = np.concatenate([seen["robot0_eef_pos"], seen["robot0_eef_quat"], seen["robot0_gripper_qpos"]])
+    return state, images, proprioception
+
+
+def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer: LiberoSimulation) -> None:
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (8, 7))
+    drawer.reset(SEED, CLEAN)
+    for action in actions:
+        drawer._step(action)
+    state = np.concatenate([drawer._data.qpos, drawer._data.qvel])
+    seen = drawer.observe()
+    theirs, images, proprioception = native_episode(DRAWER, actions)
+    assert np.array_equal(state, theirs)
+    for camera, image in images.items():
+        assert np.array_equal(seen.images[camera], image[::-1]), camera
+        assert np.array_equal(native_image(seen.images[camera]), image[::-1, ::-1]), camera
+    ours = native_proprioception(f"libero/{DRAWER}", seen.proprioception)
+    np.testing.assert_allclose(ours[:3], proprioception[:3], atol=1e-9)
+    np.testing.assert_allclose(ours[3:6], quat2axisangle(proprioception[3:7]), atol=1e-6)
+    np.testing.assert_allclose(ours[6:], proprioception[7:], atol=1e-9)
+
+
+def test_an_action_of_the_largest_size_is_liberos_own_of_1(floor: LiberoSimulation) -> None:
+    np.testing.assert_allclose(floor.action_spec.high, [TRANSLATION] * 3 + [ROTATION] * 3 + [1.0])
+    states = []
+    for native in (True, False):
+        floor.reset(0, CLEAN)
+        for sign in (1.0, -1.0, 1.0):
+            share = np.full(7, sign)
+            floor._step(share) if native else floor.step(share * floor.action_spec.high)
+        states.append(exact_state(floor))
+    assert np.array_equal(*states)
+
+
+def test_a_seed_is_a_stored_state_and_a_placement_of_the_fixtures(drawer: LiberoSimulation) -> None:
+    drawer.reset(1, CLEAN)
+    fixed, bowl = drawer._model.body("wooden_cabinet_1_main").pos.copy(), drawer._states[1]
+    drawer.reset(51, CLEAN)
+    assert np.array_equal(drawer._states[51 % 50], bowl)
+    moved = np.linalg.norm(drawer._model.body("wooden_cabinet_1_main").pos - fixed)
+    assert 0.0 < moved < 0.03
+
+
+def test_without_fixtures_seeds_from_fifty_on_repeat(floor: LiberoSimulation) -> None:
+    hashes = []
+    for seed in (1, 51, 2):
+        floor.reset(seed, CLEAN)
+        hashes.append(floor.state_hash())
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_nothing_of_an_episode_is_left_by_the_next_reset(drawer: LiberoSimulation) -> None:
+    drawer.reset(1, CLEAN)
+    before = exact_state(drawer)
+    drawer.reset(2, CLEAN)
+    for _ in range(5):
+        drawer.step(np.full(7, 1.0))
+    drawer.observe()
+    drawer.reset(1, CLEAN)
+    assert np.array_equal(before, exact_state(drawer))
+
+
+def test_a_reset_leaves_numpys_global_generator_as_it_was(floor: LiberoSimulation) -> None:
+    np.random.seed(5)
+    expected = np.random.random(3)
+    np.random.seed(5)
+    floor.reset(0, CLEAN)
+    assert np.array_equal(np.random.random(3), expected)
+
+
+def test_two_open_tasks_draw_their_own_worlds(drawer: LiberoSimulation, floor: LiberoSimulation) -> None:
+    for simulation in (drawer, floor):
+        simulation.reset(0, CLEAN)
+    first = [simulation.observe().images["third_person"] for simulation in (drawer, floor)]
+    again = [simulation.observe().images["third_person"] for simulation in (drawer, floor)]
+    assert all(np.array_equal(*pair) for pair in zip(first, again, strict=True))
+    assert np.abs(first[0].astype(int) - first[1]).mean() > 20
+
+
+def test_what_is_drawn_is_told_with_what_draws(floor: LiberoSimulation) -> None:
+    assert re.search(r", LIBERO assets [0-9a-f]{8} with(out)? stand-ins$", floor.render_device())
+
+
+def test_stepping_updates_no_observables(drawer: LiberoSimulation) -> None:
+    assert drawer._env.enabled_observables == set()
+
+
+def test_how_far_things_slid_while_they_came_to_rest_is_told(drawer: LiberoSimulation) -> None:
+    drawer.reset(0, CLEAN)
+    assert drawer.privileged_state()["settling_shift"] < 0.005
+
+
+def test_a_stored_state_that_does_not_come_to_rest_is_refused(
+    floor: LiberoSimulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    falling = floor._states.copy()
+    start = floor._model.jnt_qposadr[floor._model.joint("alphabet_soup_1_joint0").id]
+    falling[7, 1 + start + 2] += 50.0
+    monkeypatch.setattr(floor, "_states", falling)
+    with pytest.raises(AdapterError, match=f"stored state 7 does not come to rest within {PATIENCE} steps"):
+        floor.reset(7, CLEAN)
+
+
+def test_a_scene_without_room_is_an_error_and_no_endless_loop(
+    floor: LiberoSimulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from robosuite.utils.errors import RandomizationError
+
+    def full() -> None:
+        raise RandomizationError("no room")
+
+    monkeypatch.setattr(floor._env, "reset", full)
+    with pytest.raises(AdapterError, match="found no room for its things in 100 tries"):
+        floor.reset(0, CLEAN)
+
+
+def test_the_tasks_that_were_written_down_are_those_of_the_package() -> None:
+    from pathlib import Path
+
+    from libero.libero.benchmark import get_benchmark
+
+    from adapters.libero import survey, tasks
+
+    kept = Path(tasks.__file__).with_name("tasks.json").read_text(encoding="utf-8")
+    assert survey.written(survey.survey()) == kept
+    for suite, theirs in tasks.SUITES.items():
+        said = [task.language for task in get_benchmark(theirs)().tasks]
+        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == said

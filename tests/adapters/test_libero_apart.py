@@ -1,0 +1,97 @@
+"""LIBERO in the environment that `gauntlet env create` makes for it, on a machine that has only the pack of assets."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+from adapters.libero.assets import VARIABLE, package_folder, unpack
+from results.opening import open_run
+
+ROOT = Path(__file__).parents[2]
+PACK = ROOT / "tests" / "data" / "libero-assets.tar.xz"
+SUITE = """
+name: both
+policies: [oracle]
+tasks: [robosuite/Lift, libero/goal-7-*]
+seeds: {start: 0, count: 2}
+workers: {robosuite: 1, libero: 1}
+"""
+pytestmark = [
+    pytest.mark.simulator,
+    pytest.mark.ray,
+    pytest.mark.skipif(package_folder() is not None, reason="LIBERO is installed here: its tests run as they are"),
+]
+
+
+@pytest.fixture(scope="module")
+def surroundings(request: pytest.FixtureRequest) -> Mapping[str, str]:
+    """Environment variables under which LIBERO is found: its Python environment and its assets, kept between runs."""
+    kept = Path(request.config.cache.mkdir("libero"))
+    assets = unpack(PACK, kept / "assets")
+    named = {"GAUNTLET_ENVIRONMENTS": str(kept / "environments"), VARIABLE: str(assets.folder)}
+    return os.environ | named
+
+
+def gauntlet(surroundings: Mapping[str, str], *arguments: str) -> str:
+    code = "from orchestrator.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env=surroundings,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def python(surroundings: Mapping[str, str]) -> Iterator[str]:
+    """The Python of LIBERO's environment."""
+    gauntlet(surroundings, "env", "create", "libero")
+    (found,) = Path(surroundings["GAUNTLET_ENVIRONMENTS"]).glob("libero-*/bin/python")
+    return str(found)
+
+
+def test_robosuite_1_4_shadows_the_one_behind_it(surroundings: Mapping[str, str], python: str) -> None:
+    code = (
+        "import json, robosuite, mujoco, ray\n"
+        "print(json.dumps([robosuite.__version__, robosuite.__file__, mujoco.__version__, ray.__file__]))"
+    )
+    done = subprocess.run([python, "-c", code], capture_output=True, text=True, check=True, env=surroundings)
+    version, place, mujoco, ray = json.loads(done.stdout.splitlines()[-1])
+    assert version == "1.4.0"
+    assert place.startswith(str(Path(python).parents[1]))
+    assert mujoco == "3.3.7"
+    assert not ray.startswith(str(Path(python).parents[1]))
+
+
+def test_what_libero_s_adapter_and_oracles_promise_holds_there(surroundings: Mapping[str, str], python: str) -> None:
+    files = ["tests/adapters/test_libero.py", "tests/policies/test_libero_oracles.py"]
+    command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *files]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=surroundings)
+    assert done.returncode == 0, done.stdout[-6000:]
+    assert "skipped" not in done.stdout.splitlines()[-1]
+
+
+def test_robosuite_1_5_and_libero_are_played_in_one_run(
+    surroundings: Mapping[str, str], python: str, tmp_path: Path
+) -> None:
+    suite, folder = tmp_path / "both.yaml", tmp_path / "run"
+    suite.write_text(SUITE)
+    gauntlet(surroundings, "run", str(suite), "--out", str(folder), "--no-media")
+    run = open_run(folder)
+    document = run.document
+    assert document.provenance.packages["robosuite"] == "1.5.2"
+    assert document.provenance.environments["libero"].packages["robosuite"] == "1.4.0"
+    assert "with stand-ins" in document.render_devices["libero"]
+    rows = run.episodes(("task", "status"))
+    assert sorted(rows["task"]) == ["libero/goal-7-turn-on-stove"] * 2 + ["robosuite/Lift"] * 2
+    assert set(rows["status"]) == {"success"}
