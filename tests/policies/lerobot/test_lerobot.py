@@ -157,6 +157,11 @@ def test_the_hash_is_of_the_files_and_of_how_it_is_asked_not_of_where_it_lies(ba
     assert len(set(hashes)) == len(hashes)
 
 
+def test_a_checkpoint_trained_on_libero_s_data_is_asked_in_its_convention(bare):
+    card = read_checkpoint({"checkpoint": str(bare()), "convention": "libero"}).card
+    assert (card.turn, card.translation_scale, card.rotation_scale) == ("left-right", 0.0131, 0.118)
+
+
 def test_a_checkpoint_says_how_often_it_looks_and_how_large(bare):
     spec = read_checkpoint({"checkpoint": str(bare())}).spec
     assert (spec.chunk_length, spec.cameras, spec.image_size) == (3, ("third_person",), 32)
