@@ -5,12 +5,13 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast lint docs bench chaos report zoo clean
+.PHONY: help setup demo test test-fast test-lerobot lint docs bench chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
 	@echo "make test       set up, check style and types, run all tests"
 	@echo "make test-fast  only the tests that need neither simulators nor Ray (seconds)"
+	@echo "make test-lerobot  checkpoints of LeRobot against LeRobot itself, in an environment made for it"
 	@echo "make lint       ruff and mypy"
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
@@ -44,6 +45,11 @@ lint: setup
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy --no-error-summary
+
+# LeRobot wants other versions than we do; its environment is made beside ours, from the package index.
+test-lerobot: setup
+	GAUNTLET_ENVIRONMENTS=$(abspath $(VENV))/environments $(BIN)/gauntlet env create lerobot
+	$(BIN)/python -m pytest -q tests/policies/lerobot
 
 docs: setup
 	@# With --quiet, the strict mode would not hear of warnings.

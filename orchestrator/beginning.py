@@ -8,6 +8,7 @@ from pathlib import Path
 
 from adapters import catalog as simulators
 from orchestrator import provenance
+from orchestrator.environments.environment import Tenant, tenants
 from orchestrator.plan import Plan, PlanError, check_same
 from results.comparison import OWN
 from results.database import without_password
@@ -67,8 +68,14 @@ def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
         floors=plan.suite.floors,
         workers=workers,
         skipped=dict(plan.unavailable),
-        provenance=provenance.collect([simulators.find(name) for name in plan.simulators], plan.homes),
+        provenance=provenance.collect(_tenants(plan), plan.homes),
     )
+
+
+def _tenants(plan: Plan) -> list[Tenant]:
+    """The plan's simulators, and its kinds of policies that need distributions of their own."""
+    kinds = {source.kind for source in plan.sources.values()}
+    return [one for name, one in tenants().items() if name in plan.simulators or name in kinds]
 
 
 def _continued(plan: Plan, document: RunDocument, folder: Path) -> Provenance:
@@ -79,8 +86,8 @@ def _continued(plan: Plan, document: RunDocument, folder: Path) -> Provenance:
     """
     made = document.provenance
     environments = dict(made.environments)
-    for simulator in (simulators.find(name) for name in plan.simulators if name not in plan.unavailable):
-        name, record = simulator.name, plan.homes.record(simulator)
+    for tenant in (one for one in _tenants(plan) if one.name not in plan.unavailable):
+        name, record = tenant.name, plan.homes.record(tenant)
         if name in document.skipped and record is not None:
             environments[name] = record
         elif name not in document.skipped and record != environments.get(name):

@@ -13,7 +13,11 @@ def known_names() -> KnownNames:
     return KnownNames(
         tasks={task: KnownTask(card.horizon) for task, card in simulators.task_cards().items()},
         policies={
-            kind.name: KnownPolicy(frozenset(kind.options), kind.tasks() if kind.tasks else None)
+            kind.name: KnownPolicy(
+                frozenset(kind.options),
+                kind.tasks() if kind.tasks else None,
+                bool(kind.requirements or kind.without_dependencies),
+            )
             for kind in policies.kinds().values()
         },
         axes={axis.name: len(axis.levels) for axis in AXES.values()},

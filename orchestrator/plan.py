@@ -130,13 +130,14 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
     except NoSuchPart as error:
         raise PlanError(f"{path}: {error}") from None
     text = path.read_text(encoding="utf-8")
-    sources, digests = {}, {}
+    sources, digests, homes = {}, {}, Homes(suite.environments)
     problems: list[str] = []
     by_digest: dict[str, str] = {}
     for entry in suite.policies:
         try:
-            digest = policies.digest(entry.kind, entry.options)
-            spec = policies.spec(entry.kind, entry.options)
+            options = homes.options(entry.kind, entry.options)
+            digest = policies.digest(entry.kind, options)
+            spec = policies.spec(entry.kind, options)
             check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
         except PolicyMismatch as error:
             problems.append(f"policy '{entry.name}' does not fit: {error}")
@@ -148,14 +149,13 @@ def make_plan(path: Path, *, part: Part = WHOLE, only: Sequence[str] = ()) -> Pl
             problems.append(f"policies '{by_digest[digest]}' and '{entry.name}' are the same policy; remove one")
         by_digest.setdefault(digest, entry.name)
         digests[entry.name] = digest
-        sources[entry.name] = PolicySource(entry.kind, entry.options, digest)
+        sources[entry.name] = PolicySource(entry.kind, options, digest)
     unsupported = _unsupported(suite)
     problems += _nowhere(suite, unsupported) + _unseen(suite)
     if problems:
         raise SuiteError([Problem(str(path), None, problem) for problem in problems])
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
-    homes = Homes(suite.environments)
     plan = Plan(suite, path, text, suite.content_hash(digests, names), cells, sources, digests, {}, unsupported, homes)
     unavailable = {name: reason for name in plan.simulators if (reason := homes.missing_reason(simulators.find(name)))}
     required = [f"{name}: {unavailable[name]}" for name in only if name in unavailable]

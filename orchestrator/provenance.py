@@ -9,15 +9,15 @@ from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
-from adapters.contract import Simulator
+from orchestrator.environments.environment import Tenant
 from orchestrator.environments.homes import Homes
 from results.run import EVERYWHERE, Provenance
 
 
-def collect(simulators: Sequence[Simulator], homes: Homes) -> Provenance:
-    """The provenance of a run in these simulators: versions of what is installed, each where it runs."""
-    records = {one.name: homes.record(one) for one in simulators}
-    distributions = [name for one in simulators if homes.of(one) is None for name in one.distributions]
+def collect(tenants: Sequence[Tenant], homes: Homes) -> Provenance:
+    """The provenance of a run of these simulators and kinds of policies, with versions of each where it runs."""
+    records = {one.name: homes.record(one) for one in tenants}
+    distributions = [name for one in tenants if homes.of(one) is None for name in one.distributions]
     commit = _git("rev-parse", "HEAD")
     status = _git("status", "--porcelain", "--untracked-files=no")
     packages = {name: version for name in dict.fromkeys([*EVERYWHERE, *distributions]) if (version := _version(name))}

@@ -16,6 +16,7 @@ from orchestrator.sources import PolicySource
 from orchestrator.video import Made, Recorder, save_png
 from orchestrator.worker_environment import worker_environment
 from policies import catalog as policies
+from policies.contract import PolicyError
 from results.media import picture_path, video_path
 from results.record import OUTCOME, EpisodeResult
 from results.run import RunDocument
@@ -60,11 +61,18 @@ def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
     except (yaml.YAMLError, SuiteError, KeyError, TypeError, ValueError) as error:
         raise ReplayError(f"the run's suite cannot be read: {error}") from None
     begun = {cell.policy: cell.policy_digest for cell in document.plan}
-    played = [entry for entry in entries if entry.name in begun]  # a part of a suite leaves policies out
-    for entry in played:
-        if policies.digest(entry.kind, entry.options) != begun[entry.name]:
+    sources, homes = {}, homes_of(document)
+    for entry in entries:
+        if entry.name not in begun:  # a part of a suite leaves policies out
+            continue
+        try:
+            options = homes.options(entry.kind, entry.options)
+        except PolicyError as error:
+            raise ReplayError(f"policy '{entry.name}': {error}") from None
+        if policies.digest(entry.kind, options) != begun[entry.name]:
             raise ReplayError(f"policy '{entry.name}' has changed since the run; check out the commit of the run")
-    return {entry.name: PolicySource(entry.kind, entry.options) for entry in played}
+        sources[entry.name] = PolicySource(entry.kind, options)
+    return sources
 
 
 def homes_of(document: RunDocument) -> Homes:

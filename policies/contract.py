@@ -135,6 +135,15 @@ class PolicyKind:
     loading takes; None to load it."""
     options: Mapping[str, str] = field(default_factory=dict)
     """Option name to what it means. Anything else in a suite is an error."""
+    modules: tuple[str, ...] = ()
+    """Import names that must be installed where it computes."""
+    distributions: tuple[str, ...] = ()
+    """Distributions whose versions belong to the provenance of a result."""
+    requirements: tuple[str, ...] = ()
+    """What pip installs for a policy that computes in a Python environment of its own (`gauntlet env create`), whose
+    interpreter it is then given as its option `python`."""
+    without_dependencies: tuple[str, ...] = ()
+    """The same, without what these distributions name as their dependencies."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
     """What the policy reads under these options, for nodes of a cluster that lack it; None if its code is all."""
 

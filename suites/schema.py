@@ -34,6 +34,8 @@ class KnownPolicy:
     options: frozenset[str] = frozenset()
     tasks: frozenset[str] | None = None
     """Tasks it can act in, or None for all."""
+    housed: bool = False
+    """Whether it may have a Python environment of its own."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,8 @@ class Suite(_Model):
     resources: dict[str, Resources] = Field(default_factory=dict)
     """Simulator to what each of its workers needs; one core if nothing is said."""
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
-    """Simulator to the Python environment that its workers run in; the running one if nothing is said."""
+    """Simulator to the Python environment that its workers run in; the running one if nothing is said. So are kinds of
+    policies that compute in an environment of their own."""
     inference: Inference = Inference()
     max_attempts: Count = 3
     """Times that an episode may end its worker before it is recorded as an error."""
@@ -345,10 +348,13 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
     for key, simulator in [
         *(("workers", name) for name in counted),
         *(("resources", name) for name in suite.resources),
-        *(("environments", name) for name in suite.environments),
     ]:
         if simulator not in names.simulators:
             add(((key, simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
+    housed = [*names.simulators, *(name for name, policy in names.policies.items() if policy.housed)]
+    for name in suite.environments:
+        if name not in housed:
+            add((("environments", name), f"unknown simulator '{name}'{nearest(name, housed)}"))
     if suite.gate is not None and suite.gate not in seen_policies:
         message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
         add((("gate",), message))

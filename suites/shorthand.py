@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-SHORT = {"openpi": "address", "python": "callable"}
+SHORT = {"openpi": "address", "python": "callable", "lerobot": "checkpoint"}
 """Kind to the option that may stand behind it and a colon."""
 LONGEST_NAME = 80
 

@@ -13,13 +13,19 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from adapters import catalog
-from adapters.contract import AdapterError, Simulator
 from orchestrator.cli.shared import BadInput, environments_of, fail, homes_here, out
 from orchestrator.environments import creating
 from orchestrator.environments.checking import check
-from orchestrator.environments.environment import Environment, EnvironmentProblem, by_default, config_path
+from orchestrator.environments.environment import (
+    Environment,
+    EnvironmentProblem,
+    Tenant,
+    by_default,
+    config_path,
+    tenants,
+)
 from orchestrator.progress import format_duration
+from suites.plugins import nearest
 
 app = typer.Typer(no_args_is_help=True, help="Python environments for simulators that do not fit into the running one.")
 
@@ -48,7 +54,7 @@ def create(
     out.print(
         f"{name}: {f'made in {seconds}' if made else 'is there'}: {environment.folder}", markup=False, soft_wrap=True
     )
-    if catalog.missing_reason(simulator) is None and environment.origin == "its adapter":
+    if environment.origin == "its adapter" and by_default(simulator) is None:
         fail(
             f"{name} is installed in the running environment, which is what runs use unless a suite or {config_path()} "
             "names another"
@@ -62,7 +68,7 @@ def list_environments() -> None:
     homes = homes_here()
     table = Table("environment", "asked for by", "state", "folder", box=None, pad_edge=False)
     meant: set[Path] = set()
-    for simulator in catalog.simulators().values():
+    for simulator in tenants().values():
         environment = homes.of(simulator)
         if environment is None:
             continue
@@ -122,11 +128,11 @@ def remove(name: Name) -> None:
         out.print(f"removed {folder}", markup=False, soft_wrap=True)
 
 
-def _find(name: str, suite: str | None) -> tuple[Simulator, Environment]:
-    try:
-        simulator = catalog.find(name)
-    except AdapterError as error:
-        raise BadInput(str(error)) from None
+def _find(name: str, suite: str | None) -> tuple[Tenant, Environment]:
+    known = tenants()
+    if name not in known:
+        raise BadInput(f"unknown simulator '{name}'{nearest(name, known)}")
+    simulator = known[name]
     declared = environments_of(suite) if suite is not None else {}
     environment = homes_here(declared).of(simulator) or by_default(simulator, anyway=True)
     if environment is None:
@@ -138,7 +144,7 @@ def _find(name: str, suite: str | None) -> tuple[Simulator, Environment]:
     return simulator, environment
 
 
-def _judge(environment: Environment, simulator: Simulator) -> None:
+def _judge(environment: Environment, simulator: Tenant) -> None:
     found = check(environment, simulator)
     for problem in found.problems:
         fail(problem)

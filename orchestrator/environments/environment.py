@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from adapters import catalog
+from policies import catalog as policies
 from suites.environments import Config, EnvironmentEntry
 from suites.loading import load_config
 from suites.vocabulary import content_hash
@@ -26,7 +27,7 @@ class EnvironmentProblem(Exception):
 
 
 class Tenant(Protocol):
-    """What may live in an environment of its own, such as a simulator."""
+    """What may live in an environment of its own: a simulator, or a kind of policy."""
 
     @property
     def name(self) -> str:
@@ -83,6 +84,12 @@ class Environment:
             return None
 
 
+def tenants() -> dict[str, Tenant]:
+    """What may have an environment of its own: simulators, and kinds of policies that ask for one."""
+    kinds = {name: kind for name, kind in policies.kinds().items() if kind.requirements or kind.without_dependencies}
+    return {**kinds, **catalog.simulators()}
+
+
 def root() -> Path:
     """The folder with the environments: GAUNTLET_ENVIRONMENTS, or in the platform's folder for data."""
     if named := os.environ.get("GAUNTLET_ENVIRONMENTS"):
@@ -110,7 +117,7 @@ def read_config() -> Config:
     path = config_path()
     if not path.exists() and "GAUNTLET_CONFIG" not in os.environ:
         return Config()
-    return load_config(path, sorted(catalog.simulators()))
+    return load_config(path, sorted(tenants()))
 
 
 def environment_of(

@@ -12,9 +12,11 @@ from typing import Any
 from adapters import catalog
 from adapters.contract import Simulator
 from orchestrator.environments.checking import Found, check
-from orchestrator.environments.environment import Environment, environment_of, read_config
+from orchestrator.environments.environment import Environment, Tenant, environment_of, read_config
 from orchestrator.environments.source import import_path
 from orchestrator.worker_environment import worker_environment
+from policies import catalog as policies
+from policies.contract import PolicyError
 from results.run import EnvironmentRecord
 from suites.environments import Config, EnvironmentEntry
 
@@ -31,11 +33,27 @@ class Homes:
         self._declared: Mapping[str, EnvironmentEntry] = declared or {}
         self._config: Config = read_config()
 
-    def of(self, simulator: Simulator) -> Environment | None:
-        """The environment that the simulator runs in, whether or not it is there; None for the running one."""
-        return environment_of(simulator, self._declared, self._config)
+    def of(self, tenant: Tenant) -> Environment | None:
+        """The environment that a simulator runs in, whether or not it is there; None for the running one."""
+        return environment_of(tenant, self._declared, self._config)
 
-    def found(self, simulator: Simulator) -> Found | None:
+    def options(self, kind: str, options: Mapping[str, Any]) -> Mapping[str, Any]:
+        """A policy's options, with the interpreter of the environment that it computes in, if it has one.
+
+        Raises:
+            PolicyError: The environment is not there, or does not fit.
+        """
+        found = policies.find(kind)
+        if not (found.requirements or found.without_dependencies) or "python" in options:
+            return options
+        environment = self.of(found)
+        if environment is None:
+            return options
+        if problem := check(environment, found).problem:
+            raise PolicyError(problem)
+        return {**options, "python": str(environment.python)}
+
+    def found(self, simulator: Tenant) -> Found | None:
         """What is in its environment; None for the running one."""
         environment = self.of(simulator)
         return None if environment is None else check(environment, simulator)
@@ -80,7 +98,7 @@ class Homes:
             return sys.executable, variables
         return str(environment.python), {**variables, "PYTHONPATH": import_path()}
 
-    def record(self, simulator: Simulator) -> EnvironmentRecord | None:
+    def record(self, simulator: Tenant) -> EnvironmentRecord | None:
         """What a run is to say of the environment; None for the running one, or if it cannot be used."""
         environment, found = self.of(simulator), self.found(simulator)
         if environment is None or found is None or found.problems:

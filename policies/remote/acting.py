@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from adapters.contract import ACTION_DIM, FloatArray, Image, Observation
 from policies.contract import Decision, PolicyError, PolicyMismatch, PolicySpec, Query, Sees
 from policies.remote import libero
-from policies.remote.card import ACTIONS_KEY, Card
+from policies.remote.card import ACTIONS_KEY, Card, Convention
 from policies.remote.episodes import Greeting, as_message, greeting_in, routing_in
 from policies.remote.line import Line, packed
 from policies.remote.packing import PackingError
@@ -147,7 +147,7 @@ def card_spec(card: Card) -> PolicySpec:
     return PolicySpec(Sees.OBSERVATION, card.execute or MOST_ACTIONS, cameras=tuple(card.cameras))
 
 
-def card_message(card: Card, seen: Observation, task: str) -> dict[str, Any]:
+def card_message(card: Convention, seen: Observation, task: str) -> dict[str, Any]:
     """An observation of a task under the server's keys.
 
     Raises:
@@ -170,13 +170,13 @@ TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down":
 """Steps through an image's rows and columns."""
 
 
-def turned(card: Card, image: Image) -> Image:
+def turned(card: Convention, image: Image) -> Image:
     """An image (height, width, 3) as the card turns or mirrors it."""
     rows, columns = TURNS[card.turn]
     return np.ascontiguousarray(image[::rows, ::columns])
 
 
-def resized(card: Card, image: Image) -> Image:
+def resized(card: Convention, image: Image) -> Image:
     """An image in the card's size, bilinear; padded with black on both sides alike where the shape is another."""
     if card.image_size is None:
         return image
@@ -195,7 +195,7 @@ def resized(card: Card, image: Image) -> Image:
     return np.asarray(padded)
 
 
-def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
+def card_chunk(card: Convention, answer: Mapping[str, Any]) -> FloatArray:
     """The chunk of an answer, shape (n, 7), in the units of `adapters.contract`.
 
     Raises:
@@ -222,7 +222,7 @@ def card_chunk(card: Card, answer: Mapping[str, Any]) -> FloatArray:
     return chunk
 
 
-def as_axis_angles(card: Card, rotations: FloatArray) -> FloatArray:
+def as_axis_angles(card: Convention, rotations: FloatArray) -> FloatArray:
     """An answer's rotations, (n, 3) or (n, 4), as axis-angle vectors, (n, 3), rad, of angles up to pi.
 
     Raises:

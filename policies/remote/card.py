@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -21,15 +21,11 @@ Seconds = Annotated[float, Field(gt=0, le=3600)]
 Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
 
 
-class Card(BaseModel):
-    """The options of the kind `openpi`."""
+class Convention(BaseModel):
+    """How an observation is given to somebody else's policy, and how its answer is to be read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    address: str
-    """`ws://HOST:PORT` or `wss://HOST`; `openpi://HOST:PORT` and `HOST:PORT` mean `ws://`."""
-    identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
-    """What acts there, such as a checkpoint's name or hash."""
     convention: Literal["robogauntlet", "libero"] = "robogauntlet"
     """What observation and answer mean: ours, or that of policies trained on LIBERO's data (`policies.remote.libero`),
     which then says `turn`, `rotation` and the scales."""
@@ -59,6 +55,51 @@ class Card(BaseModel):
     gripper_threshold: float | None = None
     execute: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
 
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        unknown = [camera for camera in self.cameras if camera not in CAMERAS]
+        if unknown or not (self.cameras or "cameras" not in self.model_fields_set):
+            raise ValueError(f"cameras: expected some of {', '.join(CAMERAS)}, got {', '.join(unknown) or 'none'}")
+        keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
+        if len(set(keys)) < len(keys):
+            raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
+        if self.columns is not None and len(self.columns) != self.width:
+            kind = "" if self.width == ACTION_DIM else f" for a {self.rotation}"
+            raise ValueError(f"columns: expected {self.width} places{kind}, got {len(self.columns)}")
+        if self.turns_by_quaternion and self.columns is not None and set(self.columns[3:7]) == {None}:
+            raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
+        if self.turns_by_quaternion and self.rotation_scale != 1.0:
+            raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
+        said = sorted(self.model_fields_set & libero.OPTIONS.keys())
+        if self.convention == "libero" and said:
+            raise ValueError(f"expected no {' and no '.join(said)}, which convention libero says")
+        if self.gripper_open == self.gripper_closed:
+            raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
+        return self
+
+    def spelled_out(self) -> Self:
+        """The same with what its convention says of the other options."""
+        return self.model_copy(update=libero.OPTIONS) if self.convention == "libero" else self
+
+    @property
+    def turns_by_quaternion(self) -> bool:
+        """Whether the answer's rotations are quaternions."""
+        return self.rotation.startswith("quaternion")
+
+    @property
+    def width(self) -> int:
+        """How many of a row's numbers are read."""
+        return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
+
+
+class Card(Convention):
+    """The options of the kind `openpi`."""
+
+    address: str
+    """`ws://HOST:PORT` or `wss://HOST`; `openpi://HOST:PORT` and `HOST:PORT` mean `ws://`."""
+    identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    """What acts there, such as a checkpoint's name or hash."""
+
     connect_timeout_s: Seconds = 10.0
     timeout_s: Seconds = 60.0
     retries: Annotated[int, Field(strict=True, ge=0, le=1000)] = 3
@@ -81,38 +122,6 @@ class Card(BaseModel):
             raise ValueError(f"expected ws://HOST:PORT, got '{value}'")
         return f"{scheme}://{rest}"
 
-    @model_validator(mode="after")
-    def _sound(self) -> Card:
-        unknown = [camera for camera in self.cameras if camera not in CAMERAS]
-        if unknown or not self.cameras:
-            raise ValueError(f"cameras: expected some of {', '.join(CAMERAS)}, got {', '.join(unknown) or 'none'}")
-        keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
-        if len(set(keys)) < len(keys):
-            raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
-        if self.columns is not None and len(self.columns) != self.width:
-            kind = "" if self.width == ACTION_DIM else f" for a {self.rotation}"
-            raise ValueError(f"columns: expected {self.width} places{kind}, got {len(self.columns)}")
-        if self.turns_by_quaternion and self.columns is not None and set(self.columns[3:7]) == {None}:
-            raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
-        if self.turns_by_quaternion and self.rotation_scale != 1.0:
-            raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
-        said = sorted(self.model_fields_set & libero.OPTIONS.keys())
-        if self.convention == "libero" and said:
-            raise ValueError(f"expected no {' and no '.join(said)}, which convention libero says")
-        if self.gripper_open == self.gripper_closed:
-            raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
-        return self
-
-    @property
-    def turns_by_quaternion(self) -> bool:
-        """Whether the answer's rotations are quaternions."""
-        return self.rotation.startswith("quaternion")
-
-    @property
-    def width(self) -> int:
-        """How many of a row's numbers are read."""
-        return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
-
     @property
     def is_plain(self) -> bool:
         """Whether nothing is said of how to send and to read, so that RoboGauntlet's own server is asked as it is."""
@@ -131,9 +140,7 @@ class Card(BaseModel):
 _HOW = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
 _LATER = (("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle"))
 """Defaults of options that came later: without them, the hash of a policy that does not use them stays what it was."""
-OPTIONS = {
-    "address": "ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT",
-    "identity": "what acts there (a checkpoint's name or hash); by default what the server says on connection",
+CONVENTION_OPTIONS = {
     "convention": "robogauntlet, or libero for policies trained on LIBERO's own data",
     "cameras": "camera to the server's key",
     "proprioception": "key of the eight numbers; null to leave them out",
@@ -150,6 +157,11 @@ OPTIONS = {
     "gripper_closed": "the answer's number for closed",
     "gripper_threshold": "beyond this number, seen from open, the gripper closes, else it opens; by default in between",
     "execute": "actions of a chunk that are executed at most; fewer in an answer are an error",
+}
+OPTIONS = {
+    "address": "ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT",
+    "identity": "what acts there (a checkpoint's name or hash); by default what the server says on connection",
+    **CONVENTION_OPTIONS,
     "connect_timeout_s": "seconds to wait for a connection",
     "timeout_s": "seconds to wait for an answer, reconnections included",
     "retries": "times that a lost connection is made again for one query",
@@ -170,7 +182,7 @@ def read_card(options: Mapping[str, Any]) -> Card:
     except ValidationError as error:
         fault = first_fault(error).removeprefix("all of it: ").replace("Value error, ", "")
         raise PolicyError(f"policy '{NAME}': {' '.join(fault.split())}") from None
-    return card.model_copy(update=libero.OPTIONS) if card.convention == "libero" else card
+    return card.spelled_out()
 
 
 def first_fault(error: ValidationError) -> str:

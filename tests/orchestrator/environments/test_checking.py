@@ -138,3 +138,13 @@ class TestTheCommand:
     def test_a_configuration_that_is_named_and_not_there_is_told(self, gears, gauntlet, monkeypatch):
         monkeypatch.setenv("GAUNTLET_CONFIG", "/nowhere/config.yaml")
         assert gauntlet("env", "list").err == "gauntlet: /nowhere/config.yaml: no such file\n"
+
+    def test_a_policy_whose_environment_is_not_there_is_a_line_before_anything_starts(self, gauntlet, tmp_path):
+        (tmp_path / "suite.yaml").write_text(
+            "name: s\npolicies: ['lerobot:x/y']\ntasks: [null/Reach]\nseeds: {count: 1}\n"
+            "environments: {lerobot: {interpreter: /nowhere/python}}\n"
+        )
+        (line,) = gauntlet("validate", "suite.yaml").err.splitlines()
+        assert line.endswith(
+            "policy 'lerobot-x-y': environment lerobot: expected a Python at /nowhere/python, there is none"
+        )

@@ -1,0 +1,63 @@
+"""Checkpoints of LeRobot as a kind of policy. Light: what asks them is imported when it is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
+from policies.lerobot.card import NAME, OPTIONS, files, read_checkpoint
+
+
+def _load(options: Mapping[str, Any]) -> Policy:
+    from policies.lerobot.acting import LeRobotPolicy
+
+    return LeRobotPolicy(read_checkpoint(options))
+
+
+def _digest(options: Mapping[str, Any]) -> str:
+    return read_checkpoint(options).digest()
+
+
+def _spec(options: Mapping[str, Any]) -> PolicySpec:
+    return read_checkpoint(options).spec
+
+
+def _files(options: Mapping[str, Any]) -> PolicyFiles:
+    folder = read_checkpoint(options).folder
+    return PolicyFiles({"checkpoint": folder}, files(folder))
+
+
+KIND = PolicyKind(
+    name=NAME,
+    summary="a checkpoint of LeRobot: lerobot:FOLDER, or lerobot:USER/NAME on the hub",
+    load=_load,
+    digest=_digest,
+    spec=_spec,
+    options=OPTIONS,
+    files=_files,
+    modules=("lerobot",),
+    distributions=("lerobot", "torch", "torchvision", "transformers"),
+    without_dependencies=(
+        "lerobot==0.4.4",
+        "draccus==0.10.0",
+        "mergedeep==1.3.4",
+        "pyyaml-include==1.4.1",
+        "toml==0.10.2",
+        "typing-inspect==0.9.0",
+        "mypy_extensions==1.1.0",
+        "torchvision==0.28.0",
+        "transformers==4.57.6",
+        "tokenizers==0.22.2",
+        "huggingface_hub==0.35.3",
+        "datasets==4.1.1",
+        "dill==0.4.0",
+        "multiprocess==0.70.16",
+        "diffusers==0.35.2",
+        "einops==0.8.2",
+        "av==15.1.0",
+        "deepdiff==8.6.1",
+        "orderly-set==5.5.0",
+        "pyserial==3.5",
+    ),
+)

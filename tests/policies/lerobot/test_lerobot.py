@@ -1,0 +1,216 @@
+"""Checkpoints of LeRobot act through us as through LeRobot itself, and what does not fit is a line before the start."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adapters.contract import Observation
+from orchestrator.environments.environment import Environment, by_default
+from orchestrator.runner import EpisodeRunner
+from policies import catalog
+from policies.contract import PolicyError, PolicyMismatch, Query
+from policies.lerobot.acting import ProcessLost
+from policies.lerobot.card import FILES, read_checkpoint
+from suites.vocabulary import Episode, Protocol, View, content_hash
+
+MAKING = Path(__file__).with_name("making.py")
+ROOT = Path(__file__).parents[3]
+VIEW = View(("third_person",), 32)
+STEPS, LOOKS = 6, {"act": 3, "diffusion": 1}
+EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
+
+
+@pytest.fixture(scope="session")
+def python():
+    """The Python of `gauntlet env create lerobot`, which `make test` makes beside the running environment."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = os.environ.get("GAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
+        patch.setenv("GAUNTLET_ENVIRONMENTS", folder)
+        environment: Environment | None = by_default(catalog.find("lerobot"))
+        if environment is None:
+            return sys.executable
+        if environment.made is None:
+            pytest.skip(f"no environment in {folder}: GAUNTLET_ENVIRONMENTS={folder} gauntlet env create lerobot")
+        return str(environment.python)
+
+
+@pytest.fixture(scope="session")
+def made(python, tmp_path_factory):
+    """Folder with a checkpoint and LeRobot's own answers for each kind, and what was asked."""
+    folder = tmp_path_factory.mktemp("lerobot")
+    generator = np.random.default_rng(0)
+    images = generator.integers(0, 256, (STEPS, 32, 32, 3), np.uint8)
+    states = generator.normal(size=(STEPS, 8)).astype(np.float32)
+    seeds = {
+        kind: [seed_at(step) if step % looks == 0 else -1 for step in range(STEPS)] for kind, looks in LOOKS.items()
+    }
+    np.savez(folder / "asked.npz", images=images, states=states, **seeds)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    subprocess.run([python, MAKING, folder, *LOOKS], env=environment, check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def played(python, made):
+    """ACT, in one process for the tests of this file."""
+    policy = catalog.load("lerobot", {"checkpoint": str(made / "act"), "python": python})
+    yield policy
+    policy.close()
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """The declarations of a checkpoint, without weights: all that is read before it is loaded."""
+
+    def write(**changed):
+        features = {"observation.images.front": {"shape": [3, 32, 32]}, "observation.state": {"shape": [8]}}
+        config = {
+            "type": "act",
+            "n_action_steps": 3,
+            "input_features": features,
+            "output_features": {"action": {"shape": [7]}},
+        }
+        for name in FILES:
+            (tmp_path / name).write_text(json.dumps({**config, **changed}) if name == FILES[0] else "{}")
+        return tmp_path
+
+    return write
+
+
+def seed_at(step):
+    return int(content_hash([EPISODE.id, int(step)]), 16) % 2**63
+
+
+def answers(policy, made, kind):
+    asked, other = np.load(made / "asked.npz"), Episode("p", "d", "null/Reach", 4, EPISODE.protocol)
+    policy.reset([EPISODE, other])
+    rows = []
+    for step in range(0, STEPS, LOOKS[kind]):
+        seen = Observation({"third_person": asked["images"][step]}, asked["states"][step].astype(np.float64), "reach")
+        rows.append(policy.act([Query(EPISODE, step, seen)])[0].actions)
+        policy.act([Query(other, step, seen)])  # another episode in between changes nothing
+    policy.finish([EPISODE, other])
+    return np.concatenate(rows)
+
+
+@pytest.mark.slow
+def test_act_s_actions_are_to_the_bit_those_that_lerobot_gives(played, made):
+    assert played.spec.chunk_length == LOOKS["act"]
+    np.testing.assert_array_equal(answers(played, made, "act"), np.load(made / "act.npy").astype(np.float64))
+
+
+@pytest.mark.slow
+def test_a_diffusion_policy_sees_every_step_and_its_actions_are_lerobot_s_to_the_bit(python, made):
+    policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": python})
+    assert policy.spec.chunk_length == LOOKS["diffusion"]
+    found = answers(policy, made, "diffusion")
+    policy.close()
+    np.testing.assert_array_equal(found, np.load(made / "diffusion.npy").astype(np.float64))
+
+
+@pytest.mark.slow
+def test_an_episode_whose_process_dies_is_played_again_and_comes_out_the_same(played, made):
+    runner = EpisodeRunner({}, elsewhere={"p": played})
+    whole = runner.play_one(EPISODE)
+    assert (whole.status, whole.steps) == ("failure", 6)
+    assert whole.inference_s > 0
+
+    def dying(simulation, step):
+        if step == 2 and not died:  # between its two chunks
+            died.append(played._process._process.pid)
+            played._process._process.kill()
+            played._process._process.wait()
+
+    died = []
+    again = runner.play_one(EPISODE, dying)
+    assert played._process._process.pid != died[0]
+    assert (again.status, again.actions_hash) == (whole.status, whole.actions_hash)
+    played._process._process.kill()
+    played._process._process.wait()
+    played._began[EPISODE.id] = played._process
+    with pytest.raises(ProcessLost, match="ended while the episode was under way"):
+        played.act([Query(EPISODE, 3, None)])
+
+
+@pytest.mark.slow
+def test_weights_that_cannot_be_read_are_one_line(python, made, tmp_path):
+    shutil.copytree(made / "act", tmp_path / "broken")
+    (tmp_path / "broken" / "model.safetensors").write_bytes(b"none")
+    with pytest.raises(PolicyError, match=r"^policy 'lerobot': SafetensorError: "):
+        catalog.load("lerobot", {"checkpoint": str(tmp_path / "broken"), "python": python})
+
+
+def test_the_hash_is_of_the_files_and_of_how_it_is_asked_not_of_where_it_lies(bare, tmp_path):
+    folder = bare()
+    hashes = [catalog.digest("lerobot", {"checkpoint": str(folder)})]
+    shutil.copytree(folder, tmp_path / "copy")
+    assert catalog.digest("lerobot", {"checkpoint": str(tmp_path / "copy"), "python": "/x"}) == hashes[0]
+    hashes.append(catalog.digest("lerobot", {"checkpoint": str(folder), "translation_scale": 0.05}))
+    (folder / "model.safetensors").write_text("other")
+    hashes.append(catalog.digest("lerobot", {"checkpoint": str(folder)}))
+    assert len(set(hashes)) == len(hashes)
+
+
+def test_a_checkpoint_says_how_often_it_looks_and_how_large(bare):
+    spec = read_checkpoint({"checkpoint": str(bare())}).spec
+    assert (spec.chunk_length, spec.cameras, spec.image_size) == (3, ("third_person",), 32)
+    assert read_checkpoint({"checkpoint": str(bare(n_obs_steps=2))}).spec.chunk_length == 1
+
+
+TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {"shape": [3, 32, 32]}}
+
+
+@pytest.mark.parametrize(
+    ("changed", "options", "said"),
+    [
+        ({"input_features": TWO}, {}, "which of observation.images.a, observation.images.b is which camera"),
+        ({}, {"cameras": {"wrist": "observation.images.rear"}}, "expected a feature of the checkpoint"),
+        ({"input_features": TWO}, {"cameras": {"wrist": "observation.images.a"}}, "needs observation.images.b"),
+        ({"input_features": {"observation.state": {"shape": [6]}}}, {}, "expected observation.state of 8 numbers"),
+        ({}, {"image_size": 64}, r"image_size: expected \[32, 32\], as the checkpoint was trained on"),
+        ({"output_features": {"action": {"shape": [6]}}}, {}, "which of the checkpoint's 6 numbers are our 7"),
+        ({"input_features": 3}, {}, "is no configuration of LeRobot"),
+        ({}, {"device": "CPU 1"}, "device: String should match pattern"),
+    ],
+)
+def test_what_does_not_fit_is_one_line_before_anything_starts(bare, changed, options, said):
+    with pytest.raises(PolicyError, match=said) as caught:
+        catalog.spec("lerobot", {"checkpoint": str(bare(**changed)), **options})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_another_version_is_told_what_it_lacks(bare):
+    folder = bare()
+    (folder / "policy_preprocessor.json").unlink()
+    with pytest.raises(
+        PolicyError, match=r"a checkpoint of LeRobot 0\.4 or newer .* it lacks policy_preprocessor.json"
+    ):
+        catalog.digest("lerobot", {"checkpoint": str(folder)})
+
+
+def test_what_is_neither_a_folder_nor_on_the_hub_is_one_line(monkeypatch):
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
+    with pytest.raises(PolicyError, match=r"^policy 'lerobot': no folder nobody/nothing, .* hub does not give it: .+$"):
+        catalog.digest("lerobot", {"checkpoint": "nobody/nothing"})
+    with pytest.raises(PolicyError, match=r"expected a folder or an id on the hub, got './nothing'"):
+        catalog.digest("lerobot", {"checkpoint": "./nothing"})
+
+
+def test_without_lerobot_the_line_says_how_to_install_it(bare):
+    with pytest.raises(PolicyError, match="expected LeRobot; install it: gauntlet env create lerobot"):
+        catalog.load("lerobot", {"checkpoint": str(bare())})
+
+
+def test_an_option_that_is_none_fits_a_mismatch_of_images(bare):
+    from adapters.contract import ActionSpec, ObservationSpec
+    from policies.contract import check_fit
+
+    spec = catalog.spec("lerobot", {"checkpoint": str(bare())})
+    with pytest.raises(PolicyMismatch, match="made for 32 px images, the suite renders 96 px"):
+        check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(("third_person",), 96))
