@@ -26,7 +26,7 @@ setup: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,mergevla,postgresql,dev]"
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,mergevla,postgresql,remote,wandb,mlflow,docs,dev]"
 	@touch $@
 
 demo: setup
