@@ -215,6 +215,9 @@ class Simulator:
     create`); empty if it needs no Python environment of its own."""
     without_dependencies: tuple[str, ...] = ()
     """The same, without what these distributions name as their dependencies."""
+    definitions: Mapping[str, str] = field(default_factory=dict)
+    """Task to the hash of the file that defines it, where users write such files: a task that changes under its name is
+    then another task to runs that are continued or compared."""
     adjusts: frozenset[str] = frozenset()
     """What of its world its simulations let perturbations adjust, out of `adapters.adjusting.ADJUSTABLE`."""
     renders: bool = True

@@ -68,8 +68,18 @@ def begin(plan: Plan, folder: Path, store: str | None) -> RunDocument:
         floors=plan.suite.floors,
         workers=workers,
         skipped=dict(plan.unavailable),
-        provenance=provenance.collect(_tenants(plan), plan.homes),
+        provenance=provenance.collect(_tenants(plan), plan.homes, _definitions(plan)),
     )
+
+
+def _definitions(plan: Plan) -> dict[str, str]:
+    """Task to the hash of the file that defines it now, for those of the plan's that have one."""
+    known = {
+        f"{one.name}/{task}": found
+        for one in simulators.simulators().values()
+        for task, found in one.definitions.items()
+    }
+    return {task: known[task] for task in plan.suite.tasks if task in known}
 
 
 def _tenants(plan: Plan) -> list[Tenant]:
@@ -85,6 +95,12 @@ def _continued(plan: Plan, document: RunDocument, folder: Path) -> Provenance:
         PlanError: A simulator is no longer what it was, and the run would mix two.
     """
     made = document.provenance
+    for task, now in _definitions(plan).items():
+        if (was := made.definitions.get(task, now)) != now:
+            raise PlanError(
+                f"{folder}: expected {task} as it was when the run began ({was}), its file has changed ({now}); "
+                "give another folder with --out"
+            )
     environments = dict(made.environments)
     for tenant in (one for one in _tenants(plan) if one.name not in plan.unavailable):
         name, record = tenant.name, plan.homes.record(tenant)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -14,8 +14,14 @@ from orchestrator.environments.homes import Homes
 from results.run import EVERYWHERE, Provenance
 
 
-def collect(tenants: Sequence[Tenant], homes: Homes) -> Provenance:
-    """The provenance of a run of these simulators and kinds of policies, with versions of each where it runs."""
+def collect(tenants: Sequence[Tenant], homes: Homes, definitions: Mapping[str, str]) -> Provenance:
+    """The provenance of a run of these simulators and kinds of policies, with versions of each where it runs.
+
+    Args:
+        tenants: Simulators and kinds of policies.
+        homes: In which environment each of them runs.
+        definitions: Task to the hash of the file that defines it.
+    """
     records = {one.name: homes.record(one) for one in tenants}
     distributions = [name for one in tenants if homes.of(one) is None for name in one.distributions]
     commit = _git("rev-parse", "HEAD")
@@ -30,6 +36,7 @@ def collect(tenants: Sequence[Tenant], homes: Homes) -> Provenance:
         cores=os.cpu_count() or 0,
         packages=packages,
         environments={name: record for name, record in records.items() if record is not None},
+        definitions=dict(definitions),
     )
 
 

@@ -100,16 +100,18 @@ class Provenance(_Model):
     """Distribution to version."""
     environments: dict[str, EnvironmentRecord] = Field(default_factory=dict)
     """Simulator to the environment that it ran in, if it was not the run's own."""
+    definitions: dict[str, str] = Field(default_factory=dict)
+    """Task to the hash of the file that defines it, for tasks that users write such files for."""
 
     @property
     def versions(self) -> dict[str, str]:
-        """Every version: of `packages` and, as `simulator: distribution`, of the simulators' environments."""
+        """Every version: `packages`, those of environments as `simulator: distribution`, and `definitions`."""
         apart = {
             f"{simulator}: {name}": version
             for simulator, one in self.environments.items()
             for name, version in one.packages.items()
         }
-        return {**self.packages, **apart}
+        return {**self.packages, **apart, **self.definitions}
 
 
 class RunDocument(_Model):

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from adapters.contract import AdapterError, TaskCard
 from adapters.gymnasium.expressions import check_expression
 from suites.plugins import nearest
-from suites.vocabulary import CAMERAS
+from suites.vocabulary import CAMERAS, content_hash
 
 FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
 """Environment variable: folders with mapping files of one's own, separated as in PATH. They win over the shipped."""
@@ -111,6 +111,14 @@ def load_mapping(path: Path) -> EnvironmentMapping:
         raise AdapterError(f"{path}: not a mapping file: {' '.join(str(error).split())}") from None
 
 
+def definition(path: Path) -> str:
+    """Hash of what a mapping file says."""
+    try:
+        return content_hash(path.read_text(encoding="utf-8", errors="replace"))
+    except OSError:
+        return "cannot be read"
+
+
 def load_card(path: Path) -> TaskCard:
     """The card of a mapping file; that of a file with mistakes says the first."""
     try:
@@ -136,3 +144,7 @@ def _said(problem: Any) -> str:
             return f"{place}: {problem['ctx']['error']}"
         case _:
             return f"{place}: {problem['msg'].replace('Input should', 'should')}, found {problem['input']!r}"
+
+
+FILES = dict(mapping_files())
+"""Task to its mapping file."""

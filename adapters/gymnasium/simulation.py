@@ -25,12 +25,10 @@ from adapters.gymnasium.fitting import (
     make,
     scaled,
 )
-from adapters.gymnasium.mapping import EnvironmentMapping, Orbit, load_card, load_mapping, mapping_files
+from adapters.gymnasium.mapping import FILES, EnvironmentMapping, Orbit, definition, load_card, load_mapping
 from adapters.mujoco_scene import MujocoScene, drawing_device, mujoco_state, orbit_camera
 from adapters.plain import PlainSimulation
 from suites.vocabulary import View
-
-FILES = dict(mapping_files())
 
 
 class GymnasiumSimulation(PlainSimulation):
@@ -145,5 +143,6 @@ SIMULATOR = Simulator(
     modules=("gymnasium",),
     distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
     open=open_environment,
+    definitions={task: definition(path) for task, path in FILES.items()},
     environment={"MUJOCO_GL": "egl"},
 )

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
+from adapters import catalog
 from orchestrator.folders import FolderError
 from orchestrator.plan import PlanError, make_plan
 from orchestrator.progress import Progress
@@ -90,6 +91,19 @@ def test_which_policies_the_report_compares_may_change_when_a_run_is_continued(r
     outcome = run(suite(text + MERGING))
     assert outcome.document.merging.routed == ("zero",)
     assert "## Merging and routing" in (run.folder / "report.md").read_text()
+
+
+def test_a_run_is_not_continued_with_another_definition_of_a_task(run, suite, monkeypatch):
+    def define(found):
+        null = replace(catalog.find("null"), definitions={"Reach": found})
+        monkeypatch.setattr(catalog, "simulators", lambda: {"null": null})
+
+    path = suite(SUITE.replace("count: 20", "count: 2"))
+    define("a1")
+    assert run(path).document.provenance.versions["null/Reach"] == "a1"
+    define("b2")
+    with pytest.raises(PlanError, match=r"expected null/Reach as it was .*\(a1\), its file has changed \(b2\); give"):
+        run(path)
 
 
 def test_running_again_plays_nothing_again(run, suite):

@@ -112,6 +112,11 @@ def test_without_a_shared_episode_nothing_can_be_said():
             {"provenance": Provenance(packages={"sapien": "3.0.3", "ray": "2"})},
             Difference.SIMULATOR,
         ),
+        (
+            {"provenance": Provenance(definitions={"gymnasium/Mine": "b"})},
+            {"provenance": Provenance(definitions={"gymnasium/Mine": "a"})},
+            Difference.SIMULATOR,
+        ),
         ({"render_devices": {"robosuite": "A"}}, {"render_devices": {"robosuite": "B"}}, Difference.RENDERER),
         ({"moved": True}, {}, Difference.WORLD),
     ],
