@@ -11,6 +11,7 @@ import argparse
 import hashlib
 import os
 import tarfile
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -105,17 +106,26 @@ def find_assets() -> Assets:
 def unpack(archive: Path, folder: Path) -> Assets:
     """Unpack an archive's folder `assets` as `folder`, unless it is there already.
 
+    It is there as a whole or not at all.
+
     Raises:
-        SimulatorUnavailable: The archive holds no such folder.
+        SimulatorUnavailable: The archive holds no such folder, or something else than files and folders in it.
     """
     if not folder.is_dir():
-        with tarfile.open(archive) as packed:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with (
+            tarfile.open(archive) as packed,
+            tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}-partial-") as partial,
+        ):
             inside = [member for member in packed.getmembers() if member.name.partition("/")[0] == "assets"]
             if not inside:
                 raise SimulatorUnavailable(f"{archive}: expected a folder 'assets' in this archive, found none")
-            for member in inside:
-                member.name = member.name.removeprefix("assets").lstrip("/") or "."
-            packed.extractall(folder, inside, filter="data")
+            for member in inside:  # Python before 3.11.4 has no filters that would see to it
+                if not (member.isreg() or member.isdir()) or ".." in Path(member.name).parts:
+                    raise SimulatorUnavailable(f"{archive}: expected files and folders, found {member.name}")
+                member.mode = 0o755 if member.isdir() else 0o644
+            packed.extractall(partial, inside)
+            (Path(partial) / "assets").rename(folder)
     return Assets(folder.resolve(), (folder / STAND_INS).is_file())
 
 

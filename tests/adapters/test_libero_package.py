@@ -118,6 +118,18 @@ def test_an_archive_is_unpacked_once(tmp_path: Path) -> None:
     assert unpack(tmp_path / "pack.tar", tmp_path / "there") == found
 
 
+@pytest.mark.parametrize("name", ["assets/../escaped", "assets/link"])
+def test_an_archive_with_something_else_than_files_is_refused_and_nothing_is_left(tmp_path: Path, name: str) -> None:
+    with tarfile.open(tmp_path / "pack.tar", "w") as pack:
+        member = tarfile.TarInfo(name)
+        member.type = tarfile.SYMTYPE if "link" in name else tarfile.REGTYPE
+        member.linkname = "/etc/passwd"
+        pack.addfile(member)
+    with pytest.raises(SimulatorUnavailable, match="expected files and folders, found"):
+        unpack(tmp_path / "pack.tar", tmp_path / "there" / "assets")
+    assert list((tmp_path / "there").iterdir()) == []
+
+
 def stored(path: Path, content: object) -> Path:
     with zipfile.ZipFile(path, "w") as packed:
         packed.writestr("archive/data.pkl", pickle.dumps(content, protocol=2))
