@@ -81,9 +81,9 @@ class EpisodeRunner:
             AdapterError: It does not; the message says why.
         """
         simulations = self._open(task, view, self._resources.at_once)
-        simulations.members[0].reset(0, Condition())  # the contract promises nothing of a world that has not begun
         frame_s = None
         if simulators.find(task.partition("/")[0]).renders:
+            simulations.members[0].reset(0, Condition())  # the contract promises nothing of a world that has not begun
             simulations.observe([0])
             start = time.perf_counter()
             simulations.observe([0])

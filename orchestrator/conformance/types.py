@@ -241,7 +241,8 @@ def _array(what: str, value: object, shape: tuple[int, ...] | None, dtype: np.dt
 
 
 def _numbers(values: np.ndarray) -> str:
-    return np.array2string(np.asarray(values, dtype=np.float64).ravel()[:8], precision=3, separator=", ")
+    """Up to eight of them. Not in numpy's own format, which libraries change for the whole process."""
+    return f"[{', '.join(f'{value:.3f}' for value in np.asarray(values, dtype=np.float64).ravel()[:8])}]"
 
 
 def _listed(names: frozenset[str] | set[str]) -> str:
