@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,9 @@ from adapters import catalog
 from adapters.contract import Simulator, SimulatorUnavailable
 from orchestrator.cluster import check_alive, ray_session
 from orchestrator.environments.homes import Homes
+
+CHECK_S = 1.0
+"""Between looks at whether Ray is alive."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +85,13 @@ class _Process:
 
 
 def _as_it_comes(streams: dict[Any, str]) -> Iterator[tuple[str, Any | Ended]]:
+    checked = time.monotonic()
     while streams:
-        ready, _ = ray.wait(list(streams), num_returns=1, timeout=1.0, fetch_local=False)
-        if not ready:
+        ready, _ = ray.wait(list(streams), num_returns=1, timeout=CHECK_S, fetch_local=False)
+        if time.monotonic() - checked >= CHECK_S:  # workers may live on, and answer, for some time after Ray has died
             check_alive()
+            checked = time.monotonic()
+        if not ready:
             continue
         stream: Any = ready[0]
         try:
