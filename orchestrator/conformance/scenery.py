@@ -26,9 +26,15 @@ def _images(subject: Subject) -> dict[str, Image]:
 
 
 def _stops(before: Image, after: Image) -> FloatArray:
-    """Change of linear light (n,), in stops, of the pixels that tell of it."""
-    lit = (before != after).any(axis=2) & ((before > DARK) & (before < BRIGHT)).all(axis=2)
-    return np.asarray(np.log2(linear(after)[lit].mean(axis=1) / linear(before)[lit].mean(axis=1)))
+    """Change of linear light (n,), in stops, of the pixels that tell of it.
+
+    By their brightest channel: wood, for one, is too dark in blue to tell.
+    """
+    rows, columns = np.indices(before.shape[:2])
+    brightest = before.argmax(axis=2)
+    first, then = (image[rows, columns, brightest] for image in (before, after))
+    lit = (first != then) & (first > DARK) & (first < BRIGHT)
+    return np.asarray(np.log2(linear(then)[lit] / linear(first)[lit]))
 
 
 @check(
