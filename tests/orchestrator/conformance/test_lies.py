@@ -1,5 +1,7 @@
 """Each lie of an adapter is told by the check that is meant for it, in one clear line."""
 
+import os
+
 import pytest
 
 from orchestrator.conformance import resources
@@ -110,6 +112,15 @@ def test_a_step_that_takes_longer_than_a_run_can_wait_is_told(subject, monkeypat
     monkeypatch.setitem(resources.LIMITS_S, "step", 0.02)
     assert "step to take less than 0.02 s; seen: 0.03" in str(CHECKS["pace"].play(subject("slow"))[0])
     assert CHECKS["pace"].play(subject("honest"))[0].outcome is Outcome.PASSED
+
+
+def test_memory_that_others_left_free_in_the_process_does_not_hide_what_grows(subject):
+    several = [os.urandom(1 << 10) * 100 for _ in range(1000)]
+    last = several.pop()  # keeps what is below it in the heap from going back to the system
+    del several
+    (finding,) = CHECKS["memory"].play(subject("keepsmemory"))
+    del last
+    assert finding.outcome is Outcome.FAILED
 
 
 def test_a_task_that_does_not_open_fails_once_and_skips_the_rest(subject):
