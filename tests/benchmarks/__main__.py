@@ -20,7 +20,7 @@ BENCHMARKS = (
     "workers",
 )
 LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale")
-NEED_DEMONSTRATIONS = ("merges",)
+NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""
 FOLDER = Path("runs/bench")
