@@ -4,7 +4,7 @@
 # the same episodes. Smaller than the zoo, so that many trainings fit: five tasks, 150 demonstrations each.
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
 # Usage: scripts/training_controls.sh [FOLDER] [SEED...]   (default runs/training-controls 0 1 2). Takes hours.
-# DEMONSTRATIONS: folder with demonstrations that are there already, as scripts/zoo.sh makes them.
+# DEMONSTRATIONS: folder with demonstrations to use as they are, for instance those of scripts/zoo.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 FOLDER=${1:-runs/training-controls}
@@ -21,7 +21,7 @@ EPISODES=20
 export OMP_NUM_THREADS=1
 
 # shellcheck disable=SC2086  # tasks are several words
-"$GAUNTLET" policies demonstrate $TASKS --out "$DATA" --episodes 150 --workers 2
+[ -n "${DEMONSTRATIONS:-}" ] || "$GAUNTLET" policies demonstrate $TASKS --out "$DATA" --episodes 150 --workers 2
 
 datasets() {
     for task in $TASKS; do echo "$DATA/${task/\//__}"; done
