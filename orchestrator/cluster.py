@@ -15,6 +15,8 @@ _LOCAL_ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
+_PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_inlined_bytes_limit": 2**40}
+"""Results come straight to us: Ray ends a process that reads from the object store when that dies, without a word."""
 WORKER_BYTES = 2 * 1024**3
 """Memory that a worker may come to need: a simulator, its renderer and a policy."""
 _VITAL = ("raylet", "gcs_server")
@@ -54,7 +56,14 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
     on_terminate = signal.getsignal(signal.SIGTERM)
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
-        ray.init("local", num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
+        ray.init(
+            "local",
+            num_cpus=cores,
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            _system_config=_PAST_THE_OBJECT_STORE,
+        )
     else:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     if threading.current_thread() is threading.main_thread():

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 import uuid
+from collections.abc import Iterator
 
 import pytest
 
@@ -19,12 +20,14 @@ WAIT_S = 120.0
 GONE_S = 60.0
 
 
-class Command:
-    """A `gauntlet` command that is under way, and what it says."""
+GAUNTLET = "from orchestrator.cli import main; main()"
 
-    def __init__(self, log, *arguments):
+
+class Command:
+    """A program, by default the `gauntlet` command, that is under way, and what it says."""
+
+    def __init__(self, log, *arguments, program=GAUNTLET):
         self.log, self.mark = log, uuid.uuid4().hex
-        program = "import sys; from orchestrator.cli import main; main()"
         with log.open("w") as out:
             self.process = subprocess.Popen(
                 [sys.executable, "-c", program, *map(str, arguments)],
@@ -54,8 +57,8 @@ class Command:
 def start(tmp_path):
     commands = []
 
-    def begin(*arguments):
-        commands.append(Command(tmp_path / f"{len(commands)}.log", *arguments))
+    def begin(*arguments, **options):
+        commands.append(Command(tmp_path / f"{len(commands)}.log", *arguments, **options))
         return commands[-1]
 
     yield begin
@@ -85,6 +88,33 @@ def test_while_filming_it_is_started_again_and_no_video_is_missing(start, suite,
         return {path.name for path in (run / "media").rglob("*") if path.is_file()}
 
     assert videos(folder) == videos(tmp_path / "quiet") != set()
+
+
+def large() -> Iterator[bytes]:
+    """More than Ray hands over without its object store, in each of many pieces."""
+    while True:
+        yield bytes(300_000)
+
+
+LARGE = """
+from orchestrator.beside import beside
+from orchestrator.cluster import RayLost, ray_session
+from tests.chaos.test_ray_dies import large
+try:
+    with ray_session(address=None, workers=1):
+        for _ in beside(large, {"null": ()}):
+            print("came", flush=True)
+except RayLost as error:
+    print(error)
+"""
+
+
+def test_while_large_results_come_it_is_said(start):
+    """Ray ends a process that reads from its object store when that dies."""
+    program = start(program=LARGE)
+    program.kill_raylet_when(lambda: program.log.read_text().count("came") > 20)
+    assert program.end() == (0, [])
+    assert "Ray's raylet died" in program.log.read_text()
 
 
 def test_while_verifying_the_command_ends_and_says_so(start, suite, tmp_path):
