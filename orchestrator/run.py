@@ -29,6 +29,8 @@ from suites.vocabulary import Cell
 WORDS = {"worker": "in the workers", "served": "in processes of their own"}
 RAY_STARTS = 5
 """Times that Ray is started for one run before its dying ends the run."""
+KEEP_S = 10.0
+"""Between two writings of how long a run has taken."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class _Session:
         self._status = RunStatus.COMPLETE
         self._reason: str | None = None
         self._troubles: list[str] = [f"{name} is skipped: {reason}" for name, reason in plan.unavailable.items()]
-        self._began = time.monotonic()  # the other clock may be set meanwhile
+        self._began = self._kept = time.monotonic()  # the other clock may be set meanwhile
 
     def play(self) -> None:
         """Play what is missing; never raises what a run must survive."""
@@ -221,7 +223,7 @@ class _Session:
                 "status": self._status,
                 "reason": self._reason,
                 "finished_at": time.time(),
-                "elapsed_s": self._document.elapsed_s + time.monotonic() - self._began,
+                "elapsed_s": self._elapsed_s(),
                 "skipped": self._skipped,
                 "render_devices": self._devices,
                 "rows_hash": digest,
@@ -236,6 +238,17 @@ class _Session:
                 f"the report could not be written: {explain(error)}; write it later: gauntlet report {self._folder}"
             )
         return RunOutcome(self._folder, self._document, done, self._troubles + self._chronicle.troubles)
+
+    def _elapsed_s(self) -> float:
+        """What all sessions took so far."""
+        return self._document.elapsed_s + time.monotonic() - self._began
+
+    def _keep_time(self) -> None:
+        """Write down how long it has taken, now and then: a session that is killed has taken time as well."""
+        if time.monotonic() - self._kept >= KEEP_S:
+            self._kept = time.monotonic()
+            with contextlib.suppress(OSError):  # the store will notice a full disk
+                write_run(self._folder, self._document.model_copy(update={"elapsed_s": self._elapsed_s()}))
 
     def _outcome_rows(self) -> Iterator[tuple[Any, ...]]:
         return map(outcome_row, self._store.results())
@@ -309,6 +322,7 @@ class _Session:
             return Live(at=time.time(), phase=self._phase, simulators=lanes, workers=tuple(doing()), says=self._said())
 
         self._chronicle.tell(self._document.run_id, live)
+        self._keep_time()
 
     def _said(self) -> tuple[str, ...]:
         return tuple(self._troubles[-10:])

@@ -1,6 +1,7 @@
 """A run folder from beginning to end: begun, continued, refused, and readable whatever happened."""
 
 import io
+import itertools
 import os
 import subprocess
 import time
@@ -137,6 +138,29 @@ def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, m
     outcome = run(path)
     assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 40)
     assert outcome.document.rows_hash == read_run(undisturbed.folder).rows_hash
+
+
+def test_what_a_session_took_that_was_killed_is_not_forgotten(run, suite, monkeypatch):
+    class Killed(BaseException):
+        """Nothing catches it, so nothing is finished."""
+
+    def die(self, results):
+        time.sleep(0.2)
+        self.tick()
+        if next(count) == 3:
+            raise Killed
+
+    count = itertools.count()
+    path = suite(SUITE.replace("Reach", "Slow"))
+    monkeypatch.setattr("orchestrator.run.KEEP_S", 0.1)
+    came = Progress.came
+    monkeypatch.setattr(Progress, "came", die)
+    with pytest.raises(Killed):
+        run(path)
+    monkeypatch.setattr(Progress, "came", came)
+    taken = read_run(run.folder).elapsed_s
+    assert taken > 0.2
+    assert run(path).document.elapsed_s > taken
 
 
 def test_a_folder_of_another_suite_is_refused_and_left_alone(run, suite):
