@@ -123,6 +123,8 @@ class Comparison:
     """Policy to its episodes in the run alone and in the baseline alone; errors are in neither."""
     errors: Mapping[str, tuple[int, int]]
     """Policy to its errors in the run and in the baseline."""
+    processors: tuple[str, str] = ("", "")
+    """On what the run and the baseline were played."""
 
     @property
     def pairs(self) -> int:
@@ -177,6 +179,7 @@ def compare_runs(
         allowed=allowed,
         unpaired=_unpaired(sides, pairs),
         errors=_errors(run, baseline, only),
+        processors=(run.document.provenance.processor, baseline.document.provenance.processor),
     )
 
 

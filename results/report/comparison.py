@@ -71,11 +71,18 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
     if not one.changed and one.differing:
         yield (
             f"{one.policy}: not changed, and yet {one.differing:,} of {whole.pairs.trials:,} episodes have other "
-            "actions: the program or a library acts differently"
+            f"actions: {_why(*comparison.processors)}"
         )
     if not any(line.p_worse <= alpha for line in changed):
         said = "is shown" if one.no_worse else "is not shown"
         yield f"{one.policy}: that it is no worse by more than {100 * comparison.margin:g} points {said}"
+
+
+def _why(processor: str, before: str) -> str:
+    """What may have made the same policy act differently."""
+    if processor != before:
+        return f"processors round differently ({before or 'unknown'} before, {processor or 'unknown'} now)"
+    return "the program or a library acts differently"
 
 
 def rates(pairs: Pairs) -> str:

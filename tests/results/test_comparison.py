@@ -192,7 +192,10 @@ def test_the_text_says_which_task_by_how_much_and_how_surely(regressed):
 def test_a_policy_that_did_not_change_and_acts_otherwise_is_told():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    assert "not changed, and yet 1 of 180 episodes have other actions" in as_text(compare_runs(new, old))
+    said = "not changed, and yet 1 of 180 episodes have other actions"
+    assert f"{said}: the program or a library acts differently" in as_text(compare_runs(new, old))
+    old = replace(old, document=old.document.model_copy(update={"provenance": Provenance(processor="a 486")}))
+    assert f"{said}: processors round differently (a 486 before, unknown now)" in as_text(compare_runs(new, old))
 
 
 def test_markdown_keeps_names_harmless_and_has_a_table_per_policy(regressed):
