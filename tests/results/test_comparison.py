@@ -1,6 +1,7 @@
 """Two runs of a suite against each other: what is called worse, and what may not be compared."""
 
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
