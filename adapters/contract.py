@@ -138,7 +138,8 @@ class Simulation(Protocol):
         """The true state in the base frame, for oracles and checks, never for policies.
 
         Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,). Objects follow as
-        `<name>_position` and `<name>_quaternion`, goals as `goal_position`.
+        `<name>_position` and `<name>_quaternion`, goals as `goal_position`. Where resets let things come to rest,
+        `settling_shift` (1,) says how far they slid meanwhile (m).
         """
 
     def state_hash(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -15,6 +15,8 @@ from orchestrator.conformance.findings import Fault, NotApplicable, check
 from orchestrator.conformance.subject import Subject, changed
 
 SEED, SEED_IN_SIGHT = 3, 5
+NO_THINGS = ("tcp_position", "goal_position")
+"""Positions in the state that take no room."""
 Part = TypeVar("Part")
 
 
@@ -51,14 +53,11 @@ def play(subject: Subject, steps: int = 8) -> str:
 def objects_box(subject: Subject) -> Iterator[Fault]:
     """Things start within the box that is told, and fill it."""
     boxes = offered(subject, subject.adjusters.objects, "objects").placeable()
-    positions: dict[str, list[FloatArray]] = {name: [] for name in boxes}
-    for seed in range(12):
-        state = subject.reset(seed).privileged_state()
-        for name in boxes:
-            positions[name].append(state[f"{name}_position"][:2])
+    states = [subject.reset(seed).privileged_state() for seed in range(12)]
+    slid = np.array([state.get("settling_shift", np.zeros(1)) for state in states]) + 1e-6
     for name, box in boxes.items():
-        found = np.array(positions[name])
-        if (found < box.low - 1e-6).any() or (found > box.high + 1e-6).any():
+        found = np.array([state[f"{name}_position"][:2] for state in states])
+        if (found < box.low - slid).any() or (found > box.high + slid).any():
             outside = f"from {_xy(found.min(axis=0))} to {_xy(found.max(axis=0))}"
             yield Fault(f"{name} between {_xy(box.low)} and {_xy(box.high)}", outside)
         elif not (np.ptp(found, axis=0) > 0.4 * (box.high - box.low)).all():
@@ -70,10 +69,11 @@ def objects_box(subject: Subject) -> Iterator[Fault]:
 def objects_move(subject: Subject) -> Iterator[Fault]:
     """A thing is moved by the offset, is seen there, and stays at rest; nothing else moves."""
     objects, faults = offered(subject, subject.adjusters.objects, "objects"), list[Fault]()
-    name, offset = next(iter(objects.placeable())), np.array([0.03, -0.02])
+    name = next(iter(objects.placeable()))
     with restored(subject, faults, SEED_IN_SIGHT):
         simulation = subject.simulation
         before, seen = simulation.privileged_state(), dict(simulation.observe().images)
+        offset = _to_where_there_is_room(name, before)
         objects.move(name, offset)
         after = simulation.privileged_state()
         moved = after[f"{name}_position"] - before[f"{name}_position"]
@@ -90,6 +90,17 @@ def objects_move(subject: Subject) -> Iterator[Fault]:
         if not np.abs(drift[:2]).max() < 2e-3:
             yield Fault(f"{name} to stay at rest there", f"it drifts by {np.round(drift, 4).tolist()} m in 3 steps")
     yield from faults
+
+
+def _to_where_there_is_room(name: str, state: Mapping[str, FloatArray]) -> FloatArray:
+    """An offset (2,) of a thing, away from all others."""
+    own = f"{name}_position"
+    others = [place[:2] for key, place in state.items() if key.endswith("_position") and key not in (own, *NO_THINGS)]
+    offsets = [np.array([x, y]) for x in (0.03, -0.03) for y in (-0.02, 0.02)]
+    return max(
+        offsets,
+        key=lambda offset: min((np.linalg.norm(state[own][:2] + offset - place) for place in others), default=0.0),
+    )
 
 
 @check("arm-place", look="`adjusters.arm.place_tool`, and what the controller holds after it")

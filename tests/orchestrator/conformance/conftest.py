@@ -9,7 +9,7 @@ from adapters import catalog
 from orchestrator.conformance.subject import VIEW, Subject
 from policies import oracles
 from policies.oracles.plugins import load_oracles
-from tests.orchestrator.conformance import camera_liars  # noqa: F401  registers them
+from tests.orchestrator.conformance import camera_liars, object_liars  # noqa: F401  register them
 from tests.orchestrator.conformance.liars import LIARS
 
 

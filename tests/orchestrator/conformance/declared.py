@@ -1,7 +1,7 @@
 """What the entry points of the liars point at."""
 
 from orchestrator.scaffold.template.robogauntlet_toysim.oracle import Reach
-from tests.orchestrator.conformance import camera_liars  # noqa: F401  registers them
+from tests.orchestrator.conformance import camera_liars, object_liars  # noqa: F401  register them
 from tests.orchestrator.conformance.liars import LIARS
 
 

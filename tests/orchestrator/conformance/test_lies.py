@@ -8,7 +8,7 @@ from orchestrator.conformance import resources
 from orchestrator.conformance.findings import Outcome
 from orchestrator.conformance.registry import CHECKS
 from orchestrator.conformance.subject import Subject
-from tests.orchestrator.conformance import camera_liars  # noqa: F401  registers them
+from tests.orchestrator.conformance import camera_liars, object_liars  # noqa: F401  register them
 from tests.orchestrator.conformance.liars import LIARS
 
 LIES = [
@@ -73,6 +73,14 @@ LIES = [
     ),
     ("camerakeepsitsplace", "axis-camera-bump", "the clean episode after camera-bump@1; seen: other images"),
     ("offersnothing", "adjusts", "cameras; seen: nothing offered by the simulation"),
+    ("toosmallabox", "objects-box", "ball between (0.400, -0.120) m and (0.550, 0.120) m; seen: from (0.4"),
+    (
+        "toolargeabox",
+        "objects-box",
+        "ball to be put anywhere in a box of (0.500, 0.240) m; seen: 12 seeds spread over (0.1",
+    ),
+    ("slidesuntold", "objects-box", "ball between (0.400, -0.120) m and (0.600, 0.120) m; seen: from (0.4"),
+    ("rollsaway", "objects-move", "ball to stay at rest there; seen: it drifts by [0.006"),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
     ("keepsthreads", "closes", "2 more Python thread(s)"),
@@ -92,7 +100,16 @@ def test_a_lie_is_told_in_a_line_by_its_check(subject, liar, check, line):
 
 @pytest.mark.parametrize("check", sorted({check for _, check, _ in LIES}))
 def test_the_honest_toy_passes_every_check_that_finds_a_lie(subject, check):
-    assert {finding.outcome for finding in CHECKS[check].play(subject("honest"))} == {Outcome.PASSED}
+    honest = "movestheball" if check.startswith("objects-") else "honest"
+    assert {finding.outcome for finding in CHECKS[check].play(subject(honest))} == {Outcome.PASSED}
+
+
+def test_a_start_may_lie_outside_the_box_by_as_much_as_things_slid(subject):
+    assert CHECKS["objects-box"].play(subject("slidesandsaysso"))[0].outcome is Outcome.PASSED
+
+
+def test_a_thing_is_moved_to_where_no_other_is(subject):
+    assert CHECKS["objects-move"].play(subject("hasaneighbour"))[0].outcome is Outcome.PASSED
 
 
 def test_a_declaration_that_imports_its_simulator_is_told():
