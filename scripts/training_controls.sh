@@ -71,26 +71,30 @@ for seed in $SEEDS; do
     for blocks in cross-sigmoid self-tanh cross-tanh self-sigmoid joint; do echo "$blocks $seed"; done
 done | xargs -P 2 -L 1 bash -euo pipefail -c 'train "$@"' train
 
-for seed in $SEEDS; do
-    suite="$FOLDER/seed-$seed.yaml"
+# Name of the suite; reads its policies, a line each.
+play() {
+    local suite="$FOLDER/$1.yaml"
     {
-        echo "name: training-controls-$seed"
-        echo "description: What was trained with seed $seed, by kind of block and way of merging."
+        echo "name: training-controls-$1"
         echo "policies:"
-        echo "  - {name: joint-$seed, kind: mergevla, options: {checkpoint: \"$FOLDER/joint-$seed/base\"}}"
-        for blocks in cross-sigmoid cross-tanh self-sigmoid self-tanh; do
-            of="$FOLDER/$blocks-$seed"
-            echo "  - {name: $blocks-experts-$seed, kind: mergevla-experts, options: {folder: \"$of/experts\"}}"
-            for way in paper ta-s signs; do
-                echo "  - {name: $blocks-$way-$seed, kind: mergevla-merged, options: {checkpoint: \"$of/$way\", router: oracle}}"
-            done
-        done
+        cat
         echo "tasks: [$(tr ' ' ',' <<<"$TASKS")]"
         echo "seeds: {start: 0, count: $EPISODES}"
         echo "image_size: 96"
         echo "render_profile: fast"
-        echo "workers: 1"
+        echo "workers: auto"
     } >"$suite"
-    "$GAUNTLET" run "$suite" --out "$FOLDER/run-$seed" --no-media
+    "$GAUNTLET" run "$suite" --out "$FOLDER/run-$1" --no-media
+}
+
+for seed in $SEEDS; do
+    for blocks in cross-sigmoid cross-tanh self-sigmoid self-tanh; do
+        of="$FOLDER/$blocks-$seed"
+        echo "  - {name: $blocks-experts-$seed, kind: mergevla-experts, options: {folder: \"$of/experts\"}}"
+        for way in paper ta-s signs; do
+            echo "  - {name: $blocks-$way-$seed, kind: mergevla-merged, options: {checkpoint: \"$of/$way\", router: oracle}}"
+        done
+    done | play "blocks-$seed"
+    echo "  - {name: joint-$seed, kind: mergevla, options: {checkpoint: \"$FOLDER/joint-$seed/base\"}}" | play "joint-$seed"
 done
 TRAINING_CONTROLS="$FOLDER" "$(dirname "$GAUNTLET")/python" -m tests.benchmarks training_controls
