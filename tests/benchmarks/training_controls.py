@@ -67,4 +67,4 @@ def _difference(ours: pd.Series, reference: pd.Series) -> Sequence[str]:
 
 
 def _percent(share: float) -> str:
-    return f"{share:.1%}"
+    return "-" if np.isnan(share) else f"{share:.1%}"
