@@ -7,10 +7,10 @@
 # DEMONSTRATIONS: folder with demonstrations to use as they are, for instance those of scripts/zoo.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-FOLDER=${1:-runs/training-controls}
+FOLDER=$(realpath -m "${1:-runs/training-controls}")  # suites name checkpoints by it
 shift || true
 SEEDS=${*:-0 1 2}
-DATA=${DEMONSTRATIONS:-$FOLDER/demonstrations}
+DATA=$(realpath -m "${DEMONSTRATIONS:-$FOLDER/demonstrations}")
 GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
 TASKS="maniskill/PushCube-v1 maniskill/PullCube-v1 pybullet/PandaReach-v3 robosuite/Lift robosuite/Door"
 BASE_STEPS=1000

@@ -80,8 +80,8 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
 
 def _why(processor: str, before: str) -> str:
     """What may have made the same policy act differently."""
-    if processor != before:
-        return f"processors round differently ({before or 'unknown'} before, {processor or 'unknown'} now)"
+    if processor and before and processor != before:
+        return f"another processor rounds differently ({before} before, {processor} now), or the program does"
     return "the program or a library acts differently"
 
 
