@@ -24,6 +24,7 @@ from policies import catalog as policies
 from policies.contract import PolicyError
 from policies.mergevla.card import digest_of
 from policies.mergevla.merged_policy import EXPERTS_NAME, expert_folders
+from policies.oracles import digest_of_task
 from policies.training.writing import DatasetWriter
 from policies.zoo import shipped
 from results.run import RunStatus
@@ -206,7 +207,7 @@ def _play(order: Order, collected: Collected, listener: Listener, homes: Homes) 
 def _lane(task: str, order: Order, folder: Path, homes: Homes) -> Lane:
     """A task's lane, with what is there already."""
     card = simulators.task_cards()[task]
-    made_by: dict[str, Any] = {"oracle": policies.digest(ORACLE, {}), "noise": order.noise}
+    made_by: dict[str, Any] = {"oracle": digest_of_task(task), "noise": order.noise}
     horizon = card.horizon
     if learner := order.learners.get(task):
         made_by["learner"] = digest_of(str(learner))

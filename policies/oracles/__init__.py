@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from policies.contract import Decision, Policy, PolicyError, PolicyKind, PolicySpec, Query, Sees
-from policies.digests import scripted_digest
+from policies.digests import scripted_digest, source_digest
 from policies.oracles import motion
 from policies.oracles.motion import Script
 from policies.oracles.plugins import OraclePlugin, load_oracles
@@ -24,15 +24,14 @@ _SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "g
 @cache
 def scripts() -> Mapping[str, Callable[[], Script]]:
     """Full task name to its script, those of plug-ins included. Light: no simulator is imported."""
-    brought = {task: script for plugin in _brought() for task, script in plugin.scripts.items()}
-    return brought | {
-        task: script for name in _SCRIPT_MODULES for task, script in import_module(f"{__name__}.{name}").SCRIPTS.items()
-    }
+    return {task: script for source in _sources() for task, script in source.scripts.items()}
 
 
-def _brought() -> list[OraclePlugin]:
-    """What plug-ins bring; the built-in scripts cannot be replaced."""
-    return [plugin for name, plugin in load_oracles()[0].items() if name not in _SCRIPT_MODULES]
+def _sources() -> list[OraclePlugin]:
+    """Where scripts come from, plug-ins first; the built-in scripts cannot be replaced."""
+    brought = [plugin for name, plugin in load_oracles()[0].items() if name not in _SCRIPT_MODULES]
+    own = [(name, import_module(f"{__name__}.{name}")) for name in _SCRIPT_MODULES]
+    return brought + [OraclePlugin(name, module.SCRIPTS, module.__name__) for name, module in own]
 
 
 def broken_plugins() -> tuple[BrokenPlugin, ...]:
@@ -80,9 +79,23 @@ def _load(options: Mapping[str, Any]) -> Policy:
 
 
 def _digest(options: Mapping[str, Any]) -> str:
-    modules = [import_module(f"{__name__}.{name}") for name in _SCRIPT_MODULES]
-    modules += [module for plugin in _brought() for module in plugin.modules()]
-    return scripted_digest("oracle", sys.modules[__name__], motion, *modules)(options)
+    modules = [module for source in _sources() for module in source.modules()]
+    return scripted_digest("oracle", sys.modules[__name__], motion, *dict.fromkeys(modules))(options)
+
+
+def digest_of_task(task: str) -> str:
+    """Hash of the script of one task: those of other simulators are not part of it, as they are of the policy's digest.
+
+    Args:
+        task: Full name, `simulator/task`.
+
+    Raises:
+        PolicyError: The task has no script.
+    """
+    for source in _sources():
+        if task in source.scripts:
+            return source_digest(motion, *source.modules())
+    raise PolicyError(f"the oracle has no script for '{task}'")
 
 
 ORACLE = PolicyKind(

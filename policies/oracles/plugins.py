@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import import_module, metadata
 from types import ModuleType
 
@@ -27,8 +27,13 @@ class OraclePlugin:
 
     def modules(self) -> list[ModuleType]:
         """The modules in which the scripts are written: their source is part of what the oracle is."""
-        names = {self.module} | {str(getattr(script, "__module__", self.module)) for script in self.scripts.values()}
+        names = {self.module} | {getattr(_unwrapped(made), "__module__", self.module) for made in self.scripts.values()}
         return [import_module(name) for name in sorted(names)]
+
+
+def _unwrapped(made: Callable[..., object]) -> Callable[..., object]:
+    """What a partial call is of: the partial itself is written in Python's library, another in each version."""
+    return _unwrapped(made.func) if isinstance(made, partial) else made
 
 
 @cache

@@ -13,6 +13,7 @@ import pytest
 from orchestrator import gathering
 from orchestrator.cli.shared import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from orchestrator.demonstrate import FIRST_SEED, DemonstrateError, Order, collect, dataset_name, resolve
+from policies.oracles import digest_of_task
 from policies.training.dataset import Demonstrations
 from policies.training.lerobot import DatasetError
 from results.run import RunStatus
@@ -136,6 +137,10 @@ class TestWithRay:
         collect(order(), tmp_path, Quiet())
         with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2"):
             collect(order(noise=0.2), tmp_path, Quiet())
+
+    def test_scripts_of_other_simulators_are_no_part_of_what_it_was_begun_with(self, tmp_path):
+        collect(order(), tmp_path, Quiet())
+        assert journal(tmp_path)["source"]["oracle"] == digest_of_task("null/Reach")
 
     def test_a_full_disk_ends_the_collection_with_a_word(self, tmp_path, monkeypatch):
         def full(*arguments, **options):

@@ -6,6 +6,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from policies import catalog, oracles
+from policies.contract import PolicyError
 from policies.oracles.plugins import GROUP, load_oracles
 
 MODULE = """
@@ -59,6 +60,34 @@ def test_the_oracles_digest_covers_what_packages_bring(declared):
     first = catalog.digest("oracle", {})
     declared([("mysim", ":GOOD")], value=2)
     assert len({alone, first, catalog.digest("oracle", {})}) == 3
+
+
+def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
+    declared([("mysim", ":GOOD")], value=1)
+    first = [oracles.digest_of_task(task) for task in ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")]
+    declared([("mysim", ":GOOD")], value=2)
+    second = [oracles.digest_of_task(task) for task in ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")]
+    assert [one == other for one, other in zip(first, second, strict=True)] == [False, True, True]
+    assert len(set(second)) == 3
+
+
+def test_a_tasks_digest_covers_the_module_that_its_script_is_borrowed_from(monkeypatch):
+    before = oracles.digest_of_task("gymnasium/FetchReach-v4")
+    told = oracles.source_digest
+    monkeypatch.setattr(
+        oracles, "source_digest", lambda *modules: told(*(m for m in modules if not m.__name__.endswith("pybullet")))
+    )
+    assert oracles.digest_of_task("gymnasium/FetchReach-v4") != before
+
+
+def test_no_digest_covers_pythons_own_library():
+    written = {module.__name__ for source in oracles._sources() for module in source.modules()}
+    assert written == {f"policies.oracles.{name}" for name in oracles._SCRIPT_MODULES}
+
+
+def test_a_task_without_a_script_has_no_digest():
+    with pytest.raises(PolicyError, match="the oracle has no script for 'mysim/Nothing'"):
+        oracles.digest_of_task("mysim/Nothing")
 
 
 @pytest.mark.parametrize(
