@@ -16,7 +16,8 @@ from tests.benchmarks.shared import table
 
 REFERENCE = "cross-sigmoid"
 """MergeVLA's own block; differences are to it."""
-WAYS = ("experts", "signs", "ta-s", "paper")
+EXPERTS, JOINT = "experts", "joint"
+WAYS = (EXPERTS, "signs", "ta-s", "paper")
 
 
 def measure() -> list[dict[str, object]]:
@@ -43,6 +44,9 @@ def measure() -> list[dict[str, object]]:
         for name in by_training.index
         if name.endswith(f"-{way}") and not name.startswith(REFERENCE)
     ]
+    if JOINT in by_training.index:
+        together = _difference(by_training.loc[JOINT], by_training.loc[f"{REFERENCE}-{EXPERTS}"])
+        differences.append((JOINT, EXPERTS, *together))
     table(("network", "way", "difference", "interval"), differences)
     print("\nsuccess by task, mean over training seeds")
     by_task = trained.groupby(["name", "task"])["mean"].mean().unstack()
