@@ -4,24 +4,26 @@
 # the same episodes. Smaller than the zoo, so that many trainings fit: five tasks, 150 demonstrations each.
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
 # Usage: scripts/training_controls.sh [FOLDER] [SEED...]   (default runs/training-controls 0 1 2). Takes hours.
+# PERCENT=2 does the same in minutes from a fiftieth of everything: see percent.sh.
 # DEMONSTRATIONS: folder with demonstrations to use as they are, for instance those of scripts/zoo.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-FOLDER=$(realpath -m "${1:-runs/training-controls}")  # suites name checkpoints by it
+. scripts/percent.sh
+FOLDER=$(realpath -m "${1:-runs/training-controls${PERCENT:+-$PERCENT-percent}}")  # suites name checkpoints by it
 shift || true
 SEEDS=${*:-0 1 2}
 DATA=$(realpath -m "${DEMONSTRATIONS:-$FOLDER/demonstrations}")
 GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
 TASKS="maniskill/PushCube-v1 maniskill/PullCube-v1 pybullet/PandaReach-v3 robosuite/Lift robosuite/Door"
-BASE_STEPS=1000
-EXPERT_STEPS=1000
+BASE_STEPS=$(few 1000)
+EXPERT_STEPS=$(few 1000)
 # As many frames as a base (64 a step) and five experts (32 a step) see together.
 JOINT_STEPS=$((BASE_STEPS + 5 * EXPERT_STEPS / 2))
-EPISODES=20
+EPISODES=$(few 20)
 export OMP_NUM_THREADS=1
 
 # shellcheck disable=SC2086  # tasks are several words
-[ -n "${DEMONSTRATIONS:-}" ] || "$GAUNTLET" policies demonstrate $TASKS --out "$DATA" --episodes 150 --workers 2
+[ -n "${DEMONSTRATIONS:-}" ] || "$GAUNTLET" policies demonstrate $TASKS --out "$DATA" --episodes "$(few 150)" --workers 2
 
 datasets() {
     for task in $TASKS; do echo "$DATA/${task/\//__}"; done

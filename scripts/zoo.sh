@@ -2,9 +2,11 @@
 # Makes the zoo from nothing: demonstrations of the nine tasks, the base, nine experts, the merged models. Each step is
 # skipped if its result is there and continued if it was stopped, so the same command goes on after any interruption.
 # Usage: scripts/zoo.sh [FOLDER]   (default runs/zoo; `make zoo`). Takes hours on two cores; progress is printed.
+# PERCENT=1 makes the same in minutes from a hundredth of everything: see percent.sh.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-FOLDER=${1:-runs/zoo}
+. scripts/percent.sh
+FOLDER=${1:-runs/zoo${PERCENT:+-$PERCENT-percent}}
 DATA="$FOLDER/demonstrations"
 GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
 CORRECTED=pybullet/PandaPush-v3
@@ -23,13 +25,13 @@ export OMP_NUM_THREADS=1
 
 finished() { [ -e "$1/card.json" ]; }
 
-"$GAUNTLET" policies demonstrate 'maniskill/*' 'robosuite/*' 'pybullet/*' --out "$DATA" --episodes 150 --workers 2
+"$GAUNTLET" policies demonstrate 'maniskill/*' 'robosuite/*' 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
 finished "$FOLDER/base" ||
     OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$GAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
-        --steps 3200 --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
+        --steps "$(few 3200)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
 
 while read -r task demonstrations _; do
-    "$GAUNTLET" policies demonstrate "$task" --out "$DATA" --episodes "$demonstrations" --workers 2 </dev/null
+    "$GAUNTLET" policies demonstrate "$task" --out "$DATA" --episodes "$(few "$demonstrations")" --workers 2 </dev/null
 done <<<"$EXPERTS"
 
 # Folder of the expert, its datasets (one or two), steps, further options.
@@ -38,15 +40,15 @@ train() {
     shift 3
     # shellcheck disable=SC2086  # datasets are several words
     [ -e "$out/card.json" ] ||
-        "$GAUNTLET" policies finetune $data --base "$FOLDER/base" --out "$out" --steps "$steps" --learning-rate 1e-3 \
-            --shift 2 "$@"
+        "$GAUNTLET" policies finetune $data --base "$FOLDER/base" --out "$out" --steps "$(few "$steps")" \
+            --learning-rate 1e-3 --shift 2 "$@"
 }
 
 # One task's expert learns from being corrected as well (DAgger): a first expert acts, the oracle takes over from it.
 name="${CORRECTED/\//__}"
 train "$FOLDER/first/$name" "$DATA/$name" 5000 --action-steps 4
-"$GAUNTLET" policies demonstrate "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" --episodes 300 \
-    --first-seed 1500000 --workers 2
+"$GAUNTLET" policies demonstrate "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" \
+    --episodes "$(few 300)" --first-seed 1500000 --workers 2
 
 expert() {
     local task="$1" steps="$3" name="${1/\//__}"

@@ -167,5 +167,7 @@ def _principal_axes(centred: Tensor, most: int) -> Tensor:
 def _cholesky(covariance: Tensor) -> Tensor:
     factor, failed = torch.linalg.cholesky_ex(covariance)
     if failed:
-        raise RoutingError("expected first frames that differ within a task, got the same one each time")
+        raise RoutingError(
+            "expected first frames that differ within a task, got the same one each time; give it more demonstrations"
+        )
     return factor
