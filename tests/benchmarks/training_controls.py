@@ -5,6 +5,7 @@ Not a speed. `TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_contr
 
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,12 @@ def measure() -> list[dict[str, object]]:
         together = _difference(by_training.loc[JOINT], by_training.loc[f"{REFERENCE}-{EXPERTS}"])
         differences.append((JOINT, EXPERTS, *together))
     table(("network", "way", "difference", "interval"), differences)
+    print("\ndifference between ways in points, mean of the blocks, 95 % t-interval over the training seeds")
+    of_way = {way: by_training[by_training.index.str.endswith(f"-{way}")].mean() for way in WAYS}
+    table(
+        ("way", "to", "difference", "interval"),
+        [(better, worse, *_difference(of_way[better], of_way[worse])) for better, worse in pairwise(WAYS)],
+    )
     print("\nsuccess by task, mean over training seeds")
     by_task = trained.groupby(["name", "task"])["mean"].mean().unstack()
     table(("network", *by_task.columns), [(name, *map(_percent, found)) for name, found in by_task.iterrows()])
