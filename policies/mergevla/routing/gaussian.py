@@ -13,7 +13,7 @@ from policies.mergevla.routing.features import Labelled, Reading, check_held_out
 from policies.mergevla.routing.storage import names_from, names_tensor, number_from, tensor_from
 from policies.mergevla.routing.thresholds import conformal_threshold, temperature_of
 
-COMPONENTS = 128
+COMPONENTS = 256
 SMALLEST_SPREAD = 1e-2
 """A feature counts as spread by at least this share of the features' root mean square deviation: dividing by less would
 blow rounding errors up."""
@@ -27,12 +27,11 @@ class Calibration:
     """Sorted."""
     mean: Tensor
     """Of the features, shape (d,)."""
-    components: Tensor
-    """From standardised features to principal components: the axes, divided by the features' spread, shape (c, d)."""
-    precision: Tensor
-    """W with W^T W the inverse of the classes' covariance, shape (c, c)."""
+    whitening: Tensor
+    """From centred features to where each class has the covariance 1: principal axes of the standardised features,
+    seen through a factor of the inverse of their covariance within classes, shape (c, d)."""
     centres: Tensor
-    """Class means, seen through `precision`, shape (experts, c)."""
+    """Class means there, shape (experts, c)."""
     reading: Reading
     """What the features are."""
     temperature: float = 1.0
@@ -47,7 +46,7 @@ class Calibration:
         """
         if features.ndim != 2 or features.shape[1] != len(self.mean):
             raise RoutingError(f"expected features of shape (n, {len(self.mean)}), got {tuple(features.shape)}")
-        white = (features.double() - self.mean) @ self.components.double().mT @ self.precision.double().mT
+        white = (features.double() - self.mean) @ self.whitening.double().mT
         return (white[:, None] - self.centres.double()).norm(dim=-1)
 
     def scores(self, features: Tensor) -> Tensor:
@@ -64,8 +63,7 @@ class Calibration:
             "reading": self.reading.as_tensor(),
             "experts": names_tensor(self.experts),
             "mean": self.mean,
-            "components": self.components,
-            "precision": self.precision,
+            "whitening": self.whitening,
             "centres": self.centres,
             "temperature": torch.tensor(self.temperature, dtype=torch.float64),
             "threshold": torch.tensor(self.threshold, dtype=torch.float64),
@@ -80,17 +78,15 @@ class Calibration:
         """
         experts = names_from(tensors, "experts")
         mean = tensor_from(tensors, "mean", (None,))
-        components = tensor_from(tensors, "components", (None, len(mean)))
-        count = len(components)
+        whitening = tensor_from(tensors, "whitening", (None, len(mean)))
         temperature = number_from(tensors, "temperature")
         if temperature <= 0:
             raise RoutingError(f"expected a temperature above 0, got {temperature:g}")
         return cls(
             experts,
             mean,
-            components,
-            tensor_from(tensors, "precision", (count, count)),
-            tensor_from(tensors, "centres", (len(experts), count)),
+            whitening,
+            tensor_from(tensors, "centres", (len(experts), len(whitening))),
             Reading.from_tensor(tensors.get("reading")),
             temperature,
             number_from(tensors, "threshold"),
@@ -120,8 +116,8 @@ def fit(frames: Labelled, held_out: Labelled, reading: Reading, components: int 
     covariance = ledoit_wolf(projected - centres[classes])
     # The factor of the inverse, from the factor of the covariance.
     precision = torch.linalg.inv(_cholesky(covariance))
-    centres = (centres @ precision.mT).float()
-    fitted = Calibration(experts, mean.float(), axes.float(), precision.float(), centres, reading)
+    whitening, centres = precision @ axes, centres @ precision.mT
+    fitted = Calibration(experts, mean.float(), whitening.float(), centres.float(), reading)
     truth = torch.tensor([experts.index(label) for label in held_out.labels])
     logits = fitted.distances(held_out.features).square() / -2.0
     return replace(

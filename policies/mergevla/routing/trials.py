@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from policies.mergevla.routing.catalog import FITTED, NAMES, router
+from policies.mergevla.routing.catalog import FITTED, NAMES, reading_of, router, to_fit
 from policies.mergevla.routing.contract import Candidates, Router, RoutingError, Sighting
 from policies.mergevla.routing.demonstrations import FirstSightings
-from policies.mergevla.routing.features import Reading, labelled
+from policies.mergevla.routing.features import labelled
 from policies.mergevla.routing.study import LeftOut, Study, Trial, leave_one_out, study
 
 Listener = Callable[[int, int], None]
@@ -120,7 +120,7 @@ def unknown_tasks(
     """Leave each task in turn out of the fit, and see whether its sightings are called unknown.
 
     Args:
-        candidates: Of which only the base is run, once for each sighting with the instruction and once without.
+        candidates: Of which only the base is run.
         fitted_to: Of all experts.
         judged: Task to new sightings, never fitted to.
         listener: Told how many of how many fits are judged.
@@ -132,10 +132,11 @@ def unknown_tasks(
     wanted = 2 * len(FITTED)
     for sees_instruction in (True, False):
         listener(len(found), wanted)
-        reading = Reading(sees_instruction)
-        parts = [labelled(candidates, part, reading) for part in (fitted_to.frames, fitted_to.held_out, judged)]
+        reading = reading_of(candidates.architecture, sees_instruction=sees_instruction)
+        new = labelled(candidates, judged, reading)
         for name, fitting in FITTED.items():
-            left_out = leave_one_out(partial(fitting.fit, reading=reading), *parts)
+            parts = to_fit(fitting, candidates, fitted_to.frames, fitted_to.held_out, reading)
+            left_out = leave_one_out(partial(fitting.fit, reading=reading), *parts, new)
             found.append(UnknownTasks(name, sees_instruction, left_out))
     return sorted(found, key=lambda one: one.router)
 

@@ -1,5 +1,7 @@
 """Routers by name, and fitted ones on a small network."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 from safetensors.torch import load, save
@@ -68,6 +70,21 @@ def test_another_layer_is_remembered(candidates):
     parts = (labelled(candidates, part, reading) for part in (frames(0, 4), frames(50, 4)))
     back = Calibration.from_tensors(fit(*parts, reading).as_tensors())
     assert back.reading == Reading(False, 1)
+
+
+@pytest.mark.parametrize("name", FITTED)
+@pytest.mark.parametrize(("told", "sees_instruction"), [("instructed", True), ("unaided", False)])
+def test_the_layer_in_the_middle_is_read(name, told, sees_instruction, candidates, stored):
+    assert candidates.architecture.language.layers == 2
+    assert Reading.from_tensor(stored[f"{name}/{told}/reading"]) == Reading(sees_instruction, layer=1)
+
+
+@pytest.mark.parametrize("name", FITTED)
+def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(name, candidates, stored):
+    new = [sighting(9000 + i, task) for i in range(4) for task in EXPERTS]
+    short = [replace(one, instruction=" ".join(one.instruction.split()[::2])) for one in new]
+    routed = router(name, stored=stored).route(short, candidates)
+    assert [one.choice for one in routed] == [one.task for one in new]
 
 
 def test_a_misspelt_router_gets_the_nearest_name():

@@ -60,7 +60,7 @@ def test_the_covariance_is_shrunk_as_ledoit_and_wolf_say():
 
 def test_fewer_frames_than_features_still_fit():
     few = fit(gaussians(0, count=4, dim=300), gaussians(1, count=4, dim=300), READING)
-    assert few.components.shape[0] <= 15
+    assert few.whitening.shape[0] <= 15
     new = gaussians(2, dim=300)
     chosen = [few.experts[i] for i in few.scores(new.features).argmax(dim=1)]
     assert np.mean([a == b for a, b in zip(chosen, new.labels, strict=True)]) > 0.95
@@ -117,7 +117,7 @@ def test_tensors_give_the_same_calibration_back(calibration):
     ("name", "value", "message"),
     [
         ("centres", None, r"expected centres as numbers of shape \(4, 12\), got none"),
-        ("precision", torch.eye(3), r"expected precision .* \(12, 12\), got \(3, 3\)"),
+        ("whitening", torch.eye(3), r"expected whitening .* \(any, 12\), got \(3, 3\)"),
         ("mean", torch.full((12,), torch.nan), "expected a finite mean, got NaN"),
         ("temperature", torch.tensor(0.0), "expected a temperature above 0, got 0"),
         ("experts", torch.tensor([255], dtype=torch.uint8), "expected experts as names in UTF-8"),
