@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -81,10 +80,12 @@ def load_state(
 
 @torch.no_grad()
 def _fill(
-    weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, tensors: Mapping[str, Any], step: int
+    weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, tensors: Mapping[str, Tensor], steps: int
 ) -> None:
+    """What no gradient reaches, such as the last block of a vision tower, has a weight and no moments."""
     for name, weight in weights.items():
         weight.copy_(tensors[f"weight/{name}"])
-        if step:
+        if any(f"{kind}/{name}" in tensors for kind in MOMENTS):
             moments = {kind: tensors[f"{kind}/{name}"].to(weight.device) for kind in MOMENTS}
-            optimiser.state[weight] = {"step": torch.tensor(float(step)), **moments}
+            # On the weight's device, where fused AdamW reads it.
+            optimiser.state[weight] = {"step": torch.tensor(float(steps), device=weight.device), **moments}

@@ -21,9 +21,10 @@ from policies.training.options import settings_of
 from policies.training.pool import Pool
 from policies.training.reading import masked_l1
 from policies.training.schedule import Schedule, rate_at
-from policies.training.state import STATE_FILE, TrainingError
+from policies.training.state import STATE_FILE, History, TrainingError, load_state, save_state
 from policies.training.writing import Attempt, DatasetWriter
 from tests.policies.mergevla.shared import SMALL
+from tests.policies.mergevla.test_pretrained import LITTLE
 
 LORA = LoraSettings(4)
 QUICK = Settings(steps=6, batch_size=8, warm_up=2, evaluate_every=3, largest_shift=1)
@@ -111,6 +112,30 @@ def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_
     assert parts.history.losses == whole.history.losses
     assert parts.history.held_out == whole.history.held_out
     assert not (tmp_path / "parts" / STATE_FILE).exists()
+
+
+def test_a_network_with_weights_that_no_gradient_reaches_is_continued(tmp_path):
+    """The large size's towers: their last block is not read."""
+    pool = Pool.open([dataset(tmp_path, "Reach", range(3), size=LITTLE.image_size, steps=4)])
+    brief = replace(QUICK, steps=2, batch_size=2)
+    whole = pretrain(pool, LITTLE, tmp_path / "whole", brief).card
+    pretrain(pool, LITTLE, tmp_path / "parts", brief, stop=stop_after(1))
+    assert pretrain(pool, LITTLE, tmp_path / "parts", brief).card.tensor_hash == whole.tensor_hash
+
+
+def test_what_the_optimiser_knows_comes_back_on_the_device_of_its_weight(tmp_path):
+    """Its count of steps too: fused AdamW reads it on the GPU."""
+    weight = torch.nn.Parameter(torch.ones(2))
+    optimiser = torch.optim.AdamW([weight])
+    weight.sum().backward()
+    optimiser.step()
+    save_state(tmp_path / STATE_FILE, {"w": weight}, optimiser, History("same", step=1))
+    elsewhere = torch.nn.Parameter(torch.empty(2, device="meta"))
+    continued = torch.optim.AdamW([elsewhere])
+    load_state(tmp_path / STATE_FILE, {"w": elsewhere}, continued, "same")
+    found = continued.state[elsewhere]
+    assert found.keys() == optimiser.state[weight].keys()
+    assert {value.device.type for value in found.values()} == {"meta"}
 
 
 def test_the_state_is_written_while_training(pool, tmp_path):
