@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from safetensors.torch import load_file
 from torch import Tensor
 
 from policies.mergevla.card import WEIGHTS, CheckpointError, base_folder, locate
@@ -22,6 +21,7 @@ from policies.mergevla.merging.recipe import BackboneRule, MaskRule
 from policies.mergevla.merging.signs import check_row_scales
 from policies.mergevla.merging.taus import Weights, difference
 from policies.mergevla.merging_experts import Merging
+from policies.mergevla.tensor_files import read_tensors
 
 TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
     "tau",
@@ -60,6 +60,7 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
 
     Raises:
         CheckpointError: NaN or infinite weights.
+        OSError: A full disk, or the like.
     """
     parts = merging.parts
     tensors = _tensors(parts) | _under(ROUTER, fitted or {})
@@ -93,7 +94,7 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     card = verified_merged_card(folder)
     base, base_card = load_tensors(base_folder(folder, card.base))
     check_architecture(folder, card.architecture, base_card.architecture)
-    tensors = load_file(folder / WEIGHTS)
+    tensors = read_tensors(folder / WEIGHTS)
     check_finite(tensors, folder)
     sections = {name.partition("/")[0] for name in tensors}
     if odd := sorted(sections - set(SECTIONS)):
