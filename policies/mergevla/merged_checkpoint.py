@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,6 +134,8 @@ def _merged(card: MergedCard, tensors: Weights, rounds: int) -> MergedTau:
     recipe, tau = card.recipe, {name: delta.float() for name, delta in _section(tensors, TAU).items()}
     rule = recipe.masks if tau else MaskRule.NONE
     signs = rule is MaskRule.SIGNS
+    if rule is MaskRule.EMR:
+        _check_rescalers(card)
     per_expert = recipe.lambda_ if isinstance(recipe.lambda_, Mapping) else dict.fromkeys(card.experts, recipe.lambda_)
     return MergedTau(
         experts=card.experts,
@@ -147,6 +150,12 @@ def _merged(card: MergedCard, tensors: Weights, rounds: int) -> MergedTau:
         options=recipe.options,
         residual=_merged(card, _section(tensors, RESIDUAL), rounds - 1) if signs and rounds > 1 else None,
     )
+
+
+def _check_rescalers(card: MergedCard) -> None:
+    numbers = (value for value in card.rescalers.values() if isinstance(value, int | float) and math.isfinite(value))
+    if set(card.rescalers) != set(card.experts) or len(list(numbers)) != len(card.experts):
+        raise CheckpointError(f"expected a rescaler of each merged expert, got {dict(card.rescalers)}")
 
 
 def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:
