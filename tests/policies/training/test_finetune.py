@@ -15,6 +15,7 @@ from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors
 from policies.mergevla.config import LoraSettings
 from policies.training.augmentation import shift
+from policies.training.dataset import Demonstrations
 from policies.training.finetune import Pace, Settings, finetune, pretrain
 from policies.training.lerobot import Recording, encode_episode
 from policies.training.options import settings_of
@@ -220,6 +221,8 @@ def test_mistakes_are_one_line(pool, base, data, tmp_path):
         "expected 16 px images of": lambda: Pool.open([data[0], wide]),
         "expected a dataset": lambda: Pool.open([tmp_path / "nowhere"]),
         "expected steps of 1 or more, got 0": lambda: replace(QUICK, steps=0),
+        "expected a shift of 0 or more, a seed of 0 to 2\\^63 - 1": lambda: replace(QUICK, seed=2**63),
+        "expected a shift of 0 or more, a seed of 0": lambda: replace(QUICK, seed=-1),
         "expected a learning rate": lambda: replace(QUICK, learning_rate=2.0),
         "expected a schedule out of cosine, constant": lambda: settings_of(1, 1, 1e-3, "step", 0, 0, 1),
         "expected a base that stands alone": lambda: finetune(pool, expert, tmp_path / "b", QUICK, lora=LORA),
@@ -240,6 +243,14 @@ def test_a_stopped_training_is_not_continued_with_other_settings(pool, tmp_path)
     with pytest.raises(TrainingError, match="expected the same data, base and settings"):
         pretrain(pool, SMALL, tmp_path, replace(QUICK, seed=5))
     assert not (tmp_path / CARD).exists()
+
+
+def test_a_stopped_training_is_not_continued_with_its_data_in_another_order(data, tmp_path):
+    pretrain(Pool.open(data), SMALL, tmp_path, QUICK, stop=stop_after(2))
+    backwards = Pool([Demonstrations(folder) for folder in sorted(data, reverse=True)])
+    assert backwards.data_hash == Pool.open(data).data_hash
+    with pytest.raises(TrainingError, match="expected the same data, base and settings"):
+        pretrain(backwards, SMALL, tmp_path, QUICK)
 
 
 def test_a_broken_state_is_said_to_be_broken(pool, tmp_path):
