@@ -104,10 +104,20 @@ class Demonstrations:
     @cached_property
     def task(self) -> str:
         """The task shown: as we recorded it, else the folder's name."""
+        return str(self._source.get("task", self.folder.name))
+
+    @property
+    def begins_late(self) -> bool:
+        """Whether its episodes begin where the oracle took over from a learner, not where the task does."""
+        return "learner" in self._source and not self._source.get("whole")
+
+    @cached_property
+    def _source(self) -> dict[str, Any]:
+        """How we recorded it; empty if we did not."""
         try:
-            return str(json.loads((self.folder / JOURNAL_FILE).read_text(encoding="utf-8"))["source"]["task"])
+            return dict(json.loads((self.folder / JOURNAL_FILE).read_text(encoding="utf-8"))["source"])
         except (OSError, ValueError, KeyError, TypeError):
-            return self.folder.name
+            return {}
 
     @property
     def instructions(self) -> tuple[str, ...]:
