@@ -13,7 +13,7 @@ from orchestrator.cli.policies.training import line
 from policies.contract import PolicyError
 from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors
-from policies.mergevla.config import LoraSettings
+from policies.mergevla.config import LoraSettings, Quirks
 from policies.training.augmentation import shift
 from policies.training.dataset import Demonstrations
 from policies.training.finetune import Pace, Settings, finetune, pretrain
@@ -22,6 +22,7 @@ from policies.training.options import settings_of
 from policies.training.pool import Pool
 from policies.training.reading import masked_l1
 from policies.training.schedule import Schedule, rate_at
+from policies.training.selection import held_out_l1
 from policies.training.state import STATE_FILE, History, TrainingError, load_state, save_state
 from policies.training.writing import Attempt, DatasetWriter
 from tests.policies.mergevla.shared import SMALL
@@ -122,6 +123,17 @@ def test_a_network_with_weights_that_no_gradient_reaches_is_continued(tmp_path):
     whole = pretrain(pool, LITTLE, tmp_path / "whole", brief).card
     pretrain(pool, LITTLE, tmp_path / "parts", brief, stop=stop_after(1))
     assert pretrain(pool, LITTLE, tmp_path / "parts", brief).card.tensor_hash == whole.tensor_hash
+
+
+def test_the_papers_noise_is_repeated_when_a_training_is_continued_and_not_in_what_is_held_out(pool, tmp_path):
+    noisy = replace(SMALL, quirks=Quirks(training_noise=True))
+    whole = pretrain(pool, noisy, tmp_path / "whole", QUICK)
+    pretrain(pool, noisy, tmp_path / "parts", QUICK, stop=stop_after(2))
+    torch.manual_seed(1)
+    assert pretrain(pool, noisy, tmp_path / "parts", QUICK).card.tensor_hash == whole.card.tensor_hash
+    checkpoint = load_checkpoint(tmp_path / "whole")
+    losses = held_out_l1(lambda task: checkpoint.model, checkpoint.card.statistics, pool)
+    assert np.mean(list(losses.values())) == pytest.approx(whole.card.metrics["held_out_l1"], rel=1e-5)
 
 
 def test_what_the_optimiser_knows_comes_back_on_the_device_of_its_weight(tmp_path):
