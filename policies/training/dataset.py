@@ -114,10 +114,13 @@ class Demonstrations:
     @cached_property
     def _source(self) -> dict[str, Any]:
         """How we recorded it; empty if we did not."""
+        path = self.folder / JOURNAL_FILE
         try:
-            return dict(json.loads((self.folder / JOURNAL_FILE).read_text(encoding="utf-8"))["source"])
-        except (OSError, ValueError, KeyError, TypeError):
+            return dict(json.loads(path.read_text(encoding="utf-8"))["source"])
+        except FileNotFoundError:
             return {}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DatasetError(f"{path}: cannot be read: {type(error).__name__}: {error}") from None
 
     @property
     def instructions(self) -> tuple[str, ...]:
@@ -260,11 +263,16 @@ def find_datasets(folder: Path) -> list[Path]:
     """The datasets in a folder, or the folder itself if it is one.
 
     Raises:
-        DatasetError: There is none.
+        DatasetError: There is none, or a folder may not be read.
     """
-    if (folder / INFO_FILE).is_file():
-        return [folder]
-    found = sorted(path.parent.parent for path in folder.glob(f"*/{INFO_FILE}"))
+    try:
+        if (folder / INFO_FILE).is_file():
+            return [folder]
+        # Not by a glob, which leaves out what it may not look at.
+        places = sorted(folder.iterdir()) if folder.is_dir() else []
+        found = [place for place in places if (place / INFO_FILE).is_file()]
+    except OSError as error:
+        raise DatasetError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if not found:
         raise DatasetError(f"{folder}: expected a dataset ({INFO_FILE}) or a folder of them, there is none")
     return found

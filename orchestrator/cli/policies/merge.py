@@ -12,7 +12,7 @@ from rich.table import Table
 
 from orchestrator.cli.policies.training import needs_training_packages
 from orchestrator.cli.shared import BadInput, out
-from orchestrator.folders import explain
+from orchestrator.folders import explain_at
 from policies.contract import PolicyError
 from policies.mergevla.card import CARD, WEIGHTS, CheckpointError, card_json
 from policies.mergevla.merged_card import KIND
@@ -100,7 +100,7 @@ def merge(
     except PolicyError as error:
         raise BadInput(str(error)) from None
     except OSError as error:
-        raise BadInput(f"{out_folder}: {explain(error)}") from None
+        raise BadInput(explain_at(error, out_folder)) from None
     _show(merging.report, recipe, _losses(read, merging.parts, shown, instructions) if shown else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
     routers = f"fitted routers: {', '.join(card.routers)}" if card.routers else "no router was fitted"

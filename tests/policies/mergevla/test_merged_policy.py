@@ -1,5 +1,6 @@
 """Policies of experts and merged models: who acts, what is remembered, the same in a batch and alone."""
 
+import errno
 import subprocess
 import sys
 import tomllib
@@ -324,6 +325,22 @@ def test_a_second_expert_for_a_task_is_refused(folders, tmp_path):
 def test_a_folder_without_experts_is_refused(tmp_path):
     save_checkpoint(tmp_path / "base", small_model(), Card(SMALL, task_statistics()))
     refused(EXPERTS, {"folder": str(tmp_path)}, "which holds none")
+
+
+def test_an_expert_that_cannot_be_looked_at_is_not_left_out(tmp_path, monkeypatch):
+    """Denied by hand: root may read everything."""
+    denied = save_experts(tmp_path)[1]
+    look = Path.is_file
+
+    def deny(path):
+        if denied in path.parents:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return look(path)
+
+    monkeypatch.setattr(Path, "is_file", deny)
+    refused(
+        EXPERTS, {"folder": str(denied.parent)}, f"expected to read '{denied / 'card.json'}', got: Permission denied"
+    )
 
 
 def test_a_base_and_a_merged_model_beside_the_experts_are_left_out(tmp_path, merged, folders):

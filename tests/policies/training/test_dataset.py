@@ -1,6 +1,8 @@
 """What training is given."""
 
+import errno
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -96,6 +98,21 @@ def test_datasets_are_found_below_a_folder(dataset, tmp_path):
         find_datasets(tmp_path / "set" / "meta")
 
 
+def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings, tmp_path, monkeypatch):
+    """Denied by hand: root may read everything."""
+    write(tmp_path / "other", recordings)
+    look = Path.is_file
+
+    def deny(path):
+        if tmp_path / "set" in path.parents:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return look(path)
+
+    monkeypatch.setattr(Path, "is_file", deny)
+    with pytest.raises(DatasetError, match=f"{tmp_path / 'set/meta/info.json'}: cannot be read: Permission denied"):
+        find_datasets(tmp_path)
+
+
 def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
     sound, whole = json.loads(info.read_text()), data.read_bytes()
@@ -164,6 +181,16 @@ def test_data_files_of_other_columns_than_the_first_are_refused(dataset, tmp_pat
     pq.write_table(table.set_column(table.column_names.index("next.success"), "next.success", values), data)
     with pytest.raises(DatasetError, match=r"file-001\.parquet: expected next.success as in file-000\.parquet"):
         Demonstrations(tmp_path / "set")
+
+
+def test_a_record_of_the_collection_that_does_not_read_is_not_passed_over(tmp_path):
+    write(tmp_path, [recording()])
+    assert Demonstrations(tmp_path).task == "null/Reach"
+    (tmp_path / "meta/robogauntlet.json").write_text("{")
+    with pytest.raises(DatasetError, match=r"robogauntlet\.json: cannot be read: JSONDecodeError"):
+        Demonstrations(tmp_path).task  # noqa: B018
+    (tmp_path / "meta/robogauntlet.json").unlink()
+    assert Demonstrations(tmp_path).task == tmp_path.name
 
 
 def test_frames_of_a_collection_that_was_killed_are_told_as_such(dataset, tmp_path):
