@@ -14,6 +14,7 @@ from policies.contract import PolicyError
 from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors
 from policies.mergevla.config import LoraSettings, Quirks
+from policies.mergevla.normalisation import Statistics
 from policies.training.augmentation import shift
 from policies.training.dataset import Demonstrations
 from policies.training.finetune import Pace, Settings, finetune, pretrain
@@ -27,6 +28,7 @@ from policies.training.state import STATE_FILE, History, TrainingError, load_sta
 from policies.training.writing import Attempt, DatasetWriter
 from tests.policies.mergevla.shared import SMALL
 from tests.policies.mergevla.test_pretrained import LITTLE
+from tests.policies.training.synthetic import recording, write
 
 LORA = LoraSettings(4)
 QUICK = Settings(steps=6, batch_size=8, warm_up=2, evaluate_every=3, largest_shift=1)
@@ -96,10 +98,48 @@ def test_held_out_episodes_are_never_trained_on(data):
     assert not seen & held_out
 
 
+def test_held_out_episodes_have_no_part_in_the_statistics(tmp_path):
+    odd = {"actions": np.full((12, 7), 0.9), "states": np.full((12, 8), 50.0)}
+    write(tmp_path, [recording(0), recording(1), recording(2, **odd)])
+    (task,) = (pool := Pool.open([tmp_path])).tasks
+    first = Demonstrations(tmp_path)
+    assert pool.statistics.of(task) == Statistics.of(first.actions[:24], first.states[:24])
+
+
 def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
     again = pretrain(pool, SMALL, tmp_path / "again", QUICK).card
     other = pretrain(pool, SMALL, tmp_path / "other", replace(QUICK, seed=1)).card
     assert again.tensor_hash == read_card(base).tensor_hash != other.tensor_hash
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"learning_rate": 2e-3},
+        {"warm_up": 0},
+        {"schedule": Schedule.CONSTANT},
+        {"weight_decay": 0.5},
+        {"clip": 1e-3},
+        {"batch_size": 4},
+    ],
+)
+def test_what_is_said_to_decide_the_weights_does(pool, base, tmp_path, change):
+    assert pretrain(pool, SMALL, tmp_path, replace(QUICK, **change)).card.tensor_hash != read_card(base).tensor_hash
+
+
+def test_images_are_shifted_as_far_as_the_settings_say(tmp_path):
+    write(tmp_path, [recording(seed) for seed in range(2)])
+    pool = Pool.open([tmp_path])
+    cards = [pretrain(pool, SMALL, tmp_path / str(px), replace(QUICK, largest_shift=px)).card for px in (0, 1)]
+    assert cards[0].tensor_hash != cards[1].tensor_hash
+
+
+def test_adapters_begin_by_their_seed(pool, base, tmp_path):
+    barely = replace(QUICK, steps=1, learning_rate=1e-9)
+    for seed in (0, 1):
+        finetune(pool, base, tmp_path / str(seed), replace(barely, seed=seed), lora=LORA)
+    ours, theirs = (load_file(tmp_path / str(seed) / WEIGHTS) for seed in (0, 1))
+    assert all(not torch.allclose(ours[name], theirs[name], atol=1e-4) for name in ours if name.endswith("lora_A"))
 
 
 def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_path):
