@@ -27,8 +27,9 @@ from policies.mergevla.card import WEIGHTS, locate, read_card
 from policies.mergevla.merged_checkpoint import MergedCheckpoint, load_merged
 from policies.mergevla.merged_model import MOST_MODELS, MergedModel
 from policies.mergevla.merged_policy import MergedOptions, expert_folders
+from policies.mergevla.merging.masks import lambdas_of
 from policies.mergevla.merging.operators import operator_with
-from policies.mergevla.merging.recipe import Recipe
+from policies.mergevla.merging.recipe import MaskRule, Recipe
 from policies.mergevla.merging.trunk import check_kept_blocks
 from policies.mergevla.merging_experts import merge_parts, read_experts
 from policies.mergevla.routing.catalog import FITTED
@@ -193,6 +194,8 @@ def _check_anew(recipe: Recipe, folders: Mapping[str, Path], router: str, checkp
     """
     operator_with(recipe.operator, recipe.options)
     check_kept_blocks(recipe.kept_blocks, checkpoint.card.architecture.language.layers)
+    if recipe.masks is MaskRule.TASK:
+        lambdas_of({task: {} for task in folders}, recipe.lambda_)
     expected = checkpoint.card.base_hash
     for task, folder in folders.items() if router in FITTED else ():
         came = read_card(folder).base_hash or "none"

@@ -121,11 +121,16 @@ def _checkpoints(references: Sequence[str]) -> list[str]:
 
 
 def _check_out(folder: Path) -> None:
-    """Refuse to write over anything but an earlier merged checkpoint."""
-    if folder.is_dir() and not any(folder.iterdir()):
+    """Refuse to write over anything but an earlier merged checkpoint, or what a killed merge left."""
+    if folder.is_dir() and all(_is_leftover(path) for path in folder.iterdir()):
         return
     if folder.exists() and not ((folder / CARD).is_file() and card_json(folder).get("kind") == KIND):
         raise CheckpointError(f"expected a new folder or that of a merged checkpoint for --out, got '{folder}'")
+
+
+def _is_leftover(path: Path) -> bool:
+    """Whether this is half a file of ours, or of safetensors."""
+    return path.is_file() and (path.suffix == ".partial" or path.name.startswith(".tmp"))
 
 
 def _rule(rules: type[Rule], value: str) -> Rule:

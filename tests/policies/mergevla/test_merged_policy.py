@@ -296,6 +296,10 @@ def test_options_that_do_not_fit_are_refused(kind, options, match, merged):
     [
         ({"operator": "tis"}, "unknown merge operator 'tis'; did you mean 'ties'"),
         ({"options": {"drop": 0.5}}, "operator 'ties' has no option 'drop'"),
+        (
+            {"lambda_": {"null/Reach": 0.4}},
+            "expected a lambda for each of null/Raise, null/Reach, null/Slow; null/Raise",
+        ),
         ({"kept_blocks": 3}, r"expected k, the blocks kept per task, to be a whole number in \[0, 2\], got 3"),
     ],
 )
