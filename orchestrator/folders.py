@@ -34,6 +34,14 @@ def locked(folder: Path) -> Iterator[None]:
         lock.release()
 
 
+def explain_at(error: OSError, folder: Path) -> str:
+    """An error while a folder was being written, with the place; what was read elsewhere is named instead."""
+    place = Path(error.filename).absolute() if isinstance(error.filename, str | os.PathLike) else folder.absolute()
+    if place.is_relative_to(folder.absolute()):
+        return f"{folder}: {explain(error)}"
+    return f"{error.filename}: {error.strerror}"
+
+
 def explain(error: BaseException) -> str:
     """An error in words that say what to do."""
     if isinstance(error, OSError) and error.errno:

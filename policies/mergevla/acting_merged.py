@@ -27,7 +27,12 @@ from policies.mergevla.card import WEIGHTS, locate, read_card
 from policies.mergevla.merged_checkpoint import MergedCheckpoint, load_merged
 from policies.mergevla.merged_model import MOST_MODELS, MergedModel
 from policies.mergevla.merged_policy import MergedOptions, expert_folders
+from policies.mergevla.merging.masks import lambdas_of
+from policies.mergevla.merging.operators import operator_with
+from policies.mergevla.merging.recipe import MaskRule, Recipe
+from policies.mergevla.merging.trunk import check_kept_blocks
 from policies.mergevla.merging_experts import merge_parts, read_experts
+from policies.mergevla.routing.catalog import FITTED
 from policies.mergevla.routing.catalog import router as router_named
 from policies.mergevla.routing.contract import Routed, Router, Sighting
 from suites.plugins import nearest
@@ -109,7 +114,9 @@ class MergedPolicy:
         router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
         parts = checkpoint.parts
         if options.recipe is not None and options.experts is not None:
-            experts = read_experts(expert_folders(options.experts).values())
+            folders = expert_folders(options.experts)
+            _check_anew(options.recipe, folders, options.router, checkpoint)
+            experts = read_experts(folders.values())
             parts = merge_parts(experts, options.recipe, parts.instructions)
         return cls(MergedModel(parts, device=device_here()), router)
 
@@ -162,11 +169,14 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
     """What a merged policy needs and produces, with everything checked but the merging itself.
 
     Raises:
-        PolicyError: A checkpoint cannot be used, or the router is unknown or was not fitted.
+        PolicyError: A checkpoint cannot be used, the router is unknown or was not fitted, or experts that are to be
+            merged anew do not fit the recipe or the router.
     """
     folder = locate(options.checkpoint)
     checkpoint = _checkpoint(folder, (folder / WEIGHTS).stat().st_mtime_ns if (folder / WEIGHTS).exists() else 0)
     router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
+    if options.recipe is not None and options.experts is not None:
+        _check_anew(options.recipe, expert_folders(options.experts), options.router, checkpoint)
     return policy_spec(checkpoint.parts.architecture)
 
 
@@ -174,6 +184,26 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
 def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
     """Suites name one checkpoint many times. Args: changed_ns: When, so that a newer one is read."""
     return load_merged(folder)
+
+
+def _check_anew(recipe: Recipe, folders: Mapping[str, Path], router: str, checkpoint: MergedCheckpoint) -> None:
+    """Refuse a recipe that cannot be, and experts whose base a fitted router of the checkpoint does not know.
+
+    Raises:
+        PolicyError: It is one, or they are.
+    """
+    operator_with(recipe.operator, recipe.options)
+    check_kept_blocks(recipe.kept_blocks, checkpoint.card.architecture.language.layers)
+    if recipe.masks is MaskRule.TASK:
+        lambdas_of({task: {} for task in folders}, recipe.lambda_)
+    expected = checkpoint.card.base_hash
+    for task, folder in folders.items() if router in FITTED else ():
+        came = read_card(folder).base_hash or "none"
+        if came != expected:
+            raise PolicyMismatch(
+                f"router '{router}': expected experts of the base that it was fitted to, {expected[:16]}, "
+                f"got one of {came[:16]} for {task}"
+            )
 
 
 def _routing(routed: Routed, waited: float) -> Routing:

@@ -98,6 +98,8 @@ class Card:
         parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
         parts["statistics"] = TaskStatistics.from_json(parts["statistics"])
         check_action_steps(parts.get("action_steps"), parts["architecture"])
+        check_text(parts, "tensor_hash")
+        check_text(parts, "base", "base_hash", "data_hash", or_none=True)
         try:
             parts["lora"] = LoraSettings(**parts["lora"]) if parts.get("lora") else None
             return cls(**parts)
@@ -117,11 +119,14 @@ def locate(reference: str) -> Path:
     """
     path = shipped(reference)
     if path.suffix in PICKLES:
-        raise _pickle(path.name)
+        raise _pickle(path.name, path.parent)
     if path.is_dir():
-        pickles = sorted(file.name for file in path.iterdir() if file.suffix in PICKLES)
+        try:
+            pickles = sorted(file.name for file in path.iterdir() if file.suffix in PICKLES)
+        except OSError as error:
+            raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
         if pickles and not (path / WEIGHTS).is_file():
-            raise _pickle(pickles[0])
+            raise _pickle(pickles[0], path)
         return path
     if path.exists() or not re.fullmatch(r"[\w][\w.-]*/[\w][\w.-]*(@[\w./-]+)?", reference):
         raise CheckpointError(f"expected a checkpoint's folder or a hub id, got '{reference}'")
@@ -134,7 +139,11 @@ def read_card(folder: Path) -> Card:
     Raises:
         PolicyError: There is none, or it does not read.
     """
-    return Card.from_json(card_json(folder))
+    plain = card_json(folder)
+    try:
+        return Card.from_json(plain)
+    except PolicyError as error:
+        raise type(error)(f"'{folder}': {error}") from None
 
 
 def card_json(folder: Path) -> dict[str, Any]:
@@ -147,6 +156,8 @@ def card_json(folder: Path) -> dict[str, Any]:
         plain = json.loads((folder / CARD).read_text())
     except FileNotFoundError:
         raise CheckpointError(f"expected {CARD} in '{folder}', got a folder without it") from None
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{folder / CARD}', got: {error.strerror}") from None
     except ValueError as error:
         raise CheckpointError(f"expected JSON in '{folder / CARD}', got: {error}") from None
     if not isinstance(plain, dict):
@@ -162,6 +173,17 @@ def check_format(came: object) -> None:
     """
     if came != FORMAT:
         raise CheckpointError(f"expected a card of format {FORMAT}, got {came}")
+
+
+def check_text(parts: Mapping[str, Any], *names: str, or_none: bool = False) -> None:
+    """Refuse a card's entries that are there and no text.
+
+    Raises:
+        CheckpointError: One is none; `or_none`, and is not None either.
+    """
+    for name in names:
+        if name in parts and not isinstance(parts[name], str) and not (or_none and parts[name] is None):
+            raise CheckpointError(f"expected {name} to be text, got {parts[name]!r}")
 
 
 def check_action_steps(came: object, architecture: Architecture) -> None:
@@ -184,15 +206,22 @@ def verified_card(folder: Path) -> Card:
     card = read_card(folder)
     check_hash(folder / WEIGHTS, card.tensor_hash, hash_tensors(folder / WEIGHTS))
     if card.base is not None:
-        base = read_card(base_folder(folder, card.base))
-        check_hash(folder / CARD, card.base_hash or "", base.tensor_hash)
+        base = base_folder(folder, card.base)
+        check_hash(base / WEIGHTS, card.base_hash or "", read_card(base).tensor_hash)
     return card
 
 
 def base_folder(folder: Path, base: str) -> Path:
-    """Where the checkpoint is that the card in `folder` builds on and calls `base`."""
+    """Where the checkpoint is that the card in `folder` builds on and calls `base`.
+
+    Raises:
+        CheckpointError: It is neither there nor on a hub.
+    """
     beside = folder / base
-    return locate(str(beside) if beside.is_dir() else base)
+    try:
+        return locate(str(beside) if beside.is_dir() else base)
+    except PolicyError as error:
+        raise CheckpointError(f"'{folder}': expected its base at '{base}': {error}") from None
 
 
 def digest_of(reference: str) -> str:
@@ -224,7 +253,11 @@ def hash_tensors(path: Path) -> str:
 def _hash_file(path: Path, changed_ns: int, size: int, inode: int) -> str:
     """A file's hash, kept until the file changes: a suite may name the same experts in two hundred policies."""
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
+    with file:
         start, header = _read_header(path, file)
         for name in sorted(header):
             entry = header[name]
@@ -234,6 +267,9 @@ def _hash_file(path: Path, changed_ns: int, size: int, inode: int) -> str:
             file.seek(start + first)
             digest.update(json.dumps([name, entry["dtype"], entry["shape"]]).encode() + b"\0")
             digest.update(file.read(last - first))
+    whole = start + max((entry["data_offsets"][1] for entry in header.values()), default=0)
+    if whole != size:
+        raise CheckpointError(f"expected {whole} bytes in '{path}', got {size}: something follows its tensors")
     return digest.hexdigest()
 
 
@@ -264,8 +300,10 @@ def check_hash(path: Path, expected: str, came: str) -> None:
         raise CheckpointError(f"expected tensors of hash {expected[:16] or '(none)'} for '{path}', got {came[:16]}")
 
 
-def _pickle(name: str) -> CheckpointError:
-    return CheckpointError(f"expected {WEIGHTS}, got {name}, a pickle: refused, since loading one runs code")
+def _pickle(name: str, folder: Path) -> CheckpointError:
+    return CheckpointError(
+        f"expected {WEIGHTS} in '{folder}', got {name}, a pickle: refused, since loading one runs code"
+    )
 
 
 def _from_hub(reference: str) -> Path:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import torch
-from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from policies.mergevla.card import (
@@ -28,6 +27,7 @@ from policies.mergevla.config import Architecture
 from policies.mergevla.lora import add_lora, has_lora, plain_name
 from policies.mergevla.merged_card import MergedCard
 from policies.mergevla.model import MergeVLA
+from policies.mergevla.tensor_files import read_tensors, write_tensors
 
 AnyCard = TypeVar("AnyCard", Card, MergedCard)
 
@@ -55,6 +55,7 @@ def save_checkpoint(folder: Path, model: MergeVLA, card: Card, base: str | Path 
 
     Raises:
         CheckpointError: NaN or infinite weights, or a card of another network.
+        OSError: A full disk, or the like.
     """
     if card.architecture != model.architecture or (card.lora is not None) != has_lora(model):
         raise CheckpointError("expected a card of the model's own architecture and LoRA, got another's")
@@ -75,9 +76,12 @@ def write_folder(folder: Path, tensors: Mapping[str, Tensor], card: AnyCard) -> 
 
     Returns:
         The card with the tensors' hash.
+
+    Raises:
+        OSError: A full disk, or the like.
     """
     partial = folder / f"{WEIGHTS}.partial"
-    save_file(dict(tensors), partial)
+    write_tensors(tensors, partial)
     card = card.sealed(hash_tensors(partial))
     partial.replace(folder / WEIGHTS)
     text = folder / f"{CARD}.partial"
@@ -130,8 +134,8 @@ def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], Card]:
         if base_card.base is not None:
             raise CheckpointError(f"expected a base that stands alone, got '{beneath}', which builds on another")
         check_architecture(beneath, card.architecture, base_card.architecture)
-        tensors = load_file(beneath / WEIGHTS)
-    tensors |= load_file(folder / WEIGHTS)
+        tensors = read_tensors(beneath / WEIGHTS)
+    tensors |= read_tensors(folder / WEIGHTS)
     check_finite(tensors, folder)
     return tensors, card
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from policies.contract import PolicyError
 from policies.mergevla.card import (
     FORMAT,
     WEIGHTS,
@@ -16,6 +17,7 @@ from policies.mergevla.card import (
     check_action_steps,
     check_format,
     check_hash,
+    check_text,
     hash_tensors,
     locate,
     verified_card,
@@ -115,7 +117,11 @@ class MergedCard:
             raise CheckpointError("expected normalisation statistics of each merged expert in the card, got others")
         parts["statistics"] = TaskStatistics.from_json({expert: statistics[expert] for expert in experts})
         parts["architecture"] = Architecture.from_json(parts.get("architecture") or {})
-        for steps in (parts.get("action_steps") or {}).values():
+        check_text(parts, "base", "base_hash", "tensor_hash")
+        for name in ("action_steps", "rescalers", "instructions", "expert_digests"):
+            if not isinstance(parts.get(name, {}), Mapping):
+                raise CheckpointError(f"expected {name} by expert, got {parts[name]!r}")
+        for steps in parts.get("action_steps", {}).values():
             check_action_steps(steps, parts["architecture"])
         try:
             parts["recipe"] = Recipe.from_json(parts["recipe"])
@@ -133,8 +139,8 @@ def verified_merged_card(folder: Path) -> MergedCard:
     """
     try:
         card = MergedCard.from_json(card_json(folder))
-    except CheckpointError as error:
-        raise CheckpointError(f"'{folder}': {error}") from None
+    except PolicyError as error:
+        raise type(error)(f"'{folder}': {error}") from None
     check_hash(folder / WEIGHTS, card.tensor_hash, hash_tensors(folder / WEIGHTS))
     base = base_folder(folder, card.base)
     check_hash(base / WEIGHTS, card.base_hash, verified_card(base).tensor_hash)

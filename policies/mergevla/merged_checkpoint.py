@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from safetensors.torch import load_file
 from torch import Tensor
 
 from policies.mergevla.card import WEIGHTS, CheckpointError, base_folder, locate
@@ -22,6 +22,7 @@ from policies.mergevla.merging.recipe import BackboneRule, MaskRule
 from policies.mergevla.merging.signs import check_row_scales
 from policies.mergevla.merging.taus import Weights, difference
 from policies.mergevla.merging_experts import Merging
+from policies.mergevla.tensor_files import read_tensors
 
 TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
     "tau",
@@ -60,6 +61,7 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
 
     Raises:
         CheckpointError: NaN or infinite weights.
+        OSError: A full disk, or the like.
     """
     parts = merging.parts
     tensors = _tensors(parts) | _under(ROUTER, fitted or {})
@@ -93,7 +95,7 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     card = verified_merged_card(folder)
     base, base_card = load_tensors(base_folder(folder, card.base))
     check_architecture(folder, card.architecture, base_card.architecture)
-    tensors = load_file(folder / WEIGHTS)
+    tensors = read_tensors(folder / WEIGHTS)
     check_finite(tensors, folder)
     sections = {name.partition("/")[0] for name in tensors}
     if odd := sorted(sections - set(SECTIONS)):
@@ -132,6 +134,8 @@ def _merged(card: MergedCard, tensors: Weights, rounds: int) -> MergedTau:
     recipe, tau = card.recipe, {name: delta.float() for name, delta in _section(tensors, TAU).items()}
     rule = recipe.masks if tau else MaskRule.NONE
     signs = rule is MaskRule.SIGNS
+    if rule is MaskRule.EMR:
+        _check_rescalers(card)
     per_expert = recipe.lambda_ if isinstance(recipe.lambda_, Mapping) else dict.fromkeys(card.experts, recipe.lambda_)
     return MergedTau(
         experts=card.experts,
@@ -146,6 +150,12 @@ def _merged(card: MergedCard, tensors: Weights, rounds: int) -> MergedTau:
         options=recipe.options,
         residual=_merged(card, _section(tensors, RESIDUAL), rounds - 1) if signs and rounds > 1 else None,
     )
+
+
+def _check_rescalers(card: MergedCard) -> None:
+    numbers = (value for value in card.rescalers.values() if isinstance(value, int | float) and math.isfinite(value))
+    if set(card.rescalers) != set(card.experts) or len(list(numbers)) != len(card.experts):
+        raise CheckpointError(f"expected a rescaler of each merged expert, got {dict(card.rescalers)}")
 
 
 def _parts(card: MergedCard, tensors: Weights, base: Weights) -> Parts:

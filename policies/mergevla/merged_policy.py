@@ -26,12 +26,18 @@ def expert_folders(folder: Path) -> dict[str, Path]:
     What stands alone (a base) or is merged is left out.
 
     Raises:
-        PolicyError: There is no expert, one that was trained on several tasks, or a second one for a task.
+        PolicyError: There is no expert, one that was trained on several tasks, a second one for a task, or one that may
+            not be read.
     """
-    if not folder.is_dir():
-        raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}'")
+    try:
+        if not folder.is_dir():
+            raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}'")
+        # Not by a glob, which leaves out what it may not look at.
+        places = sorted(place for place in folder.iterdir() if (place / CARD).is_file())
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{error.filename or folder}', got: {error.strerror}") from None
     found: dict[str, Path] = {}
-    for place in sorted(path.parent for path in folder.glob(f"*/{CARD}")):
+    for place in places:
         if card_json(place).get("kind") == KIND:
             continue
         card = read_card(place)

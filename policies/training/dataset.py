@@ -24,6 +24,7 @@ from policies.training.lerobot import (
     SUCCESS,
     TASKS_FILE,
     DatasetError,
+    DatasetSpec,
     Floats,
     decode_png,
     episode_hash,
@@ -64,8 +65,7 @@ class Demonstrations:
             DatasetError: It is none; the message says what was expected.
         """
         self.folder = folder
-        info = _read_info(folder)
-        self.spec = spec_of(info)
+        info, self.spec = _read_info(folder)
         self._files = sorted((folder / "data").glob("*/*.parquet"))
         table = self._read([STATE, ACTION, SUCCESS, "episode_index", "index", "task_index"])
         self.states: Floats = self._column(table, STATE, PROPRIOCEPTION_DIM).astype(np.float32)
@@ -74,7 +74,11 @@ class Demonstrations:
         episode = self._column(table, "episode_index", 1)[:, 0]
         index = self._column(table, "index", 1)[:, 0]
         if len(index) != info["total_frames"] or not np.array_equal(index, np.arange(len(index))):
-            raise DatasetError(f"{folder}: expected frames 0 to {info['total_frames'] - 1} in order, got {len(index)}")
+            killed = "; if it was being collected, give the same command to continue" if self._is_ours else ""
+            came = f"got {len(index)}{killed}"
+            raise DatasetError(f"{folder}: expected frames 0 to {info['total_frames'] - 1} in order, {came}")
+        if not len(index):
+            raise DatasetError(f"{folder}: expected an episode at least, got none")
         self.starts = np.flatnonzero(np.diff(episode, prepend=-1))
         """First frame of each episode."""
         self.ends = np.append(self.starts[1:], len(episode))
@@ -100,10 +104,23 @@ class Demonstrations:
     @cached_property
     def task(self) -> str:
         """The task shown: as we recorded it, else the folder's name."""
+        return str(self._source.get("task", self.folder.name))
+
+    @property
+    def begins_late(self) -> bool:
+        """Whether its episodes begin where the oracle took over from a learner, not where the task does."""
+        return "learner" in self._source and not self._source.get("whole")
+
+    @cached_property
+    def _source(self) -> dict[str, Any]:
+        """How we recorded it; empty if we did not."""
+        path = self.folder / JOURNAL_FILE
         try:
-            return str(json.loads((self.folder / JOURNAL_FILE).read_text(encoding="utf-8"))["source"]["task"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return self.folder.name
+            return dict(json.loads(path.read_text(encoding="utf-8"))["source"])
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DatasetError(f"{path}: cannot be read: {type(error).__name__}: {error}") from None
 
     @property
     def instructions(self) -> tuple[str, ...]:
@@ -182,11 +199,21 @@ class Demonstrations:
             raise DatasetError(f"{self.folder}: expected camera {', '.join(self.spec.cameras)}, got {camera}")
         return self._png.column(image_key(camera))
 
-    def _stack(self, camera: str, rows: Sequence[Mapping[str, bytes]]) -> NDArray[np.uint8]:
+    @property
+    def _is_ours(self) -> bool:
+        return (self.folder / JOURNAL_FILE).is_file()
+
+    def _stack(self, camera: str, rows: Sequence[Mapping[str, bytes | None] | None]) -> NDArray[np.uint8]:
         size = self.spec.image_size
         found = np.empty((len(rows), size, size, 3), np.uint8)
         for place, row in zip(found, rows, strict=True):
-            image = decode_png(row["bytes"])
+            png = row["bytes"] if row is not None else None
+            if png is None:
+                raise DatasetError(f"{self.folder}: {camera}: expected images within the data files, got none")
+            try:
+                image = decode_png(png)
+            except DatasetError as error:
+                raise DatasetError(f"{self.folder}: {camera}: {error}") from None
             if image.shape != place.shape:
                 raise DatasetError(f"{self.folder}: {camera}: expected images {place.shape}, got {image.shape}")
             place[:] = image
@@ -195,20 +222,31 @@ class Demonstrations:
     def _read(self, columns: Sequence[str]) -> pa.Table:
         if not self._files:
             raise DatasetError(f"{self.folder}: expected data/chunk-000/file-000.parquet, there is nothing")
-        parts = []
+        parts: list[pa.Table] = []
         for path in self._files:
             try:
                 file = pq.ParquetFile(path)
                 missing = [name for name in columns if name not in file.schema_arrow.names]
                 if missing:
                     raise DatasetError(f"{path}: expected a column {missing[0]}, there is none")
-                parts.append(file.read(list(columns)))
+                part = file.read(list(columns))
             except (OSError, pa.ArrowException) as error:
                 raise DatasetError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
-        return pa.concat_tables(parts)
+            first = parts[0].schema if parts else part.schema
+            for name in columns:
+                if part.schema.field(name).type != first.field(name).type:
+                    kinds = f"{first.field(name).type}, got {part.schema.field(name).type}"
+                    raise DatasetError(f"{path}: expected {name} as in {self._files[0].name}, {kinds}")
+            parts.append(part)
+        return pa.concat_tables(parts, promote_options="default")
 
     def _column(self, table: pa.Table, name: str, width: int) -> NDArray[Any]:
-        values = numbers(table, name)
+        try:
+            values = numbers(table, name)
+        except ValueError:  # Arrow's, for what is missing within a list
+            values = np.array([[None]])
+        if table.column(name).null_count or values.dtype.kind not in "biuf":
+            raise DatasetError(f"{self.folder}: {name}: expected numbers in each frame, got something else")
         if values.shape[1] != width:
             raise DatasetError(f"{self.folder}: {name}: expected {width} numbers a frame, got {values.shape[1]}")
         if not np.isfinite(values).all():
@@ -225,11 +263,16 @@ def find_datasets(folder: Path) -> list[Path]:
     """The datasets in a folder, or the folder itself if it is one.
 
     Raises:
-        DatasetError: There is none.
+        DatasetError: There is none, or a folder may not be read.
     """
-    if (folder / INFO_FILE).is_file():
-        return [folder]
-    found = sorted(path.parent.parent for path in folder.glob(f"*/{INFO_FILE}"))
+    try:
+        if (folder / INFO_FILE).is_file():
+            return [folder]
+        # Not by a glob, which leaves out what it may not look at.
+        places = sorted(folder.iterdir()) if folder.is_dir() else []
+        found = [place for place in places if (place / INFO_FILE).is_file()]
+    except OSError as error:
+        raise DatasetError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if not found:
         raise DatasetError(f"{folder}: expected a dataset ({INFO_FILE}) or a folder of them, there is none")
     return found
@@ -249,21 +292,23 @@ def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstra
     return datasets
 
 
-def _read_info(folder: Path) -> dict[str, Any]:
+def _read_info(folder: Path) -> tuple[dict[str, Any], DatasetSpec]:
     path = folder / INFO_FILE
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
         version = info["codebase_version"]
-        fields = (info["total_frames"], info["total_episodes"], info["fps"], info["features"])
+        total_frames, total_episodes = int(info["total_frames"]), int(info["total_episodes"])
+        images = [name for name in info["features"] if name.startswith(image_key(""))]
+        spec = spec_of(info) if images and version == CODEBASE_VERSION else None
     except OSError as error:
         raise DatasetError(f"{path}: expected a LeRobot dataset: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: expected a LeRobot dataset: {type(error).__name__}: {error}") from None
     if version != CODEBASE_VERSION:
         raise DatasetError(f"{path}: expected codebase_version {CODEBASE_VERSION}, got {version}")
-    if not any(name.startswith(image_key("")) for name in fields[-1]):
+    if spec is None:
         raise DatasetError(f"{path}: expected an image column {image_key('CAMERA')}, there is none")
-    return dict(info)
+    return {"total_frames": total_frames, "total_episodes": total_episodes}, spec
 
 
 def _read_tasks(folder: Path) -> dict[int, str]:

@@ -32,6 +32,7 @@ from suites.vocabulary import content_hash
 CURVE_FILE = "losses.json"
 RECENT = 50
 """Steps over which the training loss is averaged for show."""
+LARGEST_SEED = 2**63 - 1
 WARMING_S = 1.0
 """Before this much time, nothing is said about the pace."""
 
@@ -64,9 +65,9 @@ class Settings:
                 raise TrainingError(f"expected {name.replace('_', ' ')} of {least} or more, got {getattr(self, name)}")
         if not 0.0 < self.learning_rate < 1.0:
             raise TrainingError(f"expected a learning rate between 0 and 1, got {self.learning_rate}")
-        if self.largest_shift < 0 or self.seed < 0 or self.clip <= 0.0:
+        if self.largest_shift < 0 or not 0 <= self.seed <= LARGEST_SEED or self.clip <= 0.0:
             raise TrainingError(
-                f"expected a shift and a seed of 0 or more and a clip above 0, "
+                f"expected a shift of 0 or more, a seed of 0 to 2^63 - 1 and a clip above 0, "
                 f"got {self.largest_shift}, {self.seed} and {self.clip}"
             )
 
@@ -223,7 +224,9 @@ def _train(
     optimiser = torch.optim.AdamW(
         weights.values(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )
-    identity = content_hash({"card": card.as_json(), "settings": settings.decisive})
+    # Batches are drawn from episodes in their order, which the data's hash does not say.
+    order = [dataset.episode_hashes for dataset in pool.datasets]
+    identity = content_hash({"card": card.as_json(), "settings": settings.decisive, "order": order})
     history = load_state(out / STATE_FILE, weights, optimiser, identity) or History(identity)
     began, before, saved = time.monotonic(), history.step, time.monotonic()
     seconds_before = history.seconds

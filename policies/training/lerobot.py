@@ -179,8 +179,8 @@ def decode_png(png: bytes) -> Image:
     try:
         with Pillow.open(io.BytesIO(png), formats=("PNG",)) as image:
             return np.asarray(image.convert("RGB"))
-    except (OSError, ValueError, SyntaxError) as error:
-        raise DatasetError(f"expected a PNG image, got {len(png)} bytes that are none: {error}") from None
+    except (OSError, ValueError, SyntaxError):
+        raise DatasetError(f"expected a PNG image, got {len(png)} bytes that are none") from None
 
 
 def features(spec: DatasetSpec) -> dict[str, dict[str, Any]]:

@@ -6,14 +6,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from policies.contract import PolicyError
+from policies.mergevla.tensor_files import write_tensors
 
 STATE_FILE = "training.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -39,14 +38,18 @@ class History:
 
 
 def save_state(path: Path, weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, history: History) -> None:
-    """Write the trained weights, AdamW's moments and the history. The file is complete under its name or not there."""
+    """Write the trained weights, AdamW's moments and the history. The file is complete under its name or not there.
+
+    Raises:
+        OSError: A full disk, or the like.
+    """
     tensors = {f"weight/{name}": weight.detach().cpu().contiguous() for name, weight in weights.items()}
     for name, weight in weights.items():
         moments = optimiser.state[weight]
         tensors |= {f"{kind}/{name}": moments[kind].detach().cpu().contiguous() for kind in MOMENTS if moments}
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.partial")
-    save_file(tensors, partial, metadata={"training": json.dumps(asdict(history))})
+    write_tensors(tensors, partial, metadata={"training": json.dumps(asdict(history))})
     partial.replace(path)
 
 
@@ -81,10 +84,12 @@ def load_state(
 
 @torch.no_grad()
 def _fill(
-    weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, tensors: Mapping[str, Any], step: int
+    weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, tensors: Mapping[str, Tensor], steps: int
 ) -> None:
+    """What no gradient reaches, such as the last block of a vision tower, has a weight and no moments."""
     for name, weight in weights.items():
         weight.copy_(tensors[f"weight/{name}"])
-        if step:
+        if any(f"{kind}/{name}" in tensors for kind in MOMENTS):
             moments = {kind: tensors[f"{kind}/{name}"].to(weight.device) for kind in MOMENTS}
-            optimiser.state[weight] = {"step": torch.tensor(float(step)), **moments}
+            # On the weight's device, where fused AdamW reads it.
+            optimiser.state[weight] = {"step": torch.tensor(float(steps), device=weight.device), **moments}

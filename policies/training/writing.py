@@ -120,9 +120,14 @@ class DatasetWriter:
             self.spec = self.spec or episode.spec
             if episode.spec != self.spec:
                 raise DatasetError(f"{self.folder}: expected episodes of {self.spec}, got {episode.spec}")
+        if not (self.folder / JOURNAL_FILE).exists():
+            self._write_journal()  # so that whatever is left of a first commit is known as ours
         if episodes:
             self._add(episodes)
         self.attempts += attempts
+        self._write_journal()
+
+    def _write_journal(self) -> None:
         document = {
             "source": self.source,
             "data_files": self._files,
@@ -191,7 +196,7 @@ class DatasetWriter:
         path = self.folder / JOURNAL_FILE
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
-            there = document["source"]
+            there = dict(document["source"])
             self._files, episodes = int(document["data_files"]), int(document["episodes"])
             self.attempts = [Attempt(**attempt) for attempt in document["attempts"]]
         except (OSError, ValueError, KeyError, TypeError) as error:

@@ -62,7 +62,9 @@ def test_the_recipe_is_what_the_options_say(zoo, tmp_path):
     assert (recipe.trunk, recipe.kept_blocks, recipe.backbone) == ("mean", 2, "select")
 
 
-def test_an_earlier_merged_checkpoint_is_written_over(zoo, tmp_path):
+def test_an_earlier_merged_checkpoint_is_written_over_and_what_a_killed_merge_left(zoo, tmp_path):
+    for name in (".tmpAb3dEf", "model.safetensors.partial"):
+        (tmp_path / name).write_bytes(b"half")
     for operator in ("ta", "emr"):
         assert merge(zoo / "experts", "--out", tmp_path, "--operator", operator).exit_code == 0
     assert load_merged(tmp_path).card.recipe.masks == "emr"

@@ -1,5 +1,6 @@
 """The verbs that train: mistakes are one line with exit code 2, Ctrl-C stops between two steps."""
 
+import resource
 import signal
 
 import pytest
@@ -53,6 +54,18 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, dat
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_checkpoint_that_cannot_be_written_is_one_line(data, base, tmp_path):
+    arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert"), "--steps", "1"]
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        done = CliRunner().invoke(app, ["policies", *arguments, "--batch-size", "4", "--rank", "2"])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert isinstance(done.exception, BadInput)
+    assert str(done.exception) == f"{tmp_path / 'expert'}: File too large"
 
 
 def test_an_expert_can_be_trained_from_the_command_line(data, base, tmp_path):

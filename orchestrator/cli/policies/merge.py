@@ -12,6 +12,7 @@ from rich.table import Table
 
 from orchestrator.cli.policies.training import needs_training_packages
 from orchestrator.cli.shared import BadInput, out
+from orchestrator.folders import explain_at
 from policies.contract import PolicyError
 from policies.mergevla.card import CARD, WEIGHTS, CheckpointError, card_json
 from policies.mergevla.merged_card import KIND
@@ -99,7 +100,7 @@ def merge(
     except PolicyError as error:
         raise BadInput(str(error)) from None
     except OSError as error:
-        raise BadInput(f"{out_folder}: {error.strerror}") from None
+        raise BadInput(explain_at(error, out_folder)) from None
     _show(merging.report, recipe, _losses(read, merging.parts, shown, instructions) if shown else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
     routers = f"fitted routers: {', '.join(card.routers)}" if card.routers else "no router was fitted"
@@ -120,11 +121,16 @@ def _checkpoints(references: Sequence[str]) -> list[str]:
 
 
 def _check_out(folder: Path) -> None:
-    """Refuse to write over anything but an earlier merged checkpoint."""
-    if folder.is_dir() and not any(folder.iterdir()):
+    """Refuse to write over anything but an earlier merged checkpoint, or what a killed merge left."""
+    if folder.is_dir() and all(_is_leftover(path) for path in folder.iterdir()):
         return
     if folder.exists() and not ((folder / CARD).is_file() and card_json(folder).get("kind") == KIND):
         raise CheckpointError(f"expected a new folder or that of a merged checkpoint for --out, got '{folder}'")
+
+
+def _is_leftover(path: Path) -> bool:
+    """Whether this is half a file of ours, or of safetensors."""
+    return path.is_file() and (path.suffix == ".partial" or path.name.startswith(".tmp"))
 
 
 def _rule(rules: type[Rule], value: str) -> Rule:

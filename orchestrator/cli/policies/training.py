@@ -14,7 +14,7 @@ from rich.text import Text
 
 from orchestrator.cli.shared import EXIT_INTERRUPTED, BadInput, fail, out
 from orchestrator.display import Display
-from orchestrator.folders import FolderError, locked
+from orchestrator.folders import FolderError, explain_at, locked
 from orchestrator.progress import format_duration
 from policies.contract import PolicyError
 
@@ -91,7 +91,7 @@ def run_training(folder: Path, train: Callable[[Callable[[Pace], None], Callable
             _remove_if_unused(folder)
         raise BadInput(str(error)) from None
     except OSError as error:
-        raise BadInput(f"{folder}: {error.strerror}") from None
+        raise BadInput(explain_at(error, folder)) from None
     if trained.card is None:
         fail(f"interrupted after step {trained.history.step}; give the same command to continue")
         raise typer.Exit(EXIT_INTERRUPTED)

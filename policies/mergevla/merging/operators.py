@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from types import MappingProxyType
@@ -93,6 +93,20 @@ def find_operator(name: str) -> Operator:
     return OPERATORS[name]
 
 
+def operator_with(name: str, options: Iterable[str]) -> Operator:
+    """The operator of that name, if it has these options.
+
+    Raises:
+        UnknownOperator: There is none, or it has no such option.
+    """
+    found = find_operator(name)
+    for option in options:
+        if option not in found.options:
+            known = ", ".join(found.options) or "none"
+            raise UnknownOperator(f"operator '{name}' has no option '{option}'; it has: {known}")
+    return found
+
+
 def merge_taus(
     operator: str, taus: Taus, *, alpha: float = 1.0, options: Mapping[str, Any] | None = None
 ) -> dict[str, torch.Tensor]:
@@ -109,10 +123,6 @@ def merge_taus(
         OutOfRange: alpha or an option is out of range.
         ExpertsDiffer: The task vectors do not fit each other.
     """
-    found = find_operator(operator)
+    found = operator_with(operator, options or {})
     check_range("alpha", alpha, 0, float("inf"))
-    for option in options or {}:
-        if option not in found.options:
-            known = ", ".join(found.options) or "none"
-            raise UnknownOperator(f"operator '{operator}' has no option '{option}'; it has: {known}")
     return {name: delta * alpha for name, delta in found.merge(taus, **(options or {})).items()}

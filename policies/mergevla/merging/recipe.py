@@ -81,6 +81,12 @@ class Recipe:
             if value not in tuple(rule):
                 raise OutOfRange(f"expected {name} out of {', '.join(rule)}, got {value}")
             object.__setattr__(self, name, rule(value))
+        if not isinstance(self.operator, str):
+            raise OutOfRange(f"expected operator to be a name, got {self.operator!r}")
+        if not isinstance(self.merge_output, bool):
+            raise OutOfRange(f"expected merge_output to be true or false, got {self.merge_output!r}")
+        if not isinstance(self.options, Mapping) or not all(isinstance(name, str) for name in self.options):
+            raise OutOfRange(f"expected options to be names and values, got {self.options!r}")
         check_range("alpha", self.alpha, 0, math.inf)
         check_range("k, the blocks kept per task,", self.kept_blocks, 0, math.inf, closed="[)", whole=True)
         check_range("rounds", self.rounds, 1, math.inf, closed="[)", whole=True)

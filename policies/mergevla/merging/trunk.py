@@ -78,7 +78,7 @@ def split_trunk(weights: Weights, k: int, *, block_pattern: str, output_pattern:
         BadPattern: A pattern finds nothing.
     """
     depth = depth_of(weights, block_pattern)
-    check_range("k, the blocks kept per task,", k, 0, depth, closed="[]", whole=True)
+    check_kept_blocks(k, depth)
     try:
         output = {name for name in weights if output_pattern is not None and re.match(output_pattern, name)}
     except re.error as error:
@@ -92,6 +92,15 @@ def split_trunk(weights: Weights, k: int, *, block_pattern: str, output_pattern:
         own = name in output or (index is not None and index >= depth - k)
         (kept if own else shared)[name] = weight
     return TrunkSplit(shared, kept)
+
+
+def check_kept_blocks(k: int, depth: int) -> None:
+    """Refuse to keep more blocks than there are.
+
+    Raises:
+        OutOfRange: k is not a whole number from 0 to `depth`.
+    """
+    check_range("k, the blocks kept per task,", k, 0, depth, closed="[]", whole=True)
 
 
 def join_trunk(shared: Weights, kept: Weights) -> dict[str, torch.Tensor]:

@@ -144,7 +144,8 @@ def hidden_states(
                 raise RoutingError(f"expected images of shape {expected}, got {tuple(sighting.images.shape)}")
         instructions = [sighting.instruction if sees_instruction else "" for sighting in batch]
         with torch.no_grad():
-            yield candidates.hidden_states(expert, torch.stack([s.images for s in batch]), instructions)
+            hidden = candidates.hidden_states(expert, torch.stack([s.images for s in batch]), instructions)
+        yield hidden
 
 
 def check_experts(router: str, fitted: Sequence[str], candidates: Sequence[str]) -> None:

@@ -45,7 +45,7 @@ class InstructionMatchRouter:
         return 0
 
     def route(self, sightings: Sequence[Sighting], candidates: Candidates) -> list[Routed]:
-        """An answer for each sighting, in order; `unknown` is the share of words that no instruction accounts for."""
+        """An answer for each sighting, in order; `unknown` is what its closest instruction's score lacks of 1."""
         known = {expert: _words(candidates.instructions[expert]) for expert in candidates.experts}
         answers = []
         for sighting in sightings:

@@ -1,7 +1,9 @@
 """Checkpoints: what is saved comes back, and what is wrong is refused in one line."""
 
+import errno
 import json
 import pickle
+import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 import torch
 
 from policies.contract import PolicyError
-from policies.mergevla.card import CARD, WEIGHTS, Card, CheckpointError, digest_of, locate
+from policies.mergevla.card import CARD, WEIGHTS, Card, CheckpointError, digest_of, hash_tensors, locate
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors, save_checkpoint
 from policies.mergevla.config import LoraSettings
 from policies.mergevla.lora import add_lora
@@ -72,7 +74,13 @@ def test_tensors_of_a_base_are_stored_once_and_both_folders_can_move_together(sa
 def test_another_base_in_the_bases_place_is_refused(saved, tmp_path):
     save_checkpoint(tmp_path / "tuned", small_model(), a_card(), base=saved)
     save_checkpoint(saved, small_model(seed=1), a_card())
-    refused(tmp_path / "tuned", "expected tensors of hash")
+    refused(tmp_path / "tuned", f"expected tensors of hash .* for '{tmp_path / 'tuned' / '..' / saved.name}")
+
+
+def test_a_base_that_is_gone_is_told_with_who_needs_it(saved, tmp_path):
+    save_checkpoint(tmp_path / "tuned", small_model(), a_card(), base=saved)
+    saved.rename(tmp_path / "elsewhere")
+    refused(tmp_path / "tuned", f"'{tmp_path / 'tuned'}': expected its base at '../{saved.name}'")
 
 
 def test_the_digest_is_of_the_content_and_not_of_the_place_or_the_metrics(saved, tmp_path):
@@ -89,6 +97,52 @@ def test_a_truncated_file_is_refused(saved, keep):
     data = (saved / WEIGHTS).read_bytes()
     (saved / WEIGHTS).write_bytes(data[:keep])
     refused(saved, "truncated")
+
+
+def test_bytes_behind_the_tensors_are_refused_before_anything_is_loaded(saved):
+    with (saved / WEIGHTS).open("ab") as file:
+        file.write(b"more")
+    refused(saved, r"expected \d+ bytes in")
+    with pytest.raises(CheckpointError, match=r"expected \d+ bytes in"):
+        digest_of(str(saved))
+
+
+def test_a_file_that_the_format_forbids_is_refused_though_its_hash_is_right(saved):
+    data = (saved / WEIGHTS).read_bytes()
+    length = int.from_bytes(data[:8], "little")
+    header = data[8 : 8 + length].replace(b'"F32"', b'"X32"')
+    (saved / WEIGHTS).write_bytes(data[:8] + header + data[8 + length :])
+    rewrite(saved, tensor_hash=hash_tensors(saved / WEIGHTS))
+    refused(saved, "expected a safetensors file in")
+
+
+def test_what_cannot_be_written_is_an_error_of_the_system(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            save_checkpoint(tmp_path, small_model(), a_card())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert caught.value.errno == errno.EFBIG
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("field", ["base", "base_hash", "tensor_hash"])
+def test_a_card_whose_text_is_none_is_refused(saved, field):
+    rewrite(saved, **{field: 5})
+    refused(saved, f"expected {field} to be text, got 5")
+
+
+def test_what_is_wrong_with_a_card_is_said_with_its_folder(saved):
+    rewrite(saved, statistics=None)
+    refused(saved, str(saved))
+
+
+def test_a_file_that_cannot_be_read_is_named(saved):
+    (saved / CARD).unlink()
+    (saved / CARD).mkdir()
+    refused(saved, f"'{saved / CARD}', got: Is a directory")
 
 
 def test_a_changed_weight_is_refused(saved):

@@ -192,6 +192,13 @@ def test_missing_statistics_are_refused(saved):
     assert statistics is None
 
 
+@pytest.mark.parametrize("rescalers", [{}, {"null/Reach": 1.0}, dict.fromkeys(TASKS, "1")])
+def test_missing_rescalers_are_refused(folders, tmp_path, rescalers):
+    save_merged(tmp_path, merging(folders, operator="emr", masks="emr"))
+    rewrite(tmp_path, rescalers=rescalers)
+    refused(tmp_path, "expected a rescaler of each merged expert")
+
+
 def test_a_recipe_out_of_range_is_refused(saved):
     recipe = json.loads((saved / CARD).read_text())["recipe"]
     rewrite(saved, recipe={**recipe, "lambda_": 7})

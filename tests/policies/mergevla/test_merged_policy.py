@@ -1,5 +1,6 @@
 """Policies of experts and merged models: who acts, what is remembered, the same in a batch and alone."""
 
+import errno
 import subprocess
 import sys
 import tomllib
@@ -290,6 +291,34 @@ def test_options_that_do_not_fit_are_refused(kind, options, match, merged):
     refused(kind, filled, match)
 
 
+@pytest.mark.parametrize(
+    ("recipe", "match"),
+    [
+        ({"operator": "tis"}, "unknown merge operator 'tis'; did you mean 'ties'"),
+        ({"options": {"drop": 0.5}}, "operator 'ties' has no option 'drop'"),
+        (
+            {"lambda_": {"null/Reach": 0.4}},
+            "expected a lambda for each of null/Raise, null/Reach, null/Slow; null/Raise",
+        ),
+        ({"kept_blocks": 3}, r"expected k, the blocks kept per task, to be a whole number in \[0, 2\], got 3"),
+    ],
+)
+def test_a_recipe_that_does_not_fit_is_refused_when_a_run_is_planned(recipe, match, folders, merged):
+    with pytest.raises(PolicyError, match=match):
+        MERGED.spec({"checkpoint": str(merged), "experts": str(folders[0].parent), "recipe": recipe})
+
+
+@pytest.mark.parametrize("use", [MERGED.spec, MERGED.load])
+def test_a_fitted_router_is_not_used_with_experts_of_another_base(use, merged, tmp_path):
+    strangers = save_base(tmp_path / "base", seed=7)
+    for seed, task in enumerate(TASKS):
+        save_expert(tmp_path / "experts" / str(seed), strangers, task, seed)
+    options = {"checkpoint": str(merged), "experts": str(tmp_path / "experts"), "recipe": {}}
+    with pytest.raises(PolicyError, match="router 'calibrated': expected experts of the base that it was fitted to"):
+        use(options)
+    use({**options, "router": "oracle"})
+
+
 def test_a_second_expert_for_a_task_is_refused(folders, tmp_path):
     base = folders[0].parents[1] / "base"
     for name in "ab":
@@ -300,6 +329,22 @@ def test_a_second_expert_for_a_task_is_refused(folders, tmp_path):
 def test_a_folder_without_experts_is_refused(tmp_path):
     save_checkpoint(tmp_path / "base", small_model(), Card(SMALL, task_statistics()))
     refused(EXPERTS, {"folder": str(tmp_path)}, "which holds none")
+
+
+def test_an_expert_that_cannot_be_looked_at_is_not_left_out(tmp_path, monkeypatch):
+    """Denied by hand: root may read everything."""
+    denied = save_experts(tmp_path)[1]
+    look = Path.is_file
+
+    def deny(path):
+        if denied in path.parents:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return look(path)
+
+    monkeypatch.setattr(Path, "is_file", deny)
+    refused(
+        EXPERTS, {"folder": str(denied.parent)}, f"expected to read '{denied / 'card.json'}', got: Permission denied"
+    )
 
 
 def test_a_base_and_a_merged_model_beside_the_experts_are_left_out(tmp_path, merged, folders):

@@ -53,6 +53,19 @@ def test_hidden_states_and_expert_make_up_the_forward_pass():
     assert torch.equal(model.act(hidden, proprioception), model(images, prompts, proprioception))
 
 
+def test_actions_depend_on_proprioception():
+    model = small_model()
+    images, prompts, proprioception = inputs(SMALL)
+    assert not torch.allclose(model(images, prompts, -proprioception), model(images, prompts, proprioception))
+
+
+def test_the_last_hidden_states_alone_went_through_the_final_norm():
+    model = small_model()
+    torch.nn.init.zeros_(model.backbone.language.norm.weight)
+    hidden = model.hidden_states(*inputs(SMALL)[:2])
+    assert [bool(states.any()) for states in hidden.action] == [True] * SMALL.language.layers + [False]
+
+
 def test_equal_seeds_give_equal_weights_and_leave_the_global_generator_alone():
     torch.manual_seed(5)
     expected = torch.rand(1)

@@ -100,7 +100,8 @@ def test_options_without_a_checkpoint_are_refused(wrong):
 
 def test_packages_that_are_not_installed_are_told_in_one_line(options, monkeypatch):
     monkeypatch.delitem(sys.modules, "policies.mergevla.acting", raising=False)
-    monkeypatch.delitem(sys.modules, "policies.mergevla.checkpoint", raising=False)
+    for name in ("checkpoint", "tensor_files"):
+        monkeypatch.delitem(sys.modules, f"policies.mergevla.{name}", raising=False)
     monkeypatch.setitem(sys.modules, "safetensors.torch", None)
     with pytest.raises(PolicyError, match=r"robogauntlet\[mergevla\].*safetensors"):
         KIND.load(options)

@@ -24,9 +24,9 @@ def recording(seed=0, steps=12, size=16, cameras=("third_person", "wrist"), **ch
     return Recording(**{**fields, **changes})
 
 
-def write(folder, recordings, *, per_file=2, task=SOURCE["task"]):
+def write(folder, recordings, *, per_file=2, **source):
     """A dataset of these recordings, `per_file` episodes in each data file."""
-    writer = DatasetWriter(folder, {**SOURCE, "task": task})
+    writer = DatasetWriter(folder, {**SOURCE, **source})
     for first in range(0, len(recordings), per_file):
         part = recordings[first : first + per_file]
         writer.commit([won(r) for r in part], [encode_episode(r) for r in part])

@@ -1,16 +1,21 @@
 """What training is given."""
 
+import errno
 import json
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from policies.training.dataset import Demonstrations, find_datasets, pooled_hash
-from policies.training.lerobot import DatasetError
+from policies.training.lerobot import DatasetError, image_key
 from tests.policies.training.synthetic import recording, write
 
 LENGTHS = (6, 12, 3)
+IMAGE_FILES = pa.array([{"bytes": None, "path": "frame.png"}] * 12)
+NO_IMAGES = pa.array([{"bytes": b"abc", "path": None}] * 12)
 
 
 @pytest.fixture
@@ -93,6 +98,21 @@ def test_datasets_are_found_below_a_folder(dataset, tmp_path):
         find_datasets(tmp_path / "set" / "meta")
 
 
+def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings, tmp_path, monkeypatch):
+    """Denied by hand: root may read everything."""
+    write(tmp_path / "other", recordings)
+    look = Path.is_file
+
+    def deny(path):
+        if tmp_path / "set" in path.parents:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return look(path)
+
+    monkeypatch.setattr(Path, "is_file", deny)
+    with pytest.raises(DatasetError, match=f"{tmp_path / 'set/meta/info.json'}: cannot be read: Permission denied"):
+        find_datasets(tmp_path)
+
+
 def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
     sound, whole = json.loads(info.read_text()), data.read_bytes()
@@ -114,5 +134,67 @@ def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     table = pq.read_table(tmp_path / "set/data/chunk-000/file-001.parquet")
     pq.write_table(table.drop_columns(["action"]), data)
     refused("expected a column action, there is none")
+    data.write_bytes(whole)
+    for features in (5, {image_key("wrist"): {"shape": 16}}, {image_key("wrist"): {}}):
+        info.write_text(json.dumps({**sound, "features": features}))
+        refused("expected a LeRobot dataset")
     info.unlink()
     refused("expected a LeRobot dataset: No such file")
+
+
+def test_a_dataset_without_episodes_is_refused(tmp_path):
+    write(tmp_path, [recording()])
+    info, data = tmp_path / "meta/info.json", tmp_path / "data/chunk-000/file-000.parquet"
+    info.write_text(json.dumps({**json.loads(info.read_text()), "total_frames": 0, "total_episodes": 0}))
+    pq.write_table(pq.read_table(data).slice(0, 0), data)
+    with pytest.raises(DatasetError, match="expected an episode at least, got none"):
+        Demonstrations(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "message"),
+    [
+        ("next.success", pa.array([None] * 12, pa.bool_()), "next.success: expected numbers in each frame"),
+        ("action", pa.array([[None] * 7] * 12, pa.list_(pa.float32(), 7)), "action: expected numbers in each frame"),
+        ("next.success", pa.array(["no"] * 12), "next.success: expected numbers in each frame"),
+        ("next.success", pa.array([[True]] * 12), "next.success: expected numbers in each frame"),
+        ("action", pa.array([[0.0] * 6] * 12, pa.list_(pa.float32(), 6)), "expected 7 numbers a frame, got 6"),
+        (image_key("wrist"), IMAGE_FILES, "wrist: expected images within the data files"),
+        (image_key("wrist"), pa.array([None] * 12, IMAGE_FILES.type), "wrist: expected images within the data files"),
+        (image_key("wrist"), NO_IMAGES, "wrist: expected a PNG image, got 3 bytes that are none"),
+    ],
+)
+def test_columns_of_something_else_are_refused_in_one_line(column, values, message, tmp_path):
+    write(tmp_path, [recording()])
+    data = tmp_path / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(data)
+    pq.write_table(table.set_column(table.column_names.index(column), column, values), data)
+    with pytest.raises(DatasetError, match=f"{tmp_path}.*{message}") as caught:
+        Demonstrations(tmp_path).preload()
+    assert "\n" not in str(caught.value)
+
+
+def test_data_files_of_other_columns_than_the_first_are_refused(dataset, tmp_path):
+    data = tmp_path / "set/data/chunk-000/file-001.parquet"
+    table = pq.read_table(data)
+    values = pa.array(["no"] * len(table))
+    pq.write_table(table.set_column(table.column_names.index("next.success"), "next.success", values), data)
+    with pytest.raises(DatasetError, match=r"file-001\.parquet: expected next.success as in file-000\.parquet"):
+        Demonstrations(tmp_path / "set")
+
+
+def test_a_record_of_the_collection_that_does_not_read_is_not_passed_over(tmp_path):
+    write(tmp_path, [recording()])
+    assert Demonstrations(tmp_path).task == "null/Reach"
+    (tmp_path / "meta/robogauntlet.json").write_text("{")
+    with pytest.raises(DatasetError, match=r"robogauntlet\.json: cannot be read: JSONDecodeError"):
+        Demonstrations(tmp_path).task  # noqa: B018
+    (tmp_path / "meta/robogauntlet.json").unlink()
+    assert Demonstrations(tmp_path).task == tmp_path.name
+
+
+def test_frames_of_a_collection_that_was_killed_are_told_as_such(dataset, tmp_path):
+    folder = tmp_path / "set/data/chunk-000"
+    (folder / "file-002.parquet").write_bytes((folder / "file-000.parquet").read_bytes())
+    with pytest.raises(DatasetError, match="got 39; if it was being collected, give the same command to continue"):
+        Demonstrations(tmp_path / "set")

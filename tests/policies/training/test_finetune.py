@@ -13,17 +13,22 @@ from orchestrator.cli.policies.training import line
 from policies.contract import PolicyError
 from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors
-from policies.mergevla.config import LoraSettings
+from policies.mergevla.config import LoraSettings, Quirks
+from policies.mergevla.normalisation import Statistics
 from policies.training.augmentation import shift
+from policies.training.dataset import Demonstrations
 from policies.training.finetune import Pace, Settings, finetune, pretrain
 from policies.training.lerobot import Recording, encode_episode
 from policies.training.options import settings_of
 from policies.training.pool import Pool
 from policies.training.reading import masked_l1
 from policies.training.schedule import Schedule, rate_at
-from policies.training.state import STATE_FILE, TrainingError
+from policies.training.selection import held_out_l1
+from policies.training.state import STATE_FILE, History, TrainingError, load_state, save_state
 from policies.training.writing import Attempt, DatasetWriter
 from tests.policies.mergevla.shared import SMALL
+from tests.policies.mergevla.test_pretrained import LITTLE
+from tests.policies.training.synthetic import recording, write
 
 LORA = LoraSettings(4)
 QUICK = Settings(steps=6, batch_size=8, warm_up=2, evaluate_every=3, largest_shift=1)
@@ -93,10 +98,48 @@ def test_held_out_episodes_are_never_trained_on(data):
     assert not seen & held_out
 
 
+def test_held_out_episodes_have_no_part_in_the_statistics(tmp_path):
+    odd = {"actions": np.full((12, 7), 0.9), "states": np.full((12, 8), 50.0)}
+    write(tmp_path, [recording(0), recording(1), recording(2, **odd)])
+    (task,) = (pool := Pool.open([tmp_path])).tasks
+    first = Demonstrations(tmp_path)
+    assert pool.statistics.of(task) == Statistics.of(first.actions[:24], first.states[:24])
+
+
 def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
     again = pretrain(pool, SMALL, tmp_path / "again", QUICK).card
     other = pretrain(pool, SMALL, tmp_path / "other", replace(QUICK, seed=1)).card
     assert again.tensor_hash == read_card(base).tensor_hash != other.tensor_hash
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"learning_rate": 2e-3},
+        {"warm_up": 0},
+        {"schedule": Schedule.CONSTANT},
+        {"weight_decay": 0.5},
+        {"clip": 1e-3},
+        {"batch_size": 4},
+    ],
+)
+def test_what_is_said_to_decide_the_weights_does(pool, base, tmp_path, change):
+    assert pretrain(pool, SMALL, tmp_path, replace(QUICK, **change)).card.tensor_hash != read_card(base).tensor_hash
+
+
+def test_images_are_shifted_as_far_as_the_settings_say(tmp_path):
+    write(tmp_path, [recording(seed) for seed in range(2)])
+    pool = Pool.open([tmp_path])
+    cards = [pretrain(pool, SMALL, tmp_path / str(px), replace(QUICK, largest_shift=px)).card for px in (0, 1)]
+    assert cards[0].tensor_hash != cards[1].tensor_hash
+
+
+def test_adapters_begin_by_their_seed(pool, base, tmp_path):
+    barely = replace(QUICK, steps=1, learning_rate=1e-9)
+    for seed in (0, 1):
+        finetune(pool, base, tmp_path / str(seed), replace(barely, seed=seed), lora=LORA)
+    ours, theirs = (load_file(tmp_path / str(seed) / WEIGHTS) for seed in (0, 1))
+    assert all(not torch.allclose(ours[name], theirs[name], atol=1e-4) for name in ours if name.endswith("lora_A"))
 
 
 def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_path):
@@ -111,6 +154,41 @@ def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_
     assert parts.history.losses == whole.history.losses
     assert parts.history.held_out == whole.history.held_out
     assert not (tmp_path / "parts" / STATE_FILE).exists()
+
+
+def test_a_network_with_weights_that_no_gradient_reaches_is_continued(tmp_path):
+    """The large size's towers: their last block is not read."""
+    pool = Pool.open([dataset(tmp_path, "Reach", range(3), size=LITTLE.image_size, steps=4)])
+    brief = replace(QUICK, steps=2, batch_size=2)
+    whole = pretrain(pool, LITTLE, tmp_path / "whole", brief).card
+    pretrain(pool, LITTLE, tmp_path / "parts", brief, stop=stop_after(1))
+    assert pretrain(pool, LITTLE, tmp_path / "parts", brief).card.tensor_hash == whole.tensor_hash
+
+
+def test_the_papers_noise_is_repeated_when_a_training_is_continued_and_not_in_what_is_held_out(pool, tmp_path):
+    noisy = replace(SMALL, quirks=Quirks(training_noise=True))
+    whole = pretrain(pool, noisy, tmp_path / "whole", QUICK)
+    pretrain(pool, noisy, tmp_path / "parts", QUICK, stop=stop_after(2))
+    torch.manual_seed(1)
+    assert pretrain(pool, noisy, tmp_path / "parts", QUICK).card.tensor_hash == whole.card.tensor_hash
+    checkpoint = load_checkpoint(tmp_path / "whole")
+    losses = held_out_l1(lambda task: checkpoint.model, checkpoint.card.statistics, pool)
+    assert np.mean(list(losses.values())) == pytest.approx(whole.card.metrics["held_out_l1"], rel=1e-5)
+
+
+def test_what_the_optimiser_knows_comes_back_on_the_device_of_its_weight(tmp_path):
+    """Its count of steps too: fused AdamW reads it on the GPU."""
+    weight = torch.nn.Parameter(torch.ones(2))
+    optimiser = torch.optim.AdamW([weight])
+    weight.sum().backward()
+    optimiser.step()
+    save_state(tmp_path / STATE_FILE, {"w": weight}, optimiser, History("same", step=1))
+    elsewhere = torch.nn.Parameter(torch.empty(2, device="meta"))
+    continued = torch.optim.AdamW([elsewhere])
+    load_state(tmp_path / STATE_FILE, {"w": elsewhere}, continued, "same")
+    found = continued.state[elsewhere]
+    assert found.keys() == optimiser.state[weight].keys()
+    assert {value.device.type for value in found.values()} == {"meta"}
 
 
 def test_the_state_is_written_while_training(pool, tmp_path):
@@ -195,6 +273,8 @@ def test_mistakes_are_one_line(pool, base, data, tmp_path):
         "expected 16 px images of": lambda: Pool.open([data[0], wide]),
         "expected a dataset": lambda: Pool.open([tmp_path / "nowhere"]),
         "expected steps of 1 or more, got 0": lambda: replace(QUICK, steps=0),
+        "expected a shift of 0 or more, a seed of 0 to 2\\^63 - 1": lambda: replace(QUICK, seed=2**63),
+        "expected a shift of 0 or more, a seed of 0": lambda: replace(QUICK, seed=-1),
         "expected a learning rate": lambda: replace(QUICK, learning_rate=2.0),
         "expected a schedule out of cosine, constant": lambda: settings_of(1, 1, 1e-3, "step", 0, 0, 1),
         "expected a base that stands alone": lambda: finetune(pool, expert, tmp_path / "b", QUICK, lora=LORA),
@@ -215,6 +295,14 @@ def test_a_stopped_training_is_not_continued_with_other_settings(pool, tmp_path)
     with pytest.raises(TrainingError, match="expected the same data, base and settings"):
         pretrain(pool, SMALL, tmp_path, replace(QUICK, seed=5))
     assert not (tmp_path / CARD).exists()
+
+
+def test_a_stopped_training_is_not_continued_with_its_data_in_another_order(data, tmp_path):
+    pretrain(Pool.open(data), SMALL, tmp_path, QUICK, stop=stop_after(2))
+    backwards = Pool([Demonstrations(folder) for folder in sorted(data, reverse=True)])
+    assert backwards.data_hash == Pool.open(data).data_hash
+    with pytest.raises(TrainingError, match="expected the same data, base and settings"):
+        pretrain(backwards, SMALL, tmp_path, QUICK)
 
 
 def test_a_broken_state_is_said_to_be_broken(pool, tmp_path):

@@ -70,6 +70,17 @@ def test_leftovers_of_a_killed_process_are_overwritten(tmp_path, recordings):
     assert Demonstrations(tmp_path).content_hash == Demonstrations(tmp_path / "undisturbed").content_hash
 
 
+def test_what_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, monkeypatch):
+    def die(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DatasetWriter, "_statistics", die)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path, recordings)
+    monkeypatch.undo()
+    assert write(tmp_path, recordings).content_hash == Demonstrations(tmp_path).content_hash
+
+
 def test_a_dataset_of_another_source_is_not_continued(tmp_path, recordings):
     write(tmp_path, recordings)
     with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2; give another folder"):
@@ -86,6 +97,9 @@ def test_a_broken_record_of_attempts_is_told(tmp_path, recordings):
     write(tmp_path, recordings)
     (tmp_path / "meta/robogauntlet.json").write_text("{")
     with pytest.raises(DatasetError, match="expected a record of attempts: JSONDecodeError"):
+        DatasetWriter(tmp_path, SOURCE)
+    (tmp_path / "meta/robogauntlet.json").write_text('{"source": 5, "data_files": 0, "episodes": 0, "attempts": []}')
+    with pytest.raises(DatasetError, match="expected a record of attempts: TypeError"):
         DatasetWriter(tmp_path, SOURCE)
 
 

@@ -141,6 +141,13 @@ def test_a_report_is_frozen_and_json_holds_all_of_it(rule):
     assert len(read["block_distances"]["action_expert"]) == 2
 
 
+def test_chance_is_that_of_the_merge_reported_on():
+    experts = random_taus(3)
+    made = report(experts, merge(experts, "ta", alpha=0.5, lambdas=0.3), generator=generator())
+    chance = gaussian_null(made.scales, "ta", generator=generator(), alpha=0.5, lambdas=0.3)
+    assert made.null == chance != gaussian_null(made.scales, "ta", generator=generator(), lambdas=0.3)
+
+
 def test_a_report_on_experts_that_changed_nothing_holds_no_nan():
     experts = {expert: {"w": torch.zeros(2, 2)} for expert in "ab"}
     made = report(experts, merge(experts, "ties"), generator=generator())

@@ -21,6 +21,14 @@ def test_a_recipe_read_from_json_is_checked_too():
         Recipe.from_json({"lambda_": 2.5})
 
 
+@pytest.mark.parametrize(
+    ("field", "value"), [("operator", ["ties"]), ("merge_output", "no"), ("options", 5), ("options", {1: 2})]
+)
+def test_a_value_of_another_kind_is_refused(field, value):
+    with pytest.raises(OutOfRange, match=f"expected {field}"):
+        Recipe.from_json({field: value})
+
+
 def test_recipes_need_no_torch():
     program = "import sys, policies.mergevla.merging.recipe; assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], check=True)

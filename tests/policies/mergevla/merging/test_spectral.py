@@ -32,6 +32,12 @@ def test_tsv_keeps_as_many_triplets_as_the_matrix_has_for_all_experts_together()
     torch.testing.assert_close(torch.linalg.svdvals(merged), expected, rtol=1e-5, atol=1e-5)
 
 
+def test_knots_leaves_out_what_is_not_above_its_cut_off():
+    values = torch.tensor([2.0, 1.0, 0.5])
+    merged = knots({"expert": {"w": torch.diag(values)}}, cutoff=0.5)["w"]
+    torch.testing.assert_close(merged, torch.diag(torch.tensor([2.0, 1.0, 0.0])))
+
+
 @pytest.mark.parametrize("operator", [task_singular_vectors, wudi])
 def test_spectral_operators_average_what_is_no_matrix(operator):
     experts = random_taus(3)

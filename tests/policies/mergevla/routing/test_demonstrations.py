@@ -11,9 +11,9 @@ from tests.policies.training.synthetic import recording, write
 CAMERAS = ("wrist", "third_person")
 
 
-def dataset(folder, episodes, task="null/Reach"):
+def dataset(folder, episodes, task="null/Reach", **source):
     recordings = [recording(seed, 6 + seed) for seed in range(episodes)]
-    write(folder, recordings, task=task)
+    write(folder, recordings, task=task, **source)
     return Demonstrations(folder), recordings
 
 
@@ -42,6 +42,14 @@ def test_every_task_has_as_many_as_the_one_with_the_fewest(tmp_path):
     split = first_sightings([few, many], CAMERAS)
     assert {task: len(found) for task, found in split.frames.items()} == {"null/Reach": 3, "null/Other": 3}
     assert {task: len(found) for task, found in split.held_out.items()} == {"null/Reach": 1, "null/Other": 1}
+
+
+def test_episodes_that_begin_where_a_learner_stopped_are_left_out(tmp_path):
+    begun, taken_over = dataset(tmp_path / "begun", 4)[0], dataset(tmp_path / "over", 4, learner="0")[0]
+    split = first_sightings([begun, taken_over, dataset(tmp_path / "whole", 4, learner="0", whole=True)[0]], CAMERAS)
+    assert (len(split.frames["null/Reach"]), len(split.held_out["null/Reach"])) == (6, 2)
+    with pytest.raises(RoutingError, match="expected demonstrations of null/Reach from their first step"):
+        first_sightings([taken_over], CAMERAS)
 
 
 def test_a_dataset_that_cannot_be_split_is_refused(tmp_path):

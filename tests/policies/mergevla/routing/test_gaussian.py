@@ -1,5 +1,7 @@
 """Gaussian classes: fitting, probabilities, the unknown, and storage."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -31,6 +33,13 @@ def test_what_can_be_told_apart_is_routed_right(calibration):
 def test_probabilities_sum_to_one(calibration, seed, scale):
     features = torch.randn(4, 12, generator=torch.Generator().manual_seed(seed)) * scale
     assert torch.allclose(calibration.scores(features).exp().sum(dim=1), torch.ones(4).double())
+
+
+def test_scores_are_those_of_gaussians_at_the_temperature(calibration):
+    features = gaussians(2).features
+    warm = replace(calibration, temperature=3.0)
+    expected = torch.log_softmax(-(calibration.distances(features) ** 2) / 6.0, dim=1)
+    assert torch.allclose(warm.scores(features), expected)
 
 
 def test_distances_are_mahalanobis_in_the_shrunk_covariance():
@@ -99,7 +108,7 @@ def test_overconfidence_is_cooled_and_confidence_never_exceeds_the_model():
 
 
 def test_the_threshold_is_the_conformal_quantile():
-    assert conformal_threshold(torch.arange(1.0, 100.0)) == 95.0
+    assert conformal_threshold(torch.arange(1.0, 101.0)) == 96.0
     assert conformal_threshold(torch.arange(5.0)) == 4.0
     with pytest.raises(RoutingError, match="expected held-out first frames"):
         conformal_threshold(torch.empty(0))
