@@ -31,7 +31,7 @@ from results.carrying import export_run, import_run
 from results.opening import OpenRun
 from results.report.parquet import write_parquet
 from results.report.text import counted
-from results.run import RunDocument, RunError, RunStatus, read_run, store_url
+from results.run import RunDocument, RunError, RunStatus, read_run
 from results.store import Store, StoreError
 from results.syncing import take_in_run
 from suites.part import NoSuchPart
@@ -115,7 +115,7 @@ def export(
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
     try:
         document = read_run(run)
-        rows = Store.open(store_url(run, document, store), document.run_id)
+        rows = Store.open_begun(run, document, store)
         try:
             if form is Form.RUN:
                 count = export_run(document, rows, file)
@@ -154,7 +154,7 @@ def _write_datasets(run: Path, choice: Choice, folder: Path, store: str | None) 
 
     try:
         document = read_run(run)
-        with closing(Store.open(store_url(run, document, store), document.run_id)) as rows:
+        with closing(Store.open_begun(run, document, store)) as rows:
             chosen = choice.of(document, rows.results())
         if not chosen:
             raise BadInput(f"{run}: no episode that was asked for")
