@@ -50,6 +50,11 @@ def test_a_worse_run_is_no_baseline_until_it_is_accepted(gauntlet, runs):
     assert (said.code, "wednesday against tuesday" in said.out) == (0, True)
 
 
+def test_a_folders_name_comes_before_the_beginning_of_an_id(gauntlet, runs):
+    save(runs / "thursday", good, run_id="mondaylike", started_at=5 * 86_400.0)
+    assert gauntlet("accept", "runs/monday").out.startswith("monday: later runs")
+
+
 def test_the_leaderboard_gives_letters_and_no_ranks(gauntlet, runs):
     said = gauntlet("leaderboard", "synthetic")
     assert said.code == 0
