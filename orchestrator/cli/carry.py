@@ -18,6 +18,7 @@ from orchestrator.cli.shared import (
     HistoryUrl,
     StoreUrl,
     fail,
+    history_url,
     open_history,
     out,
     runs_root,
@@ -113,6 +114,8 @@ def export(
         return
     if task or condition or status or limit:
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
+    if policy is not None and form not in (Form.LEROBOT, Form.VLA_EVAL):
+        raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
     try:
         document = read_run(run)
         rows = Store.open_begun(run, document, store)
@@ -129,7 +132,7 @@ def export(
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
     except OSError as error:
-        raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
+        raise BadInput(f"{file}: cannot be written: {error.strerror or error}") from None
     out.print(f"{counted(count, 'episode')} into {file}", markup=False, soft_wrap=True)
 
 
@@ -190,6 +193,7 @@ def take(
     from results.report import write_report
 
     root = folder.absolute().parent if folder else runs_root(url)
+    history_url(url)
     try:
         made, document = import_run(file, root, store=store, name=folder.name if folder else None)
         write_report(made, store_url=store)

@@ -29,6 +29,8 @@ def plan(
     """Show the episodes that a suite or a part of it plans, without starting anything."""
     planned = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds))
     done: Outcomes = {}
+    if out_folder is not None and out_folder.is_file():
+        raise BadInput(f"{out_folder}: expected a run folder, there is a file")
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         try:
             document = read_run(out_folder)
