@@ -132,6 +132,8 @@ def export(
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
     except OSError as error:
+        if form is not Form.RUN:
+            file.unlink(missing_ok=True)  # it is new, and would stand in the way of the next try
         raise BadInput(f"{file}: cannot be written: {error.strerror or error}") from None
     out.print(f"{counted(count, 'episode')} into {file}", markup=False, soft_wrap=True)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
 import torch
+from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -75,15 +77,34 @@ def write_folder(folder: Path, tensors: Mapping[str, Tensor], card: AnyCard) -> 
 
     Returns:
         The card with the tensors' hash.
+
+    Raises:
+        OSError: The disk is full, or the folder cannot be written.
     """
     partial = folder / f"{WEIGHTS}.partial"
-    save_file(dict(tensors), partial)
+    write_tensors(partial, tensors)
     card = card.sealed(hash_tensors(partial))
     partial.replace(folder / WEIGHTS)
     text = folder / f"{CARD}.partial"
     text.write_text(json.dumps(card.as_json(), indent=1, sort_keys=True, allow_nan=False) + "\n")
     text.replace(folder / CARD)
     return card
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str] | None = None) -> None:
+    """Write a safetensors file, or none.
+
+    Raises:
+        OSError: The disk is full, or the file cannot be written; safetensors says it as an error of its own.
+    """
+    try:
+        save_file(dict(tensors), path, metadata=metadata)
+    except SafetensorError as error:
+        path.unlink(missing_ok=True)
+        number = re.search(r"\(os error (\d+)\)", str(error))
+        if number is None:
+            raise
+        raise OSError(int(number[1]), os.strerror(int(number[1])), str(path)) from None
 
 
 def load_checkpoint(reference: str | Path, expected: Architecture | None = None) -> Checkpoint:

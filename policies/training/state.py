@@ -10,10 +10,10 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from policies.contract import PolicyError
+from policies.mergevla.checkpoint import write_tensors
 
 STATE_FILE = "training.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -46,7 +46,7 @@ def save_state(path: Path, weights: Mapping[str, nn.Parameter], optimiser: torch
         tensors |= {f"{kind}/{name}": moments[kind].detach().cpu().contiguous() for kind in MOMENTS if moments}
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.partial")
-    save_file(tensors, partial, metadata={"training": json.dumps(asdict(history))})
+    write_tensors(partial, tensors, {"training": json.dumps(asdict(history))})
     partial.replace(path)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import subprocess
 import sys
 from importlib import metadata
@@ -116,6 +117,17 @@ def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
         new(name, tmp_path / "folder")
     assert f"'{name}'" in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_package_that_cannot_be_written_whole_is_a_line_and_leaves_no_part(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, limits[1]))  # as on a full disk, later files fail
+    try:
+        with pytest.raises(BadInput, match="cannot be written: File too large"):
+            new("mysim", tmp_path / "folder")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert not list(tmp_path.iterdir())
 
 

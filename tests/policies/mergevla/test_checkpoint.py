@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,6 +36,21 @@ def refused(folder, match, **options):
     with pytest.raises(PolicyError, match=match) as caught:
         load_checkpoint(folder, **options)
     assert "\n" not in str(caught.value)
+
+
+@pytest.fixture
+def full_disk():
+    """Nothing longer than 4 KiB can be written, which libraries hear of as of a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_disk_that_is_full_is_an_oserror_and_leaves_no_file(tmp_path, full_disk):
+    with pytest.raises(OSError, match="File too large"):
+        save_checkpoint(tmp_path / "expert", small_model(), a_card())
+    assert not list((tmp_path / "expert").iterdir())
 
 
 def test_what_is_saved_comes_back(saved):
