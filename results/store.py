@@ -50,8 +50,9 @@ class Store:
             StoreError: As `open`; or it is not there, or is the store of other runs.
         """
         found = parse(store_url(folder, document, url))
-        if found.get_backend_name() == "sqlite" and not Path(found.database or "").exists():
-            raise StoreError(f"{found.database}: expected the store of the run in {folder}, there is no such file")
+        file = found.database if found.get_backend_name() == "sqlite" and "uri" not in found.query else None
+        if file is not None and not Path(file).exists():
+            raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
         store = cls.open(store_url(folder, document, url), document.run_id)
         if url is not None and not store.knows_run():
             where = store.database.where
