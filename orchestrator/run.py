@@ -75,7 +75,7 @@ def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) 
         FolderError: The folder cannot be written, or another process runs into it.
         StoreError: The store cannot be opened.
     """
-    with locked(folder), contextlib.ExitStack() as stack:
+    with locked(folder, for_run=True), contextlib.ExitStack() as stack:
         begun = (folder / RUN_FILE).exists()
         document = begin(plan, folder, options.store)
         store = _store_of(folder, document, options.store, begun=begun)

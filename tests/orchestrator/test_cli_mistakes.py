@@ -30,6 +30,15 @@ def test_what_cannot_be_is_told_before_anything_is_begun(gauntlet, tmp_path, typ
     assert [path.name for path in tmp_path.iterdir()] == ["suite.yaml"]
 
 
+def test_nothing_else_is_written_into_the_folder_of_a_run(gauntlet, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.json").touch()
+    said = gauntlet("policies", "demonstrate", "null/Reach", "--out", "run")
+    line = "gauntlet: run: expected another folder than that of a run; give one with --out\n"
+    assert (said.code, said.err) == (2, line)
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
+
+
 @pytest.mark.parametrize("wrong", ["--seed=-1", "--image-size=0", "--image-size=100000"])
 def test_a_sheet_is_of_an_image_that_can_be_drawn(gauntlet, wrong):
     said = gauntlet("axes", "sheet", "noise", "--out", "x.png", "--task", "null/Reach", wrong)
