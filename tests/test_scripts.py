@@ -1,0 +1,86 @@
+"""The scripts that take hours give commands that are understood: a mistyped option is found here, not after a night."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import typer
+
+from orchestrator.cli import app
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+# Stands where the command line stands and writes down what it is given, a line a command.
+RECORDER = """#!/usr/bin/env bash
+line=$(printf '%s\\t' "$@")
+echo "$line" >>"${0%/*}/commands"
+"""
+
+
+def given(script: str, folder: Path, *, percent: str | None = None) -> list[list[str]]:
+    """The commands that a script gives from nothing on, in which none leaves anything behind.
+
+    Raises:
+        subprocess.CalledProcessError: The script ended with an error.
+    """
+    for name, text in {"gauntlet": RECORDER, "python": "#!/bin/sh\n"}.items():
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+    environment = {**os.environ, "GAUNTLET": str(folder / "gauntlet")}
+    environment.pop("PERCENT", None)
+    if percent is not None:
+        environment["PERCENT"] = percent
+    (folder / "out").mkdir()
+    subprocess.run(
+        ["bash", str(SCRIPTS / script), str(folder / "out")],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=60,
+    )
+    return [line.rstrip("\t").split("\t") for line in (folder / "commands").read_text().splitlines()]
+
+
+def understand(arguments: Sequence[str]) -> dict[str, object]:
+    """The values of a command's options as the command line reads them; nothing is run.
+
+    Raises:
+        click.UsageError: An argument is not understood.
+    """
+    command, context = typer.main.get_command(app), None
+    rest = list(arguments)
+    while True:
+        context = command.make_context(command.name, rest, parent=context)
+        if not hasattr(command, "resolve_command"):
+            return context.params
+        _, command, rest = command.resolve_command(context, [*context._protected_args, *context.args])
+
+
+@pytest.mark.parametrize(("script", "verbs"), [("zoo.sh", 23), ("training_controls.sh", 118)])
+def test_every_command_of_a_script_of_hours_is_understood(script: str, verbs: int, tmp_path: Path) -> None:
+    commands = given(script, tmp_path)
+    for command in commands:
+        understand(command)
+    assert len(commands) == verbs
+
+
+def test_percent_makes_the_zoo_from_that_share_and_three_demonstrations_at_least(tmp_path: Path) -> None:
+    options = [understand(command) for command in given("zoo.sh", tmp_path, percent="1")]
+    assert {values["episodes"] for values in options if "episodes" in values} == {3, 4, 5, 6, 7}
+    assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 120, 140}
+
+
+@pytest.mark.parametrize("script", ["zoo.sh", "training_controls.sh"])
+@pytest.mark.parametrize("percent", ["0", "-1", "half", "1000", "1.5"])
+def test_a_share_that_is_no_whole_percent_is_refused_before_anything_is_made(
+    script: str, percent: str, tmp_path: Path
+) -> None:
+    with pytest.raises(subprocess.CalledProcessError) as refused:
+        given(script, tmp_path, percent=percent)
+    assert refused.value.stderr == f"PERCENT: expected a whole number from 1 to 999, got '{percent}'\n"
+    assert refused.value.returncode == 2
+    assert not (tmp_path / "commands").exists()
