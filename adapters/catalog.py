@@ -50,7 +50,8 @@ def find(simulator: str) -> Simulator:
     """
     known = simulators()
     if simulator not in known:
-        raise AdapterError(f"unknown simulator '{simulator}'{nearest(simulator, known)}")
+        shown = (name for name, one in known.items() if not one.internal)
+        raise AdapterError(f"unknown simulator '{simulator}'{nearest(simulator, shown)}")
     return known[simulator]
 
 

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import signal
+import socket
 import threading
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -19,6 +20,9 @@ _PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_i
 """Results come straight to us: Ray ends a process that reads from the object store when that dies, without a word."""
 WORKER_BYTES = 2 * 1024**3
 """Memory that a worker may come to need: a simulator, its renderer and a policy."""
+RAY_PORT = 6379
+"""Where the head of a cluster listens if nobody says otherwise."""
+CONNECT_S = 10.0
 _VITAL = ("raylet", "gcs_server")
 _ASKED = (
     ("num_cpus", "CPU", "num_cpus", 1),
@@ -32,8 +36,33 @@ class RayLost(Exception):
     """Ray itself has died, and with it every worker."""
 
 
+class NoCluster(Exception):
+    """There is no Ray cluster at the address that was given."""
+
+
 class NoRoom(Exception):
     """Something is asked of Ray that no node has, so that it would wait without end."""
+
+
+def check_address(address: str) -> None:
+    """Refuse an address that Ray would fail on, or wait minutes for.
+
+    Args:
+        address: `HOST:PORT` of a cluster's head, or `auto` for one that runs on this machine.
+
+    Raises:
+        NoCluster: It is neither, or nothing listens there.
+    """
+    if address == "auto":
+        return
+    host, _, port = address.rpartition(":")
+    if not host or "/" in host or not (port.isdecimal() and 0 < int(port) < 2**16):
+        raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}") from None
 
 
 @contextlib.contextmanager

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from results.run import RUN_FILE
+
 LOCK_FILE = ".lock"
 
 
@@ -18,8 +20,18 @@ class FolderError(Exception):
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """The folder, made if need be, for this process alone."""
+def locked(folder: Path, *, for_run: bool = False) -> Iterator[None]:
+    """The folder, made if need be, for this process alone.
+
+    Args:
+        folder: To write into.
+        for_run: Whether a run is played into it. Nothing else is written into the folder of a run.
+
+    Raises:
+        FolderError: It cannot be written, another process writes into it, or it holds a run.
+    """
+    if not for_run and (folder / RUN_FILE).exists():
+        raise FolderError(f"{folder}: expected another folder than that of a run; give one with --out")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = FileLock(folder / LOCK_FILE)

@@ -69,9 +69,9 @@ class Choice:
             NoSuchPart: A name or pattern that finds nothing in the run.
         """
         plan = document.plan
-        policies = kept("policy", self.policies, [cell.policy for cell in plan], whole="run")
-        tasks = kept("task", self.tasks, [cell.task for cell in plan], whole="run")
-        every = [str(Condition(cell.axis, cell.severity)) for cell in plan]
+        policies = kept("policy", self.policies, list(dict.fromkeys(cell.policy for cell in plan)), whole="run")
+        tasks = kept("task", self.tasks, list(dict.fromkeys(cell.task for cell in plan)), whole="run")
+        every = list(dict.fromkeys(str(Condition(cell.axis, cell.severity)) for cell in plan))
         conditions = kept("condition", self.conditions, every, whole="run")
         wanted = (
             row

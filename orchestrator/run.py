@@ -20,9 +20,10 @@ from orchestrator.progress import Progress
 from orchestrator.runner import Readiness
 from orchestrator.sources import PolicySource
 from policies.contract import PolicyError
+from results.database import without_password
 from results.live import Live, LiveWorker
 from results.record import EpisodeResult, outcome_row, rows_hash
-from results.run import RunDocument, RunStatus, store_url, write_run
+from results.run import RUN_FILE, RunDocument, RunStatus, store_url, write_run
 from results.store import Store, StoreError
 from suites.vocabulary import Cell
 
@@ -74,9 +75,10 @@ def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) 
         FolderError: The folder cannot be written, or another process runs into it.
         StoreError: The store cannot be opened.
     """
-    with locked(folder), contextlib.ExitStack() as stack:
+    with locked(folder, for_run=True), contextlib.ExitStack() as stack:
+        begun = (folder / RUN_FILE).exists()
         document = begin(plan, folder, options.store)
-        store = Store.open(store_url(folder, document, options.store), document.run_id)
+        store = _store_of(folder, document, options.store, begun=begun)
         stack.callback(store.close)
         _write(folder, document)
         chronicle = Chronicle.open(folder, store, options.history or options.store, options.schedule)
@@ -326,6 +328,13 @@ class _Session:
 
     def _said(self) -> tuple[str, ...]:
         return tuple(self._troubles[-10:])
+
+
+def _store_of(folder: Path, document: RunDocument, url: str | None, *, begun: bool) -> Store:
+    """The store of a run; another than the one that the run was begun with must have its rows."""
+    if begun and url is not None and without_password(url) != document.store_url:
+        return Store.open_begun(folder, document, url)
+    return Store.open(store_url(folder, document, url), document.run_id)
 
 
 def _write(folder: Path, document: RunDocument) -> None:

@@ -171,6 +171,8 @@ class _Explained:
             reason = str(error.orig).splitlines()[0]
             if "not a database" in reason:
                 reason = "expected a store, this file is something else"
+            if "readonly database" in reason:
+                reason = "expected a store in a place that can be written, which reading takes too; copy it to one"
             raise StoreError(f"{self.where}: {reason}") from error
         if isinstance(error, sa.exc.SQLAlchemyError):
             raise StoreError(f"{self.where}: {str(error).splitlines()[0]}") from error

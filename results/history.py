@@ -146,17 +146,17 @@ class History:
             )
 
     def find(self, name: str) -> RunEntry | None:
-        """The run with this id, the beginning of it, or this folder name; the newest of several.
+        """The run with this id; else the newest in a folder of this name; else the newest whose id begins so.
 
         Raises:
             StoreError: The store cannot be read.
         """
         if not name:
             return None
-        clause = sa.or_(
-            runs.c.run_id.startswith(name, autoescape=True), runs.c.folder.endswith(f"/{name}", autoescape=True)
-        )
-        newest = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(1)
+        called = runs.c.folder.endswith(f"/{name}", autoescape=True)
+        clause = sa.or_(called, runs.c.run_id.startswith(name, autoescape=True))
+        rank = sa.case((runs.c.run_id == name, 0), (called, 1), else_=2)
+        newest = sa.select(runs.c.run_id).where(clause).order_by(rank, runs.c.started_at.desc()).limit(1)
         found = self._entries(runs.c.run_id.in_(newest))
         return found[0] if found else None
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from results.comparison import COLUMNS, Comparison, Difference, Run, compare_runs
 from results.record import FIELDS
-from results.run import RunDocument, read_run, store_url
+from results.run import RunDocument, read_run
 from results.store import Store
 from results.tables import Tables, build_tables
 
@@ -31,9 +31,10 @@ class OpenRun:
         """A row per episode; columns are the fields of `results.record.EpisodeResult`.
 
         Raises:
+            RunError: They are in a database whose URL was not given.
             StoreError: The rows cannot be read.
         """
-        return read_episodes(store_url(self.folder, self.document, self._store), self.document.run_id, fields)
+        return _frame(Store.open_begun(self.folder, self.document, self._store), fields)
 
     def tables(self) -> Tables:
         """Success per task, simulator and policy, with intervals: what the report shows."""
@@ -51,9 +52,12 @@ def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.D
     Raises:
         StoreError: The rows cannot be read.
     """
+    return _frame(Store.open(url, run_id), fields)
+
+
+def _frame(rows: Store, fields: Sequence[str]) -> pd.DataFrame:
     import pandas as pd
 
-    rows = Store.open(url, run_id)
     try:
         pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in rows.batches(50_000, fields)]
     finally:

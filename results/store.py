@@ -9,9 +9,10 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from results.database import Database, StoreError, file_url
+from results.database import Database, StoreError, file_url, parse
 from results.record import FIELDS, EpisodeResult
-from results.schema import SCHEMA, episodes
+from results.run import RunDocument, store_url
+from results.schema import SCHEMA, episodes, runs
 
 __all__ = ["Store", "StoreError", "file_url"]
 
@@ -36,11 +37,41 @@ class Store:
         return cls(Database.open(url, SCHEMA), run_id)
 
     @classmethod
+    def open_begun(cls, folder: Path, document: RunDocument, url: str | None = None) -> Store:
+        """Open the store of a run that was begun, making nothing.
+
+        Args:
+            folder: Of the run.
+            document: The run.
+            url: Of the store, if it is not the file in the folder.
+
+        Raises:
+            RunError: The rows are in a database whose URL was not given.
+            StoreError: As `open`; or it is not there, or is the store of other runs.
+        """
+        found = parse(store_url(folder, document, url))
+        file = found.database if found.get_backend_name() == "sqlite" and "uri" not in found.query else None
+        if file is not None and not Path(file).exists():
+            raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
+        store = cls.open(store_url(folder, document, url), document.run_id)
+        if url is not None and not store.knows_run():
+            where = store.database.where
+            store.close()
+            raise StoreError(f"{where}: expected the store of the run in {folder}, it has nothing of this run")
+        return store
+
+    @classmethod
     def open_file(cls, path: Path, run_id: str) -> Store:
         """Open an SQLite store in a file. Raises StoreError."""
         if path.is_dir():
             raise StoreError(f"{path}: expected a store file, this is a directory")
         return cls.open(file_url(path), run_id)
+
+    def knows_run(self) -> bool:
+        """Whether the run was recorded here, or has rows. Raises StoreError."""
+        with self.database.reading() as connection:
+            queries = (sa.select(table.c.run_id).where(table.c.run_id == self._run_id) for table in (runs, episodes))
+            return any(connection.scalar(query.limit(1)) is not None for query in queries)
 
     def add(self, results: Sequence[EpisodeResult]) -> int:
         """Store rows that are not there yet, in one transaction; return how many were new.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from results.database import StoreError
 from results.history import History
-from results.run import RUN_FILE, RunDocument, RunError, RunStatus, read_run, store_url
+from results.run import RUN_FILE, RunDocument, RunError, RunStatus, read_run
 from results.store import Store
 
 
@@ -41,7 +41,7 @@ def take_in(history: History, root: Path) -> int:
 def take_in_run(history: History, folder: Path, document: RunDocument) -> None:
     """Record one run, with what came of it if its rows can be reached. Raises StoreError."""
     try:
-        rows = Store.open(store_url(folder, document), document.run_id)
+        rows = Store.open_begun(folder, document)
     except (RunError, StoreError):
         history.record(document, folder)
         return

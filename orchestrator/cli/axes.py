@@ -60,8 +60,8 @@ def sheet(
         list[str] | None,
         typer.Option(help="simulator/task. Repeatable; by default each simulator's first that can have the axis."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the episode whose first images are shown.")] = 0,
-    image_size: Annotated[int, typer.Option(help="Height and width of each image (px).")] = 128,
+    seed: Annotated[int, typer.Option(min=0, help="Of the episode whose first images are shown.")] = 0,
+    image_size: Annotated[int, typer.Option(min=16, max=1024, help="Height and width of each image (px).")] = 128,
 ) -> None:
     """A contact sheet: what a policy sees in each simulator at every severity of an axis."""
     from orchestrator import contact_sheet
@@ -69,6 +69,8 @@ def sheet(
     found = _find(axis)
     if out_file.suffix.lower() != ".png":
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
+    if out_file.is_dir() or not out_file.parent.is_dir():
+        raise BadInput(f"--out: expected a file in a folder that is there, got '{out_file}'")
     homes = homes_here()
     usable = [s for s in simulators.simulators().values() if not s.internal and not homes.missing_reason(s)]
     tasks = task or [name for simulator in usable for name in _able(simulator, found)[:1]]

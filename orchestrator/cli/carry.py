@@ -18,6 +18,7 @@ from orchestrator.cli.shared import (
     HistoryUrl,
     StoreUrl,
     fail,
+    history_url,
     open_history,
     out,
     runs_root,
@@ -31,7 +32,7 @@ from results.carrying import export_run, import_run
 from results.opening import OpenRun
 from results.report.parquet import write_parquet
 from results.report.text import counted
-from results.run import RunDocument, RunError, RunStatus, read_run, store_url
+from results.run import RunDocument, RunError, RunStatus, read_run
 from results.store import Store, StoreError
 from results.syncing import take_in_run
 from suites.part import NoSuchPart
@@ -113,9 +114,11 @@ def export(
         return
     if task or condition or status or limit:
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
+    if policy is not None and form not in (Form.LEROBOT, Form.VLA_EVAL):
+        raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
     try:
         document = read_run(run)
-        rows = Store.open(store_url(run, document, store), document.run_id)
+        rows = Store.open_begun(run, document, store)
         try:
             if form is Form.RUN:
                 count = export_run(document, rows, file)
@@ -129,7 +132,9 @@ def export(
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
     except OSError as error:
-        raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
+        if form is not Form.RUN:
+            file.unlink(missing_ok=True)  # it is new, and would stand in the way of the next try
+        raise BadInput(f"{file}: cannot be written: {error.strerror or error}") from None
     out.print(f"{counted(count, 'episode')} into {file}", markup=False, soft_wrap=True)
 
 
@@ -154,7 +159,7 @@ def _write_datasets(run: Path, choice: Choice, folder: Path, store: str | None) 
 
     try:
         document = read_run(run)
-        with closing(Store.open(store_url(run, document, store), document.run_id)) as rows:
+        with closing(Store.open_begun(run, document, store)) as rows:
             chosen = choice.of(document, rows.results())
         if not chosen:
             raise BadInput(f"{run}: no episode that was asked for")
@@ -190,6 +195,7 @@ def take(
     from results.report import write_report
 
     root = folder.absolute().parent if folder else runs_root(url)
+    history_url(url)
     try:
         made, document = import_run(file, root, store=store, name=folder.name if folder else None)
         write_report(made, store_url=store)

@@ -13,6 +13,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from adapters import catalog
 from orchestrator.cli.shared import BadInput, environments_of, fail, homes_here, out
 from orchestrator.environments import creating
 from orchestrator.environments.checking import check
@@ -131,7 +132,8 @@ def remove(name: Name) -> None:
 def _find(name: str, suite: str | None) -> tuple[Tenant, Environment]:
     known = tenants()
     if name not in known:
-        raise BadInput(f"unknown simulator '{name}'{nearest(name, known)}")
+        shown = known.keys() - {one.name for one in catalog.simulators().values() if one.internal}
+        raise BadInput(f"unknown simulator '{name}'{nearest(name, shown)}")
     simulator = known[name]
     declared = environments_of(suite) if suite is not None else {}
     environment = homes_here(declared).of(simulator) or by_default(simulator, anyway=True)

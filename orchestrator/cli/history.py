@@ -36,6 +36,12 @@ def history(
     url: HistoryUrl = None,
 ) -> None:
     """How a policy did from run to run, or what was run."""
+    if file is not None and policy is None:
+        raise BadInput(
+            "--out: expected the name of the policy whose plot is wanted: gauntlet history POLICY --out FILE"
+        )
+    if file is not None and file.suffix not in (".svg", ".html"):
+        raise BadInput(f"--out: expected a file that ends in .svg or .html, got '{file}'")
     with open_history(url) as kept:
         if suite is not None and suite not in kept.suites():
             raise BadInput(f"no run of a suite '{suite}'{nearest(suite, kept.suites())}")
@@ -44,8 +50,9 @@ def history(
             return
         nights = kept.nights(policy, suite=suite, task=task, limit=limit)
         if not nights:
-            where = f" on '{task}'" if task else ""
-            raise BadInput(f"no run with a policy '{policy}'{where}{nearest(policy, kept.policies(suite))}")
+            known = kept.policies(suite)
+            hint = f" on '{task}'" if task and policy in known else nearest(policy, known)
+            raise BadInput(f"no run with a policy '{policy}'{hint}")
     title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
     out.print(rich_table(nights_table(nights), title=title))
     out.print(f"\n{sparkline(nights)}  success, 0 to 100 %, the newest on the right", markup=False)

@@ -11,7 +11,7 @@ from rich.table import Table
 from orchestrator.adaptive import Outcomes, missing
 from orchestrator.cli.shared import BadInput, Policies, SeedCount, Tasks, fail, out, plan_of
 from orchestrator.plan import PlanError, check_same
-from results.run import RUN_FILE, RunError, read_run, store_url
+from results.run import RUN_FILE, RunError, read_run
 from results.store import Store, StoreError
 from suites.part import Part
 
@@ -29,11 +29,13 @@ def plan(
     """Show the episodes that a suite or a part of it plans, without starting anything."""
     planned = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds))
     done: Outcomes = {}
+    if out_folder is not None and out_folder.is_file():
+        raise BadInput(f"{out_folder}: expected a run folder, there is a file")
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         try:
             document = read_run(out_folder)
             check_same(planned, document, out_folder)
-            rows = Store.open(store_url(out_folder, document, store), document.run_id)
+            rows = Store.open_begun(out_folder, document, store)
             done = rows.outcomes()
             rows.close()
         except (RunError, PlanError, StoreError) as error:

@@ -12,7 +12,7 @@ from orchestrator.cluster import RayLost
 from orchestrator.replay import ReplayError, homes_of, policy_sources, replay_at_home
 from results.media import video_path
 from results.record import Status
-from results.run import RunError, read_run, store_url
+from results.run import RunError, read_run
 from results.store import Store, StoreError
 
 
@@ -26,7 +26,7 @@ def replay_episode(
     folder = folder or newest_run()
     try:
         document = read_run(folder)
-        rows = Store.open(store_url(folder, document, store), document.run_id)
+        rows = Store.open_begun(folder, document, store)
         row = rows.find(episode_id)
         rows.close()
         if row is None:

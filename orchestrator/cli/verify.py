@@ -9,7 +9,7 @@ import typer
 
 from orchestrator.cli.shared import BadInput, StoreUrl, fail, newest_run, out
 from orchestrator.replay import ReplayError, homes_of, policy_sources
-from results.run import RunError, read_run, store_url
+from results.run import RunError, read_run
 from results.store import Store, StoreError
 
 
@@ -26,7 +26,7 @@ def verify(
     folder = folder or newest_run()
     try:
         document = read_run(folder)
-        rows = Store.open(store_url(folder, document, store), document.run_id)
+        rows = Store.open_begun(folder, document, store)
         found = verifying.read(rows.results(), sample, seed)
         rows.close()
         sources = policy_sources(document) if found.sample else {}

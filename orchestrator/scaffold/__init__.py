@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Collection
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def write_package(name: str, folder: Path, taken: Collection[str]) -> list[Path]
         The files, below `folder`, sorted.
 
     Raises:
-        ScaffoldError: The name cannot be used, or the folder cannot be made.
+        ScaffoldError: The name cannot be used, or the folder cannot be made or written.
     """
     if not NAME.fullmatch(name) or len(name) > LONGEST:
         raise ScaffoldError(
@@ -43,7 +44,11 @@ def write_package(name: str, folder: Path, taken: Collection[str]) -> list[Path]
     except OSError as error:
         raise ScaffoldError(f"{folder} cannot be made: {error.strerror}") from None
     sources = [path for path in TEMPLATE.rglob("*") if path.is_file() and path.suffix != ".pyc"]
-    return sorted(_written(source, name, folder) for source in sources)
+    try:
+        return sorted(_written(source, name, folder) for source in sources)
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise ScaffoldError(f"{folder} cannot be written: {error.strerror}") from None
 
 
 def _written(source: Path, name: str, folder: Path) -> Path:

@@ -27,7 +27,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 
 def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[str, str] | None = None) -> None:
-    """Write tensors. The library has an error of its own even for a full disk; here it is the system's.
+    """Write tensors, or no file. The library has an error of its own even for a full disk; here it is the system's.
 
     Raises:
         OSError: The file cannot be written.
@@ -35,6 +35,7 @@ def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[s
     try:
         save_file(dict(tensors), path, metadata=dict(metadata) if metadata else None)
     except SafetensorError as error:
+        path.unlink(missing_ok=True)
         number = re.search(r"os error (\d+)", str(error))
         if number is None:
             raise

@@ -21,7 +21,6 @@ from results.report.spreadsheet import render_csv
 from results.report.summary import build_summary
 from results.robustness import Robustness
 from results.run import RunDocument, RunError, read_run
-from results.run import store_url as url_of
 from results.store import Store
 from results.tables import Tables, build_tables
 
@@ -69,7 +68,7 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
     document = read_run(folder)
     paths = ReportPaths.of(folder)
     with _replacing(paths.episodes) as file:
-        _write_rows(file, document, url_of(folder, document, store_url))
+        _write_rows(file, folder, document, store_url)
         frame = read_frame(file)
     tables = build_tables(document, frame)
     media = collect_media(folder, document, frame, video_budget)
@@ -131,8 +130,8 @@ def _stress(document: RunDocument, file: Path) -> Robustness | None:
     return robustness_of_run.build_robustness(document, read_frame(file, robustness_of_run.COLUMNS))
 
 
-def _write_rows(file: Path, document: RunDocument, url: str) -> None:
-    store = Store.open(url, document.run_id)
+def _write_rows(file: Path, folder: Path, document: RunDocument, url: str | None) -> None:
+    store = Store.open_begun(folder, document, url)
     try:
         write_parquet(file, document, store)
     finally:

@@ -206,8 +206,8 @@ def test_a_replay_that_differs_is_told_with_what_differs(tmp_path, suite):
     assert "gauntlet: steps: stored 999, now" in done.stderr
 
 
-def start(suite, folder):
-    command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
+def start(suite, folder, *part):
+    command = [*GAUNTLET, "run", str(suite), *part, "--out", str(folder), "--no-media"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
     deadline = time.monotonic() + 60
@@ -231,11 +231,11 @@ def count(folder):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp_path, suite, number):
     folder = tmp_path / "run"
-    process = start(suite, folder)
+    process = start(suite, folder, "--task", "null/*", "--seeds", "50")
     process.send_signal(number)
     _, complaints = process.communicate(timeout=30)
     assert process.returncode == EXIT_INTERRUPTED
-    assert f"interrupted; continue with: gauntlet run {suite} --out {folder}" in complaints
+    assert f"interrupted; continue with: gauntlet run {suite} --task 'null/*' --seeds 50 --out {folder}" in complaints
     assert "Traceback" not in complaints
     assert (folder / "report.html").exists()
     assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"

@@ -17,6 +17,7 @@ from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput
 from orchestrator.scaffold import renamed
 from suites.loading import load_suite
 from suites.schema import KnownNames, KnownPolicy, KnownTask
+from tests.full_disk import full_disk
 
 ROOT = Path(__file__).parents[2]
 GAUNTLET = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
@@ -116,6 +117,12 @@ def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
         new(name, tmp_path / "folder")
     assert f"'{name}'" in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_package_that_cannot_be_written_whole_is_a_line_and_leaves_no_part(tmp_path):
+    with full_disk(), pytest.raises(BadInput, match="cannot be written: File too large"):
+        new("mysim", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
 

@@ -50,6 +50,11 @@ def test_a_worse_run_is_no_baseline_until_it_is_accepted(gauntlet, runs):
     assert (said.code, "wednesday against tuesday" in said.out) == (0, True)
 
 
+def test_a_folders_name_comes_before_the_beginning_of_an_id(gauntlet, runs):
+    save(runs / "thursday", good, run_id="mondaylike", started_at=5 * 86_400.0)
+    assert gauntlet("accept", "runs/monday").out.startswith("monday: later runs")
+
+
 def test_the_leaderboard_gives_letters_and_no_ranks(gauntlet, runs):
     said = gauntlet("leaderboard", "synthetic")
     assert said.code == 0
@@ -75,8 +80,9 @@ def test_a_run_travels_as_one_file(gauntlet, runs, tmp_path):
     ],
 )
 def test_results_are_written_for_other_programs_and_over_nothing(gauntlet, runs, tmp_path, form, file):
-    typed = ("export", "runs/monday", "--format", form, "--policy", "p")
-    count = 160 if form in ("csv", "parquet") else 80
+    whole = form in ("csv", "parquet")
+    typed = ("export", "runs/monday", "--format", form, *(() if whole else ("--policy", "p")))
+    count = 160 if whole else 80
     assert gauntlet(*typed).out == f"{count} episodes into {file}\n"
     assert (tmp_path / file).stat().st_size
     again = gauntlet(*typed)
@@ -90,12 +96,24 @@ def test_results_are_written_for_other_programs_and_over_nothing(gauntlet, runs,
         (("history", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
         (("history", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
         (("history", "p", "--out", "no/such/folder.svg"), "cannot be written"),
+        (("history", "p", "--out", "plot.png"), "--out: expected a file that ends in .svg or .html, got 'plot.png'"),
+        (("history", "--out", "plot.svg"), "--out: expected the name of the policy whose plot is wanted"),
         (("history", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
         (("history", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
         (("leaderboard", "nothing"), "no run of a suite 'nothing'"),
         (("accept", "nothing"), "no run 'nothing' in the history"),
         (("export", "nothing"), "expected a run folder, there is nothing"),
         (("export", "runs/monday", "--format", "lerobot"), "the run has p, q; name one with --policy"),
+        (
+            ("export", "runs/monday", "--format", "csv", "--out", "no/such.csv"),
+            "no/such.csv: cannot be written: Cannot",
+        ),
+        (("export", "runs/monday", "--format", "csv", "--policy", "p"), "expected --policy with --format lerobot"),
+        (
+            ("export", "runs/monday", "--format", "lerobot-dataset", "--condition", "nois@4"),
+            "the run has no condition 'nois@4'; known: clean\n",
+        ),
+        (("export", "runs/monday", "--store", "sqlite:///mistyped.sqlite"), "the run in runs/monday, there is no such"),
         (("import", "nothing"), "expected an exported run"),
         (("import", "runs/monday/run.json"), "this is something else"),
     ],

@@ -1,6 +1,5 @@
 """The verbs that train: mistakes are one line with exit code 2, Ctrl-C stops between two steps."""
 
-import resource
 import signal
 
 import pytest
@@ -12,6 +11,7 @@ from orchestrator.cli.shared import EXIT_INTERRUPTED, BadInput
 from policies.mergevla.card import read_card
 from policies.training.finetune import Settings, pretrain
 from policies.training.pool import Pool
+from tests.full_disk import full_disk
 from tests.policies.mergevla.shared import SMALL
 from tests.policies.training.test_finetune import dataset
 
@@ -58,12 +58,8 @@ def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, dat
 
 def test_a_checkpoint_that_cannot_be_written_is_one_line(data, base, tmp_path):
     arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert"), "--steps", "1"]
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
-    try:
+    with full_disk():
         done = CliRunner().invoke(app, ["policies", *arguments, "--batch-size", "4", "--rank", "2"])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert isinstance(done.exception, BadInput)
     assert str(done.exception) == f"{tmp_path / 'expert'}: File too large"
 

@@ -13,12 +13,13 @@ import pytest
 from rich.console import Console
 
 from adapters import catalog
+from orchestrator.beginning import begin
 from orchestrator.folders import FolderError
 from orchestrator.plan import PlanError, make_plan
 from orchestrator.progress import Progress
 from orchestrator.run import RunOptions, run_plan
 from results.record import outcome_row
-from results.run import RunError, RunStatus, read_run
+from results.run import RunError, RunStatus, read_run, write_run
 from results.store import Store, StoreError
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
@@ -65,6 +66,15 @@ class Run:
 @pytest.fixture
 def run(tmp_path):
     return Run(tmp_path / "run")
+
+
+def test_a_run_is_not_continued_into_another_store(run, suite, tmp_path):
+    plan = make_plan(suite())
+    run.folder.mkdir()
+    write_run(run.folder, begin(plan, run.folder, None))
+    with pytest.raises(StoreError, match="there is no such file"):
+        run(plan.path, store=f"sqlite:///{tmp_path / 'mistaken.sqlite'}")
+    assert not (tmp_path / "mistaken.sqlite").exists()
 
 
 def test_a_run_leaves_its_rows_its_document_and_its_report(run, suite):

@@ -228,6 +228,12 @@ def test_a_newer_store_is_left_as_it_was(path):
     assert path.read_bytes() == before
 
 
+def test_a_store_that_cannot_be_written_is_told_what_to_do(path):
+    path.touch()
+    with pytest.raises(StoreError, match="in a place that can be written, which reading takes too; copy it to one"):
+        Store.open(f"sqlite:///file:{path}?mode=ro&uri=true", "run-1")
+
+
 def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
     path.write_text("this is no database, but a text that is long enough to be looked at")
     with pytest.raises(StoreError, match="expected a store, this file is something else"):

@@ -139,7 +139,7 @@ def test_a_run_that_goes_on_without_its_server_is_waited_for(world):
     schedule = world.add(cron="0 0 1 1 *")
     firing = world.book.fire(schedule, START, world.server().folder)
     world.book.change(firing, state=State.RUNNING)
-    with locked(world.root / firing.folder):
+    with locked(world.root / firing.folder, for_run=True):
         assert is_under_way(world.root / firing.folder)
         server = world.server()
         server.step()

@@ -123,6 +123,7 @@ class TestTheCommand:
 
     def test_a_misspelt_simulator_is_told_the_nearest(self, gears, gauntlet):
         assert "did you mean 'second'?" in gauntlet("env", "create", "secund").err
+        assert "null" not in gauntlet("env", "create", "xyz").err
 
     def test_a_configuration_that_is_wrong_is_a_line_of_every_verb(self, gears, gauntlet, tmp_path, monkeypatch):
         config = tmp_path / "config.yaml"

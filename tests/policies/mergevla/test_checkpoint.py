@@ -3,7 +3,6 @@
 import errno
 import json
 import pickle
-import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from policies.mergevla.card import CARD, WEIGHTS, Card, CheckpointError, digest_
 from policies.mergevla.checkpoint import load_checkpoint, load_tensors, save_checkpoint
 from policies.mergevla.config import LoraSettings
 from policies.mergevla.lora import add_lora
+from tests.full_disk import full_disk
 from tests.policies.mergevla.shared import SMALL, inputs, small_model, task_statistics
 
 
@@ -116,14 +116,9 @@ def test_a_file_that_the_format_forbids_is_refused_though_its_hash_is_right(save
     refused(saved, "expected a safetensors file in")
 
 
-def test_what_cannot_be_written_is_an_error_of_the_system(tmp_path):
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
-    try:
-        with pytest.raises(OSError, match="File too large") as caught:
-            save_checkpoint(tmp_path, small_model(), a_card())
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+def test_what_cannot_be_written_is_an_error_of_the_system_and_leaves_no_file(tmp_path):
+    with full_disk(), pytest.raises(OSError, match="File too large") as caught:
+        save_checkpoint(tmp_path, small_model(), a_card())
     assert caught.value.errno == errno.EFBIG
     assert list(tmp_path.iterdir()) == []
 

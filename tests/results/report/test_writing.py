@@ -246,6 +246,20 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
         write_report(folder)
 
 
+def test_a_mistaken_store_leaves_the_report_as_it_was_and_makes_nothing(tmp_path):
+    before = report(tmp_path).html.read_bytes()
+    with pytest.raises(StoreError, match="/run, there is no such file"):
+        write_report(tmp_path / "run", store_url=f"sqlite:///{tmp_path / 'mistyped.sqlite'}")
+    run_folder(tmp_path / "other", document(1, run_id="another"), rows(planned=1))
+    with pytest.raises(StoreError, match="it has nothing of this run"):
+        write_report(tmp_path / "run", store_url=f"sqlite:///{tmp_path / 'other' / 'episodes.sqlite'}")
+    (tmp_path / "run" / "episodes.sqlite").unlink()
+    with pytest.raises(StoreError, match="there is no such file"):
+        write_report(tmp_path / "run")
+    assert (tmp_path / "run" / "report.html").read_bytes() == before
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "other"}
+
+
 def test_videos_are_the_first_success_and_the_first_failure_that_were_filmed(tmp_path):
     cell = cells()[0]
     results = [row(cell, seed, "success" if seed in (1, 3, 4) else "failure") for seed in range(6)]

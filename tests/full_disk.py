@@ -1,0 +1,16 @@
+"""A disk that is full, as far as a process can tell."""
+
+import contextlib
+import resource
+from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def full_disk(after: int = 1000) -> Iterator[None]:
+    """Within the block no file grows beyond `after` bytes: writing fails as on a full disk, with "File too large"."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (after, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
