@@ -1,4 +1,4 @@
-"""The first images of an episode, without a policy: for pictures of what a condition does."""
+"""The first observation of an episode, without a policy, and pictures of it: what a condition does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from adapters import catalog
-from adapters.contract import AdapterError, Image, Simulation
+from adapters.contract import AdapterError, Image, Observation, Simulation
 from orchestrator.choosing import Look
 from orchestrator.perturbations import perturbed
 from orchestrator.perturbations.base import Perturbed
@@ -18,8 +18,8 @@ from results.media import look_path
 from suites.vocabulary import Episode, Protocol
 
 
-def first_images(simulation: Simulation, look: Look) -> list[Image]:
-    """What the cameras see after the reset, camera by camera.
+def first_observation(simulation: Simulation, look: Look) -> Observation:
+    """What a policy sees and is told after the reset.
 
     Raises:
         AdapterError: The task does not support the axis, or the level was missed.
@@ -27,10 +27,10 @@ def first_images(simulation: Simulation, look: Look) -> list[Image]:
     episode = Episode("look", "look", look.task, look.seed, Protocol(1, 1, look.view), look.condition)
     shown = perturbed(simulation, episode)
     shown.reset(look.seed, look.condition)
-    images = list(shown.observe().images.values())
+    seen = shown.observe()
     if isinstance(shown, Perturbed):
         shown.delivered()  # refuses a level that was missed
-    return images
+    return seen
 
 
 def see(looks: Iterable[Look]) -> Iterator[tuple[Look, list[Image] | AdapterError]]:
@@ -44,7 +44,7 @@ def see(looks: Iterable[Look]) -> Iterator[tuple[Look, list[Image] | AdapterErro
         try:
             for look in own:
                 try:
-                    yield look, first_images(simulation, look)
+                    yield look, list(first_observation(simulation, look).images.values())
                 except AdapterError as error:
                     yield look, error
         finally:

@@ -19,7 +19,7 @@ BENCHMARKS = (
     "remote",
     "workers",
 )
-LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale")
+LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale", "shifted_routing")
 NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
 """Run only when named."""

@@ -53,7 +53,7 @@ def test_a_sheet_is_written_by_one_command(tmp_path):
         (["C1", "--out", "{tmp}/a.jpg"], "expected a file that ends in .png for --out"),
         (["C1", "--out", "{tmp}/a.png", "--task", "null/Reach"], "does not let its cameras be adjusted"),
         (["C1", "--out", "{tmp}/a.png", "--task", "pybullet/PandaRech-v3"], "did you mean 'pybullet/PandaReach-v3'?"),
-        (["blur", "--out", "{tmp}/none/a.png", "--task", "null/Reach"], "null/Reach: blur@1: expected blurred images"),
+        (["blur", "--out", "{tmp}/a.png", "--task", "null/Reach"], "null/Reach: blur@1: expected blurred images"),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_no_file(arguments, message, tmp_path):
