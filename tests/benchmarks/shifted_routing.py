@@ -48,6 +48,7 @@ LEVELS = dict.fromkeys(
 ) | {"instruction": (1, 2, 3, 4, 5)}
 """Severities of the axes that change what is seen or said first."""
 AS_THEY_COME, VARIED = "as they come", "varied"
+AUROC = "AUROC of unknown tasks, clean"
 
 
 def measure() -> list[dict[str, object]]:
@@ -79,7 +80,8 @@ def measure() -> list[dict[str, object]]:
         }
         print(f"\nInstruction {'read' if sees else 'hidden'}, {sum(map(len, seen.values()))} first observations")
         names = next(iter(ways.values()))
-        table(("", *ways), [(name, *(f"{100 * own[name]:.1f} %" for own in ways.values())) for name in names])
+        shares = [(name, *(f"{100 * own[name]:.1f} %" for own in ways.values())) for name in names if name != AUROC]
+        table(("", *ways), [*shares, (AUROC, *(f"{own[AUROC]:.3f}" for own in ways.values()))])
         rows += [{"sees_instruction": sees, "way": way, **own} for way, own in ways.items()]
     return rows
 
@@ -128,4 +130,4 @@ def _judged(
     rates = {axis: sum(own) / len(own) for axis, own in right.items()}
     clean = labelled(model, {task: own for (task, axis), own in seen.items() if axis == CLEAN}, reading)
     unknown = leave_one_out(partial(fit, reading=reading), *parts, clean)
-    return {**rates, "mean of these": sum(rates.values()) / len(rates), "AUROC of unknown tasks, clean": unknown.auroc}
+    return {**rates, "mean of these": sum(rates.values()) / len(rates), AUROC: unknown.auroc}
