@@ -161,14 +161,6 @@ class Demonstrations:
             (self.task,) * len(frames),
         )
 
-    def sample(self, size: int, *, seed: int, step: int, chunk_length: int = CHUNK_LENGTH) -> Batch:
-        """A batch drawn uniformly from all frames, with replacement.
-
-        It depends on its arguments alone, so a training that was stopped goes on with the batches it would have had.
-        """
-        frames = np.random.default_rng([seed, step]).integers(len(self), size=size)
-        return self.batch(frames, chunk_length=chunk_length)
-
     @cached_property
     def episode_hashes(self) -> tuple[str, ...]:
         """Content of each episode (`episode_hash`), computed from the data: decodes every image."""

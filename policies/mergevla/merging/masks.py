@@ -106,16 +106,6 @@ def add(base: Weights, tau: Tau) -> dict[str, torch.Tensor]:
     return {name: weight.to(torch.float32) + tau[name] if name in tau else weight for name, weight in base.items()}
 
 
-def apply_mask(base: Weights, merged: Tau, mask: Mask) -> dict[str, torch.Tensor]:
-    """Theta^(m) = Theta_0 + S_m * tau_merge (arXiv 2511.18810 equation 4).
-
-    Raises:
-        MaskMismatch: The mask is for another model.
-        ExpertsDiffer: The base lacks one of the weights, or has it in another shape.
-    """
-    return add(base, masked(merged, mask))
-
-
 def pack_mask(mask: Mask) -> dict[str, torch.Tensor]:
     """A mask as tensors that safetensors can store: eight entries a byte, and the shapes.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 
@@ -63,21 +62,11 @@ def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
     return {name: tuned[name].to(torch.float32) - weight.to(torch.float32) for name, weight in base.items()}
 
 
-def weights_hash(weights: Weights) -> str:
-    """SHA-256 of names, types, shapes and values, as 16 hexadecimal digits: tells whether two bases are the same."""
-    digest = hashlib.sha256()
-    for name in sorted(weights):
-        tensor = weights[name].detach().cpu().contiguous()
-        digest.update(f"{name}\0{tensor.dtype}\0{tuple(tensor.shape)}\0".encode())
-        digest.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()[:16]
-
-
 def check_same_base(hashes: Mapping[str, str]) -> None:
     """Refuse experts of different bases.
 
     Args:
-        hashes: Expert name to the `weights_hash` of the base that it was fine-tuned from.
+        hashes: Expert name to the hash of the base that it was fine-tuned from.
 
     Raises:
         DifferentBases: They are not all equal.
@@ -86,23 +75,6 @@ def check_same_base(hashes: Mapping[str, str]) -> None:
     for expert, found in hashes.items():
         if found != expected:
             raise DifferentBases(f"expected all experts from base {expected} of {first}, got {found} for {expert}")
-
-
-def check_base(base: Weights, hashes: Mapping[str, str]) -> None:
-    """Refuse a base from which the experts were not fine-tuned.
-
-    Args:
-        base: All weights of the base.
-        hashes: Expert name to the `weights_hash` of the base that it was fine-tuned from.
-
-    Raises:
-        DifferentBases: The experts' hashes differ, or they are not that of `base`.
-    """
-    check_same_base(hashes)
-    present = weights_hash(base)
-    for expert, found in hashes.items():
-        if found != present:
-            raise DifferentBases(f"expected experts fine-tuned from base {present}, got {found} for {expert}")
 
 
 def stack(taus: Taus, name: str) -> torch.Tensor:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import torch
 
 from policies.mergevla.merging.elementwise import mean
-from policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer, MergeError, check_range
-from policies.mergevla.merging.taus import Weights, check_base, task_vector
+from policies.mergevla.merging.errors import MergeError, check_range
+from policies.mergevla.merging.taus import Weights
 
 
 class BadPattern(MergeError):
@@ -103,17 +103,6 @@ def check_kept_blocks(k: int, depth: int) -> None:
     check_range("k, the blocks kept per task,", k, 0, depth, closed="[]", whole=True)
 
 
-def join_trunk(shared: Weights, kept: Weights) -> dict[str, torch.Tensor]:
-    """A whole action expert out of a merged trunk and one task's own blocks.
-
-    Raises:
-        ExpertsDiffer: A weight is in both.
-    """
-    if both := sorted(shared.keys() & kept.keys()):
-        raise ExpertsDiffer(f"expected each weight either in the trunk or kept per task, got {both[0]} in both")
-    return {**shared, **kept}
-
-
 def mean_trunk(trunks: Mapping[str, Weights]) -> dict[str, torch.Tensor]:
     """The uniform mean of the trunks, in fp32: the paper's rule, for trunks of any initialisation.
 
@@ -124,31 +113,3 @@ def mean_trunk(trunks: Mapping[str, Weights]) -> dict[str, torch.Tensor]:
         ExpertsDiffer: Names or shapes differ, or a weight is not finite.
     """
     return mean({expert: {name: w.to(torch.float32) for name, w in trunk.items()} for expert, trunk in trunks.items()})
-
-
-def trunk_vectors(
-    trunks: Mapping[str, Weights], base: Weights, base_hashes: Mapping[str, str]
-) -> dict[str, dict[str, torch.Tensor]]:
-    """The task vectors of trunks that were fine-tuned from one initialisation, for `merged.merge`.
-
-    Args:
-        trunks: Expert name to the shared part of its action expert.
-        base: All weights of the initialisation, those of the trunk among them.
-        base_hashes: Expert name to the `weights_hash` of the initialisation that it was fine-tuned from.
-
-    Raises:
-        DifferentBases: A hash is missing or is not that of `base`.
-        ExpertsDiffer: A trunk does not fit the base.
-    """
-    for expert in trunks:
-        if expert not in base_hashes:
-            raise DifferentBases(f"expected the hash of the base of every expert, got none for {expert}")
-    check_base(base, {expert: base_hashes[expert] for expert in trunks})
-    return {expert: _vector(expert, trunk, base) for expert, trunk in trunks.items()}
-
-
-def _vector(expert: str, trunk: Weights, base: Weights) -> dict[str, torch.Tensor]:
-    try:
-        return task_vector(trunk, {name: base[name] for name in base if name in trunk})
-    except ExpertsDiffer as error:
-        raise ExpertsDiffer(f"expert {expert}: {error}") from None

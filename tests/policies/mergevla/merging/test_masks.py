@@ -11,7 +11,7 @@ from policies.mergevla.merging.elementwise import task_arithmetic
 from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from policies.mergevla.merging.masks import (
     MaskMismatch,
-    apply_mask,
+    add,
     lambdas_of,
     masked,
     pack_mask,
@@ -51,8 +51,9 @@ def test_a_task_reads_the_merged_value_where_the_mask_keeps_it_and_the_base_else
     base = {"w": torch.tensor([10.0, 20.0]), "norm": torch.tensor([7.0])}
     mask = {"w": torch.tensor([True, False])}
     merged = vector(1, 2)
-    assert apply_mask(base, merged, mask)["w"].tolist() == [11, 20]
-    assert apply_mask(base, merged, mask)["norm"].tolist() == [7]
+    read = add(base, masked(merged, mask))
+    assert read["w"].tolist() == [11, 20]
+    assert read["norm"].tolist() == [7]
     assert base["w"].tolist() == [10, 20]
     assert merged["w"].tolist() == [1, 2]
 
@@ -139,7 +140,7 @@ def test_lambdas_of_other_experts_are_refused():
 )
 def test_a_mask_for_another_model_is_refused_in_one_line(mask, message):
     with pytest.raises(MaskMismatch, match=message) as refusal:
-        apply_mask({"w": torch.zeros(2)}, vector(1, 2), mask)
+        masked(vector(1, 2), mask)
     assert "\n" not in str(refusal.value)
 
 
@@ -166,4 +167,4 @@ def test_a_damaged_packed_mask_is_refused(packed, message):
 
 def test_a_base_that_lacks_a_merged_weight_is_refused():
     with pytest.raises(ExpertsDiffer, match="weight w is missing"):
-        apply_mask({}, vector(1), {"w": torch.ones(1, dtype=torch.bool)})
+        add({}, vector(1))
