@@ -5,13 +5,17 @@ from __future__ import annotations
 from adapters import catalog as simulators
 from policies import catalog as policies
 from suites.axes import AXES
-from suites.schema import KnownNames, KnownPolicy, KnownTask
+from suites.known import KnownNames, KnownPolicy, KnownTask
 
 
 def known_names() -> KnownNames:
     """Every task and policy that some entry point declares, installed or not."""
     return KnownNames(
-        tasks={task: KnownTask(card.horizon) for task, card in simulators.task_cards().items()},
+        tasks={
+            f"{simulator.name}/{task}": KnownTask(card.horizon, simulator.internal)
+            for simulator in simulators.simulators().values()
+            for task, card in simulator.tasks.items()
+        },
         policies={
             kind.name: KnownPolicy(
                 frozenset(kind.options),

@@ -13,13 +13,13 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from suites.environments import Config, EnvironmentEntry
+from suites.known import KnownNames
 from suites.placement import Inference, Resources
 from suites.plugins import nearest
 from suites.schema import (
     AdaptiveEntry,
     CompareEntry,
     ConditionEntry,
-    KnownNames,
     MergingEntry,
     PolicyEntry,
     Seeds,

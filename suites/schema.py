@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from suites.environments import EnvironmentEntry
+from suites.known import KnownNames, KnownTask
 from suites.placement import Inference, Resources
 from suites.plugins import nearest
 from suites.shorthand import policy_entry
@@ -18,40 +18,6 @@ from suites.vocabulary import CAMERAS, CLEAN, CONTROLS, Cell, Condition, Protoco
 MOST_SEVERE = 5
 Count = Annotated[int, Field(strict=True, ge=1)]
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
-
-
-@dataclass(frozen=True)
-class KnownTask:
-    """A task that some adapter offers."""
-
-    horizon: int
-
-
-@dataclass(frozen=True)
-class KnownPolicy:
-    """A kind of policy that is installed."""
-
-    options: frozenset[str] = frozenset()
-    tasks: frozenset[str] | None = None
-    """Tasks it can act in, or None for all."""
-    housed: bool = False
-    """Whether it may have a Python environment of its own."""
-
-
-@dataclass(frozen=True)
-class KnownNames:
-    """The names that a suite may use."""
-
-    tasks: Mapping[str, KnownTask]
-    """`simulator/task` to what is known of it."""
-    policies: Mapping[str, KnownPolicy]
-    axes: Mapping[str, int] = field(default_factory=dict)
-    """Perturbation axis to its highest severity."""
-
-    @property
-    def simulators(self) -> list[str]:
-        """Names of the simulators, sorted."""
-        return sorted({task.partition("/")[0] for task in self.tasks})
 
 
 class _Model(BaseModel):
@@ -350,11 +316,12 @@ def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, 
         *(("resources", name) for name in suite.resources),
     ]:
         if simulator not in names.simulators:
-            add(((key, simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.simulators)}"))
-    housed = [*names.simulators, *(name for name, policy in names.policies.items() if policy.housed)]
+            add(((key, simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.shown.simulators)}"))
+    housed = [name for name, policy in names.policies.items() if policy.housed]
     for name in suite.environments:
-        if name not in housed:
-            add((("environments", name), f"unknown simulator '{name}'{nearest(name, housed)}"))
+        if name not in [*names.simulators, *housed]:
+            places = [*names.shown.simulators, *housed]
+            add((("environments", name), f"unknown simulator '{name}'{nearest(name, places)}"))
     if suite.gate is not None and suite.gate not in seen_policies:
         message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
         add((("gate",), message))
@@ -389,7 +356,7 @@ def _check_sides(
 def _unknown_task(pattern: str, names: KnownNames) -> str:
     simulator, slash, _ = pattern.partition("/")
     if not slash:
-        return f"expected simulator/task, got '{pattern}'{nearest(pattern, names.tasks)}"
+        return f"expected simulator/task, got '{pattern}'{nearest(pattern, names.shown.tasks)}"
     if simulator not in names.simulators:
-        return f"unknown simulator '{simulator}' in '{pattern}'{nearest(simulator, names.simulators)}"
-    return f"unknown task '{pattern}'{nearest(pattern, names.tasks)}"
+        return f"unknown simulator '{simulator}' in '{pattern}'{nearest(simulator, names.shown.simulators)}"
+    return f"unknown task '{pattern}'{nearest(pattern, names.shown.tasks)}"

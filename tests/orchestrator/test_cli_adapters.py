@@ -15,8 +15,8 @@ from orchestrator.cli.adapters.check import check
 from orchestrator.cli.adapters.new import new
 from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput
 from orchestrator.scaffold import renamed
+from suites.known import KnownNames, KnownPolicy, KnownTask
 from suites.loading import load_suite
-from suites.schema import KnownNames, KnownPolicy, KnownTask
 from tests.full_disk import full_disk
 
 ROOT = Path(__file__).parents[2]

@@ -4,8 +4,8 @@ import textwrap
 
 import pytest
 
+from suites.known import KnownNames, KnownPolicy, KnownTask
 from suites.loading import SuiteError, load_suite
-from suites.schema import KnownNames, KnownPolicy, KnownTask
 from suites.vocabulary import Condition, RenderProfile
 
 NAMES = KnownNames(
@@ -130,6 +130,16 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
         "7: unknown camera 'third_persn'; did you mean 'third_person'?",
         "9: unknown simulator 'robosuit'; did you mean 'robosuite'?",
     ]
+
+
+def test_what_is_there_for_tests_is_not_suggested_though_it_may_be_used(tmp_path):
+    names = KnownNames({"a/One": KnownTask(50), "null/One": KnownTask(50, internal=True)}, NAMES.policies, {})
+    path = tmp_path / "s.yaml"
+    path.write_text("name: s\npolicies: [oracle]\ntasks: [null/One]\nseeds: {count: 1}\n")
+    assert load_suite(path, names).tasks == ("null/One",)
+    path.write_text(path.read_text().replace("null/One", "nul/One"))
+    with pytest.raises(SuiteError, match=r"unknown simulator 'nul' in 'nul/One'; known: a$"):
+        load_suite(path, names)
 
 
 @pytest.mark.parametrize(

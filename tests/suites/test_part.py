@@ -2,8 +2,9 @@
 
 import pytest
 
+from suites.known import KnownNames, KnownPolicy, KnownTask
 from suites.part import NoSuchPart, Part
-from suites.schema import KnownNames, KnownPolicy, KnownTask, Suite
+from suites.schema import Suite
 
 NAMES = KnownNames(
     tasks={"a/X": KnownTask(10), "a/Y": KnownTask(10), "b/Z": KnownTask(10)},

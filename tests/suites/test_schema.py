@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from suites.known import KnownNames, KnownPolicy, KnownTask
 from suites.loading import load_suite
-from suites.schema import KnownNames, KnownPolicy, KnownTask, Suite
+from suites.schema import Suite
 
 NAMES = KnownNames(
     tasks={"a/One": KnownTask(50), "a/Two": KnownTask(70), "b/One": KnownTask(90)},
