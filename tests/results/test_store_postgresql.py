@@ -34,14 +34,13 @@ def as_postgres():
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
+def server():
     if PROGRAMS is None:
         pytest.skip("no PostgreSQL server installed: sudo apt-get install postgresql")
     who = as_postgres()
-    folder = tmp_path_factory.mktemp("postgresql")
-    temporary = Path(tempfile.gettempdir()).resolve()
-    for path in (folder, *(parent for parent in folder.parents if temporary in parent.parents)):
-        path.chmod(0o755)
+    # Not in pytest's own folder: each pytest that starts on this machine shuts that to other users, the server's too.
+    folder = Path(tempfile.mkdtemp(prefix="postgresql-"))
+    folder.chmod(0o755)
     if who:
         os.chown(folder, who["user"], who["group"])
     data = folder / "data"
@@ -57,6 +56,7 @@ def server(tmp_path_factory):
     call(PROGRAMS / "pg_ctl", "-D", data, "-o", options, "-w", "-l", folder / "log", "start")
     yield f"postgresql+psycopg://tester:secret@127.0.0.1:{port}/postgres"
     call(PROGRAMS / "pg_ctl", "-D", data, "-m", "immediate", "-w", "stop")
+    shutil.rmtree(folder)
 
 
 def test_rows_are_stored_once_and_come_back_as_they_were(server):
