@@ -359,4 +359,5 @@ def _unknown_task(pattern: str, names: KnownNames) -> str:
         return f"expected simulator/task, got '{pattern}'{nearest(pattern, names.shown.tasks)}"
     if simulator not in names.simulators:
         return f"unknown simulator '{simulator}' in '{pattern}'{nearest(simulator, names.shown.simulators)}"
-    return f"unknown task '{pattern}'{nearest(pattern, names.shown.tasks)}"
+    own = [task for task in names.tasks if task.startswith(f"{simulator}/")]
+    return f"unknown task '{pattern}'{nearest(pattern, own)}"

@@ -132,6 +132,12 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
     ]
 
 
+def test_an_unknown_task_is_told_with_those_of_its_simulator(problems):
+    assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
+        "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"
+    ]
+
+
 def test_what_is_there_for_tests_is_not_suggested_though_it_may_be_used(tmp_path):
     names = KnownNames({"a/One": KnownTask(50), "null/One": KnownTask(50, internal=True)}, NAMES.policies, {})
     path = tmp_path / "s.yaml"
