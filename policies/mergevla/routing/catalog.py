@@ -69,7 +69,7 @@ def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Ten
     try:
         return FittedRouter(name, FITTED[name].read(tensors))
     except RoutingError as error:
-        raise RoutingError(f"router '{name}': {error}") from None
+        raise RoutingError(f"router '{name}': {error}; merge again with --demonstrations") from None
 
 
 def fit_routers(

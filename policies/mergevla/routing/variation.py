@@ -20,7 +20,7 @@ TINT = 0.3
 ZOOM = 0.25
 """Largest natural logarithm of the factor on an image's size, either way."""
 SHIFT = 0.075
-"""Farthest that an image moves, as a share of its side."""
+"""Farthest that an image moves along each axis before it is sized, as a share of its side."""
 
 
 def varied(sightings: Sequence[Sighting], *, sees_instruction: bool) -> list[Sighting]:

@@ -79,11 +79,10 @@ def test_the_layer_in_the_middle_is_read(name, told, sees_instruction, candidate
     assert Reading.from_tensor(stored[f"{name}/{told}/reading"]) == Reading(sees_instruction, layer=1)
 
 
-@pytest.mark.parametrize("name", FITTED)
-def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(name, candidates, stored):
+def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(candidates, stored):
     new = [sighting(9000 + i, task) for i in range(4) for task in EXPERTS]
     short = [replace(one, instruction=" ".join(one.instruction.split()[::2])) for one in new]
-    routed = router(name, stored=stored).route(short, candidates)
+    routed = router("calibrated", stored=stored).route(short, candidates)
     assert [one.choice for one in routed] == [one.task for one in new]
 
 
@@ -110,3 +109,9 @@ def test_a_router_fitted_to_other_experts_is_refused(name, stored):
 def test_an_expert_without_frames_is_refused(candidates):
     with pytest.raises(RoutingError, match="expected first frames of expert null/Open, got none"):
         fit_routers(candidates, {**frames(0, 4), "null/Open": []}, frames(50, 4))
+
+
+def test_a_router_that_was_stored_otherwise_is_refused_with_what_to_do(stored):
+    others = {key: tensor for key, tensor in stored.items() if not key.endswith("/whitening")}
+    with pytest.raises(PolicyError, match=r"expected whitening .* got none; merge again with --demonstrations"):
+        router("calibrated", stored=others)
