@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast test-lerobot lint docs bench chaos report zoo clean
+.PHONY: help setup demo test test-fast test-lerobot lint docs dist bench chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -14,6 +14,7 @@ help:
 	@echo "make test-lerobot  checkpoints of LeRobot against LeRobot itself, in an environment made for it"
 	@echo "make lint       ruff and mypy"
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
+	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make chaos      fifty runs under faults drawn at random, compared with one that is left alone (about an hour)"
 	@echo "make report     write the newest run's report again"
@@ -31,7 +32,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: setup
-	$(BIN)/gauntlet run mergevla --seeds 10
+	$(BIN)/robogauntlet run mergevla --seeds 10
 
 # Half as many processes again as cores, at most four: tests often wait for processes of their own to start.
 test: setup lint
@@ -49,13 +50,18 @@ lint: setup
 
 # LeRobot wants other versions than we do; its environment is made beside ours, from the package index.
 test-lerobot: setup
-	GAUNTLET_ENVIRONMENTS=$(abspath $(VENV))/environments $(BIN)/gauntlet env create lerobot
+	ROBOGAUNTLET_ENVIRONMENTS=$(abspath $(VENV))/environments $(BIN)/robogauntlet env create lerobot
 	$(BIN)/python -m pytest -q tests/policies/lerobot
 
 docs: setup
 	@# With --quiet, the strict mode would not hear of warnings.
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation: runs/site/index.html"
+
+dist: setup
+	rm -rf dist build src/*.egg-info zoo/build zoo/*.egg-info
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./zoo
+	$(BIN)/python -c "from setuptools.build_meta import build_sdist; print('dist/' + build_sdist('dist'))"
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks
@@ -67,7 +73,7 @@ zoo: setup
 	bash scripts/zoo.sh
 
 report: setup
-	$(BIN)/gauntlet report
+	$(BIN)/robogauntlet report
 
 clean:
-	rm -rf build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build dist src/*.egg-info zoo/build zoo/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -6,19 +6,19 @@ Conventions, the same in every simulator:
 - Action, 7 numbers per control step: translation of the tool centre point (m), its rotation as an axis-angle vector
   in the base frame (rad), gripper (-1 open .. +1 closed).
 - Proprioception, 8 numbers: tool centre point position (m), its axis-angle on the branch around "gripper pointing
-  down" (`adapters.frames.axis_angle`, rad), positions of the two fingers (m).
+  down" (`robogauntlet.adapters.frames.axis_angle`, rad), positions of the two fingers (m).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from suites.vocabulary import CAMERAS, Condition, View
+from robogauntlet.suites.episode import CAMERAS, View
 
 ACTION_NAMES = ("dx", "dy", "dz", "rx", "ry", "rz", "gripper")
 ACTION_DIM = 7
@@ -30,7 +30,7 @@ Image = NDArray[np.uint8]
 
 
 class AdapterError(Exception):
-    """Something about a simulator that its user can mend; the message says what and how."""
+    """A problem with a simulator that its user can solve; the message says what to do."""
 
 
 class SimulatorUnavailable(AdapterError):
@@ -42,7 +42,7 @@ class UnknownTask(AdapterError):
 
 
 class UnsupportedCondition(AdapterError):
-    """The adapter cannot bring about this condition."""
+    """The simulation does not support this perturbation."""
 
 
 class NotDelivered(AdapterError):
@@ -51,7 +51,7 @@ class NotDelivered(AdapterError):
 
 @dataclass(frozen=True)
 class ActionSpec:
-    """What one control step accepts, in the units of the convention above."""
+    """Bounds of an action, in the units of the conventions above."""
 
     max_translation: float
     """Largest translation per axis and step (m); more is clipped by the adapter."""
@@ -75,7 +75,7 @@ class ActionSpec:
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """What `observe` returns."""
+    """Cameras and size of the images that `observe` returns."""
 
     cameras: tuple[str, ...]
     image_size: int
@@ -84,7 +84,7 @@ class ObservationSpec:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a policy may see."""
+    """The input of a policy."""
 
     images: Mapping[str, Image]
     """Camera name to an upright RGB image, shape (size, size, 3)."""
@@ -96,23 +96,23 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """What one control step led to."""
+    """The result of one control step."""
 
     reward: float
     success: bool
-    """The task's own predicate, now; `rollout` decides when it has held for long enough."""
+    """Whether the task's predicate holds now; `rollout` decides whether it has held for long enough."""
     terminated: bool = False
     """The simulation cannot be stepped further."""
 
 
 @dataclass(frozen=True, slots=True)
 class Delivered:
-    """What a perturbation amounted to in an episode, as measured; to be compared with what was asked for."""
+    """The measured effect of a perturbation in an episode, to compare with the requested level."""
 
     value: float | None
-    """In the unit of its axis; None if nothing was there to be measured, as when a policy never looks."""
+    """In the unit of its axis; None if it could not be measured, for example if a policy never observes."""
     statistics: Mapping[str, float] = field(default_factory=dict)
-    """Other numbers, by name: of the first images that the policy was given, or of the camera that was moved."""
+    """Further numbers by name, of the first images that the policy received or of the camera that was moved."""
 
 
 class Simulation(Protocol):
@@ -121,71 +121,48 @@ class Simulation(Protocol):
     action_spec: ActionSpec
     observation_spec: ObservationSpec
 
-    def reset(self, seed: int, condition: Condition) -> None:
-        """Start the episode of `seed`. Nothing of an earlier episode is left: equal arguments, equal world.
-
-        Raises:
-            UnsupportedCondition: This adapter cannot bring `condition` about.
-        """
+    def reset(self, seed: int) -> None:
+        """Start the clean episode of `seed`. Equal seeds give equal states, whatever was played before."""
 
     def observe(self) -> Observation:
-        """Render the world as it is now. The only call that renders for a policy."""
+        """Render the present state. The only call that renders for a policy."""
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action`, shape (7,), within the bounds of `action_spec`, for one control step. Never renders."""
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """The true state in the base frame, for oracles and checks, never for policies.
+        """Return the true state in the base frame, for oracles and checks, never for policies.
 
         Always holds `tcp_position` (3,), `tcp_quaternion` (4,) xyzw and `finger_positions` (2,). Objects follow as
-        `<name>_position` and `<name>_quaternion`, goals as `goal_position`. Where resets let things come to rest,
-        `settling_shift` (1,) says how far they slid meanwhile (m).
+        `<name>_position` and `<name>_quaternion`, goals as `goal_position`. Where resets let objects come to rest,
+        `settling_shift` (1,) is the distance that they slid meanwhile (m).
         """
 
     def state_hash(self) -> str:
-        """Hash of the full physical state, see `adapters.frames.hash_state`."""
+        """Return a hash of the full physical state, see `robogauntlet.adapters.frames.hash_state`."""
 
     def picture(self) -> Image:
-        """The third-person view for people, (256, 256, 3): for videos and reports, never for policies."""
+        """Render the third-person view, (256, 256, 3), for videos and reports, never for policies."""
 
     def render_device(self) -> str:
-        """What draws the images, such as `llvmpipe (LLVM 19.1.7)` or `TinyRenderer`."""
-
-    def close(self) -> None:
-        """Free everything. Safe to call twice."""
-
-
-class SimulationBatch(Protocol):
-    """Open simulations of one task that are stepped and looked at together, such as ManiSkill's on a GPU.
-
-    A member is a simulation like any other, but for `step` and `observe`, which its batch does. What one member does
-    changes nothing in another. Used by one thread of one process.
-    """
-
-    members: Sequence[Simulation]
-
-    def step(self, actions: Mapping[int, FloatArray]) -> Mapping[int, StepOutcome]:
-        """One control step of these members, by number; the others stay as they are."""
-
-    def observe(self, members: Sequence[int]) -> Mapping[int, Observation]:
-        """What each of these members looks like now. The only call that renders for a policy."""
+        """Return the name of the renderer, such as `llvmpipe (LLVM 19.1.7)` or `TinyRenderer`."""
 
     def close(self) -> None:
         """Free everything. Safe to call twice."""
 
 
 @dataclass(frozen=True)
-class TaskCard:
-    """A task, as the catalog shows it."""
+class TaskDescription:
+    """A task, as its simulator declares it."""
 
     instruction: str
-    """The goal in words, as a policy is told it."""
+    """The goal in words, as policies receive it."""
     horizon: int
-    """Control steps that a competent policy needs with a comfortable margin."""
+    """Control steps in which a competent policy succeeds comfortably."""
     fixed: Mapping[str, str] = field(default_factory=dict)
-    """What of its world cannot be adjusted in this task although the simulator adjusts it in others, to the reason."""
+    """Scene control that the simulator has in other tasks but not in this one, to the reason."""
     cameras: tuple[str, ...] = CAMERAS
-    """What it can be looked at with, the third-person camera among them."""
+    """Its cameras, the third-person camera among them."""
 
 
 @dataclass(frozen=True)
@@ -195,33 +172,29 @@ class Simulator:
     name: str
     title: str
     """For people, such as `ManiSkill 3 (SAPIEN)`."""
-    tasks: Mapping[str, TaskCard]
-    """Task name (without the simulator) to its card."""
+    tasks: Mapping[str, TaskDescription]
+    """Task name (without the simulator) to its description."""
     modules: tuple[str, ...]
-    """Import names that must be installed."""
+    """Modules that must be installed."""
     distributions: tuple[str, ...]
     """Distributions whose versions belong to the provenance of a result."""
     open: Callable[[str, View], Simulation]
     """Opens one of `tasks`, by its name without the simulator. Imports the simulator, within the calling process.
 
     Raises SimulatorUnavailable."""
-    open_batch: Callable[[str, View, int], SimulationBatch] | None = None
-    """Opens so many of one task that share an engine; None if the simulator has none, and they are opened one by one.
-
-    Raises SimulatorUnavailable."""
     environment: Mapping[str, str] = field(default_factory=dict)
     """Environment variables that a worker sets, unless set already, before the simulator is imported."""
     requirements: tuple[str, ...] = ()
-    """What pip installs, on top of the running environment, for a simulator that does not fit in there (`gauntlet env
-    create`); empty if it needs no Python environment of its own."""
+    """Requirements that `robogauntlet env create` adds to the running environment, for a simulator that needs its
+    own Python environment; empty if it needs none."""
     without_dependencies: tuple[str, ...] = ()
-    """The same, without what these distributions name as their dependencies."""
+    """Further requirements, installed without their dependencies."""
     definitions: Mapping[str, str] = field(default_factory=dict)
-    """Task to the hash of the file that defines it, where users write such files: a task that changes under its name is
-    then another task to runs that are continued or compared."""
+    """Task to the hash of the file that defines it, where users write such files. A task whose file has changed
+    counts as another task when runs are continued or compared."""
     adjusts: frozenset[str] = frozenset()
-    """What of its world its simulations let perturbations adjust, out of `adapters.adjusting.ADJUSTABLE`."""
+    """Names of the scene controls of its simulations, out of `adapters.scene_control.ADJUSTABLE`."""
     renders: bool = True
-    """False for simulators that draw nothing (the null simulator)."""
+    """False for simulators that do not render (the null simulator)."""
     internal: bool = False
-    """True for simulators that exist to test the orchestrator: not listed unless asked for."""
+    """True for simulators that test the orchestrator; they are listed only on request."""

@@ -8,17 +8,17 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray
+from robogauntlet.adapters.contract import FloatArray
 
 STATE_QUANTUM = 1e-6
 """Differences below this (m, rad) do not change a state hash."""
 
 
 def axis_angle(quaternion: FloatArray) -> FloatArray:
-    """Axis-angle vector (3,) of a rotation given as a quaternion xyzw (4,), on the branch around (pi, 0, 0).
+    """Return the axis-angle vector (3,) of a quaternion xyzw (4,), on the branch around (pi, 0, 0).
 
-    A gripper that points down is a half turn, just where the usual choice (angle <= pi) jumps between v and -v. Here
-    the quaternion's sign is chosen by its x component, so the vector is continuous for every pose within a right
+    A gripper that points down is a half turn, where the usual choice (angle <= pi) jumps between v and -v. The sign of
+    the quaternion is therefore chosen by its x component, so the vector is continuous for every pose within a right
     angle of pointing down, and its angle lies in [0, 2 pi).
     """
     q = np.asarray(quaternion, dtype=np.float64)
@@ -34,26 +34,26 @@ def axis_angle(quaternion: FloatArray) -> FloatArray:
 def relative_pose(
     base_position: FloatArray, base_quaternion: FloatArray, position: FloatArray, quaternion: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """A world pose expressed in a base frame. Positions in metres, quaternions xyzw, in and out."""
+    """Express a world pose in a base frame. Positions in metres, quaternions xyzw."""
     inverse = Rotation.from_quat(base_quaternion).inv()
     relative = inverse.apply(np.asarray(position) - np.asarray(base_position))
     return relative, (inverse * Rotation.from_quat(quaternion)).as_quat()
 
 
 def proprioception(state: Mapping[str, FloatArray]) -> FloatArray:
-    """The eight numbers of an observation, from a privileged state: tool centre point, its axis-angle, fingers."""
+    """Return an observation's proprioception (8,) from a privileged state: tool position, axis-angle, fingers."""
     return np.concatenate([state["tcp_position"], axis_angle(state["tcp_quaternion"]), state["finger_positions"]])
 
 
 def wxyz_to_xyzw(quaternion: FloatArray) -> FloatArray:
-    """SAPIEN's and MuJoCo's order to ours."""
+    """Reorder a quaternion of SAPIEN or MuJoCo."""
     return np.roll(np.asarray(quaternion, dtype=np.float64), -1)
 
 
 def hash_state(arrays: Mapping[str, FloatArray]) -> str:
     """Hash of named float arrays, quantised to `STATE_QUANTUM`: 16 hexadecimal digits.
 
-    The quantum keeps the last bits, in which processors differ, out of the identity of a world.
+    The quantum excludes the last bits, in which processors differ.
     """
     digest = hashlib.sha256()
     for name in sorted(arrays):

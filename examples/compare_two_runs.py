@@ -1,17 +1,17 @@
-"""Hold one run against another: `python examples/compare_two_runs.py runs/TODAY runs/YESTERDAY`.
+"""Compare two runs: `python examples/compare_two_runs.py runs/TODAY runs/YESTERDAY`.
 
-The cells between `# %%` can be run one by one in an editor or a notebook, where a comparison shows itself.
+The cells between `# %%` can be run one by one in an editor or a notebook, where a comparison is displayed as a table.
 """
 
 # %%
 import sys
 
-import results
+import robogauntlet
 
-comparison = results.compare(sys.argv[1], sys.argv[2])
+comparison = robogauntlet.compare(sys.argv[1], sys.argv[2])
 print(comparison)
 
-# %% The same as values: which tasks are worse, by how much, and how sure that is.
+# %% The same as values: which tasks are worse, by how much, and how certain that is.
 for policy in comparison.policies:
     for line in policy.lines:
         change = line.difference
@@ -22,10 +22,10 @@ for policy in comparison.policies:
             else f"{policy.policy}, {line.task or 'all tasks'}: no pairs"
         )
 
-# %% Episodes that were won before and are lost now: the ones to look at.
-today, before = (results.open(folder).episodes() for folder in sys.argv[1:3])
+# %% Episodes that succeeded before and fail now.
+today, before = (robogauntlet.open_run(folder).episodes() for folder in sys.argv[1:3])
 both = today.merge(before, on=["policy", "pair_id"], suffixes=("", "_before"))
 lost = both[(both["status"] == "failure") & (both["status_before"] == "success")]
-print(f"{len(lost)} episodes were lost that had been won")
+print(f"{len(lost)} episodes succeeded before and fail now")
 for episode in lost.head(5).itertuples():
-    print(f"gauntlet replay {episode.episode_id[:8]} --run {sys.argv[1]}    # {episode.policy} on {episode.task}")
+    print(f"robogauntlet replay {episode.episode_id[:8]} --run {sys.argv[1]}    # {episode.policy} on {episode.task}")

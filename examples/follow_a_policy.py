@@ -10,33 +10,34 @@ from pathlib import Path
 
 import pandas as pd
 
-from results.history import History
-from results.report.nights import write_plot
+from robogauntlet.results.report.history_plot import write_plot
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.run_history import History
 
 file, policy = sys.argv[1:3]
-history = History.open_file(Path(file))
-nights = history.nights(policy)
+history = History.open(file_url(Path(file)))
+results = history.policy_history(policy)
 
-# %% A row per run. Another content of the same name is another policy.
+# %% A row per run. Content of another hash is another policy, whatever its name.
 table = pd.DataFrame(
     {
-        "begun": [datetime.fromtimestamp(night.run.started_at, UTC) for night in nights],
-        "run": [night.run.name for night in nights],
-        "content": [night.policy_digest[:8] for night in nights],
-        "rate": [night.counts.rate for night in nights],
-        "episodes": [night.counts.verdicts for night in nights],
-        "errors": [night.counts.errors for night in nights],
-        "verdict": [night.run.verdict or "" for night in nights],
+        "started": [datetime.fromtimestamp(result.run.started_at, UTC) for result in results],
+        "run": [result.run.name for result in results],
+        "content": [result.policy_digest[:8] for result in results],
+        "rate": [result.counts.rate for result in results],
+        "episodes": [result.counts.verdicts for result in results],
+        "errors": [result.counts.errors for result in results],
+        "verdict": [result.run.verdict or "" for result in results],
     }
 )
 print(table.to_string(index=False))
 
-# %% Which runs were worse than the last good one before them, and why.
-for night in nights:
-    if night.run.verdict == "regressed":
-        print(night.run.name, *night.run.reasons, sep="\n  ")
+# %% Runs that regressed against their baseline, and why.
+for result in results:
+    if result.run.verdict == "regressed":
+        print(result.run.name, *result.run.reasons, sep="\n  ")
 
-# %% As a picture.
+# %% The same as a plot.
 if len(sys.argv) > 3:
-    write_plot(Path(sys.argv[3]), nights, f"{policy}, success from run to run")
+    write_plot(Path(sys.argv[3]), results, f"{policy}, success from run to run")
 history.close()

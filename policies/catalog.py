@@ -1,4 +1,4 @@
-"""Which kinds of policies there are. Fed by entry points of the group `robogauntlet.policies`; loads no weights."""
+"""The catalog of policy kinds, from entry points of the group `robogauntlet.policies`. Loads no weights."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
-from suites.plugins import BrokenPlugin, load_plugins, nearest
+from robogauntlet.policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
+from robogauntlet.suites.plugins import BrokenPlugin, did_you_mean, load_plugins
 
 GROUP = "robogauntlet.policies"
 
@@ -18,24 +18,24 @@ def _load() -> tuple[Mapping[str, PolicyKind], tuple[BrokenPlugin, ...]]:
 
 
 def kinds() -> Mapping[str, PolicyKind]:
-    """Every kind of policy by name."""
+    """Return every policy kind by name."""
     return _load()[0]
 
 
 def broken_plugins() -> tuple[BrokenPlugin, ...]:
-    """Entry points that declare no usable policy."""
+    """Return the entry points that declare no usable policy."""
     return _load()[1]
 
 
 def find(kind: str) -> PolicyKind:
-    """The kind of that name.
+    """Return the kind of that name.
 
     Raises:
-        PolicyError: There is none.
+        PolicyError: Unknown kind.
     """
     known = kinds()
     if kind not in known:
-        raise PolicyError(f"unknown policy '{kind}'{nearest(kind, known)}")
+        raise PolicyError(f"unknown policy '{kind}'{did_you_mean(kind, known)}")
     return known[kind]
 
 
@@ -49,17 +49,17 @@ def load(kind: str, options: Mapping[str, Any]) -> Policy:
 
 
 def spec(kind: str, options: Mapping[str, Any]) -> PolicySpec:
-    """What a policy needs and produces.
+    """Return a policy's spec.
 
     Raises:
         PolicyError: Unknown kind, or options that do not fit.
     """
-    found = find(kind)
-    return found.spec(options) if found.spec is not None else found.load(options).spec
+    policy_kind = find(kind)
+    return policy_kind.spec(options) if policy_kind.spec is not None else policy_kind.load(options).spec
 
 
 def digest(kind: str, options: Mapping[str, Any]) -> str:
-    """Hash of a policy's content.
+    """Return the hash of a policy's content.
 
     Raises:
         PolicyError: Unknown kind, or options that do not fit.

@@ -10,20 +10,24 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
-from suites.vocabulary import Episode
+from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
+from robogauntlet.suites.episode import Episode
 
 
 class PolicyError(Exception):
-    """Something about a policy that its user can mend; the message says what and how."""
+    """An error that the policy's user can fix; the message says how."""
+
+
+class PolicyNotInstalled(PolicyError):
+    """The packages or the environment that a policy needs are missing; the message says how to install them."""
 
 
 class PolicyMismatch(PolicyError):
-    """What the policy produces or needs is not what the simulation accepts or shows."""
+    """A policy whose actions or inputs do not fit the simulation."""
 
 
-class Sees(StrEnum):
-    """What a policy is given when it is asked."""
+class PolicyInput(StrEnum):
+    """The input of a policy's query."""
 
     NOTHING = "nothing"
     OBSERVATION = "observation"
@@ -36,19 +40,19 @@ class Sees(StrEnum):
 class PolicySpec:
     """What a policy needs and produces, checked against the simulation before the first step."""
 
-    sees: Sees
+    sees: PolicyInput
     chunk_length: int
-    """Actions in each chunk that the policy returns, at most."""
+    """Largest number of actions in a chunk that the policy returns."""
     action_dim: int = ACTION_DIM
     cameras: tuple[str, ...] = ()
     """Cameras without which the policy cannot act."""
     image_size: int | None = None
-    """Height and width (px) that the policy was made for, or None if any will do."""
+    """Height and width (px) of its images, or None for any."""
 
 
 @dataclass(frozen=True)
 class Query:
-    """One episode's turn to be asked."""
+    """A request for the next action chunk of one episode."""
 
     episode: Episode
     step: int
@@ -69,9 +73,9 @@ class Routing:
     choice: str
     latency_s: float
     unknown: float | None = None
-    """How unlike any known task the observation is, higher is less like one; None if the router does not say."""
+    """Distance of the observation from every known task, higher is less alike; None if the router has no such score."""
     rejected: bool | None = None
-    """Whether that is beyond the router's threshold; None if it has none."""
+    """Whether `unknown` exceeds the router's threshold; None if it has none."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,7 @@ class Decision:
     """A policy's answer to one query."""
 
     actions: FloatArray
-    """Action chunk, shape (n, 7), n >= 1, in the units of `adapters.contract`."""
+    """Action chunk, shape (n, 7), n >= 1, in the units of `robogauntlet.adapters.contract`."""
     routing: Routing | None = None
 
 
@@ -92,20 +96,20 @@ class Policy(Protocol):
         """Start these episodes. All randomness is keyed by `episode.id`."""
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """Answer each query, in order."""
+        """Return a decision for each query, in order."""
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Forget these episodes."""
+        """Drop the state of these episodes."""
 
 
 class StatelessPolicy:
-    """Base of policies that remember nothing between queries."""
+    """Base of policies without state between queries."""
 
     def reset(self, episodes: Sequence[Episode]) -> None:
-        """Nothing to prepare."""
+        """Do nothing."""
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Nothing to forget."""
+        """Do nothing."""
 
 
 @dataclass(frozen=True)
@@ -113,9 +117,9 @@ class PolicyFiles:
     """The files that a policy is built from."""
 
     options: Mapping[str, Path]
-    """Option to the folder or file that it stands for. Given the path of a copy instead, the policy is the same."""
+    """Option to its folder or file. With the path of a copy instead, the policy is the same."""
     files: tuple[Path, ...]
-    """All that is read. Where they lie to each other counts, where they lie does not."""
+    """All files that are read. Their positions relative to each other matter, their location does not."""
 
 
 @dataclass(frozen=True)
@@ -131,34 +135,33 @@ class PolicyKind:
     tasks: Callable[[], frozenset[str]] | None = None
     """Tasks it can act in (`simulator/task`), or None for all."""
     spec: Callable[[Mapping[str, Any]], PolicySpec] | None = None
-    """What the policy needs and produces under these options, or why it cannot be loaded, found out in less time than
-    loading takes; None to load it."""
+    """Returns the policy's spec under these options, faster than loading does; None to load the policy for it."""
     options: Mapping[str, str] = field(default_factory=dict)
-    """Option name to what it means. Anything else in a suite is an error."""
+    """Option name to its meaning. Other options in a suite are errors."""
     modules: tuple[str, ...] = ()
-    """Import names that must be installed where it computes."""
+    """Import names that must be installed in the policy's environment."""
     distributions: tuple[str, ...] = ()
     """Distributions whose versions belong to the provenance of a result."""
     requirements: tuple[str, ...] = ()
-    """What pip installs for a policy that computes in a Python environment of its own (`gauntlet env create`), whose
-    interpreter it is then given as its option `python`."""
+    """pip requirements of a policy that runs in a Python environment of its own (`robogauntlet env create`). Its option
+    `python` is then that environment's interpreter."""
     without_dependencies: tuple[str, ...] = ()
-    """The same, without what these distributions name as their dependencies."""
+    """Further requirements, which are installed without their dependencies."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
-    """What the policy reads under these options, for nodes of a cluster that lack it; None if its code is all."""
+    """Returns the policy's files under these options, for cluster nodes that lack them; None if it needs none."""
 
 
 def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: ObservationSpec) -> None:
     """Refuse a policy that does not fit a simulation.
 
     Raises:
-        PolicyMismatch: With what was expected and what came.
+        PolicyMismatch: The policy does not fit.
     """
     if spec.action_dim != len(action_spec.high):
         raise PolicyMismatch(
             f"the simulation accepts {len(action_spec.high)} numbers per action, the policy produces {spec.action_dim}"
         )
-    if spec.sees is Sees.OBSERVATION:
+    if spec.sees is PolicyInput.OBSERVATION:
         missing = [camera for camera in spec.cameras if camera not in observation_spec.cameras]
         if missing:
             raise PolicyMismatch(
@@ -170,10 +173,10 @@ def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: Obser
 
 
 def check_routing(routing: Routing) -> Routing:
-    """A policy's routing evidence in Python's own types, scores rounded to 1e-6 so that records compare equal.
+    """Return a policy's routing evidence in Python's own types, scores rounded to 1e-6 so that records compare equal.
 
     Raises:
-        PolicyMismatch: A score is NaN or infinite, the choice has no score, or the latency is none.
+        PolicyMismatch: A score is NaN or infinite, the choice has no score, or the latency is negative.
     """
     scores = {str(name): _rounded(score, f"score of {name}") for name, score in routing.scores.items()}
     if scores and routing.choice not in scores:
@@ -190,11 +193,11 @@ def _rounded(value: float, what: str) -> float:
     number = float(value)
     if not np.isfinite(number):
         raise PolicyMismatch(f"expected a finite number as the router's {what}, got {number}")
-    return round(number, 6) + 0.0  # -0.0 would be written differently
+    return round(number, 6) + 0.0  # no -0.0, which is written differently
 
 
 def check_chunk(actions: FloatArray) -> FloatArray:
-    """A policy's chunk as a new float64 array, shape (n, 7).
+    """Return a policy's chunk as a new float64 array, shape (n, 7).
 
     Raises:
         PolicyMismatch: It has another shape, is empty, or holds NaN or infinity.

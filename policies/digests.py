@@ -1,4 +1,4 @@
-"""Hashes of what a policy is made of."""
+"""Hashes of a policy's source code."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any
 
-from policies.contract import PolicyError
-from suites.vocabulary import content_hash
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.suites.episode import content_hash
 
 
 def source_digest(*modules: ModuleType) -> str:
-    """Hash of the source text of modules, the same on every machine (line ends are normalised)."""
+    """Return the hash of the source text of modules, the same on every machine (line ends are normalised)."""
     digest = hashlib.sha256()
     for module in modules:
         digest.update(module.__name__.encode() + b"\0")
@@ -22,7 +22,7 @@ def source_digest(*modules: ModuleType) -> str:
 
 
 def scripted_digest(name: str, *modules: ModuleType) -> Callable[[Mapping[str, Any]], str]:
-    """A `PolicyKind.digest` for policies that are their source code and their options."""
+    """Return a `PolicyKind.digest` for policies that consist of source code and options."""
 
     def digest(options: Mapping[str, Any]) -> str:
         try:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from suites.vocabulary import Episode
+from robogauntlet.suites.episode import Episode
 
 
 class Status(StrEnum):
@@ -84,7 +84,7 @@ class EpisodeResult:
     wall_s: Annotated[float, "Time from the episode's start to its end, without build, load and wait (s)."] = 0.0
 
     @classmethod
-    def of(cls, episode: Episode, **outcome: Any) -> EpisodeResult:
+    def from_episode(cls, episode: Episode, **outcome: Any) -> EpisodeResult:
         """A record with the identity of `episode` and the given outcome."""
         view = episode.protocol.view
         return cls(
@@ -108,7 +108,7 @@ class EpisodeResult:
     @classmethod
     def failed_to_run(cls, episode: Episode, error: str, **telemetry: Any) -> EpisodeResult:
         """The record of an episode that could not be played."""
-        return cls.of(
+        return cls.from_episode(
             episode,
             status=str(Status.ERROR),
             success_once=False,

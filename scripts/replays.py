@@ -1,6 +1,6 @@
 """Records what the `replay` policy plays: the actions of each oracle on one training seed, without noise.
 
-Usage: python scripts/replays.py [FILE]   (default policies/zoo/replays.json)
+Usage: python scripts/replays.py [FILE]   (default policies/open_loop_replays.json)
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import os
 import sys
 from pathlib import Path
 
-from adapters import catalog
-from adapters.contract import FloatArray, Simulation
-from orchestrator.demonstrate import DEFAULT_VIEW, FIRST_SEED
-from orchestrator.recording import RecordedSimulation
-from orchestrator.runner import EpisodeRunner
-from orchestrator.sources import PolicySource
-from policies.replay import FILE
-from suites.vocabulary import Episode, Protocol
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import FloatArray, Simulation
+from robogauntlet.orchestrator.demonstrations.collect import DEFAULT_VIEW, FIRST_SEED
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
+from robogauntlet.policies.open_loop_replay import FILE
+from robogauntlet.suites.episode import Episode, Protocol
 
 ROUNDED = 5
 """Decimals that are kept: a hundredth of a millimetre."""
@@ -26,10 +26,10 @@ ROUNDED = 5
 def demonstration(runner: EpisodeRunner, task: str, horizon: int) -> tuple[str, FloatArray]:
     """How the oracle's episode ended, and its actions (steps, 7)."""
     episode = Episode("oracle", "oracle", task, FIRST_SEED, Protocol(horizon, 1, DEFAULT_VIEW))
-    records: list[RecordedSimulation] = []
+    records: list[TrajectoryRecorder] = []
 
     def record(simulation: Simulation) -> Simulation:
-        records.append(RecordedSimulation(simulation, episode, 0.0))
+        records.append(TrajectoryRecorder(simulation))
         return records[-1]
 
     result = runner.play_one(episode, wrap=record)

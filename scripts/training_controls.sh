@@ -13,7 +13,7 @@ FOLDER=$(realpath -m "${1:-runs/training-controls${PERCENT:+-$PERCENT-percent}}"
 shift || true
 SEEDS=${*:-0 1 2}
 DATA=$(realpath -m "${DEMONSTRATIONS:-$FOLDER/demonstrations}")
-GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
+ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 TASKS="maniskill/PushCube-v1 maniskill/PullCube-v1 pybullet/PandaReach-v3 robosuite/Lift robosuite/Door"
 BASE_STEPS=$(few 1000)
 EXPERT_STEPS=$(few 1000)
@@ -23,7 +23,7 @@ EPISODES=$(few 20)
 export OMP_NUM_THREADS=1
 
 # shellcheck disable=SC2086  # tasks are several words
-[ -n "${DEMONSTRATIONS:-}" ] || "$GAUNTLET" policies demonstrate $TASKS --out "$DATA" --episodes "$(few 150)" --workers 2
+[ -n "${DEMONSTRATIONS:-}" ] || "$ROBOGAUNTLET" policies demonstrate $TASKS --out "$DATA" --episodes "$(few 150)" --workers 2
 
 datasets() {
     for task in $TASKS; do echo "$DATA/${task/\//__}"; done
@@ -33,7 +33,7 @@ datasets() {
 once() {
     local out="$1"
     shift
-    [ -e "$out/card.json" ] || "$GAUNTLET" policies "$@" --out "$out"
+    [ -e "$out/card.json" ] || "$ROBOGAUNTLET" policies "$@" --out "$out"
 }
 
 base() {
@@ -49,9 +49,9 @@ train() {
     local blocks="$1" seed="$2" out="$FOLDER/$1-$2" options=()
     case "$blocks" in
     cross-sigmoid) ;;
-    cross-tanh) options=(--gate tanh) ;;
-    self-sigmoid) options=(--self-attention --gate sigmoid) ;;
-    self-tanh) options=(--self-attention) ;;
+    cross-tanh) options=(--size tiny-tanh) ;;
+    self-sigmoid) options=(--size tiny-self-attention-sigmoid) ;;
+    self-tanh) options=(--size tiny-self-attention) ;;
     joint)
         base "$out/base" "$seed" "$JOINT_STEPS"
         return
@@ -67,7 +67,7 @@ train() {
     once "$out/signs" merge "$out/experts" --operator magnitude
 }
 export -f train base once datasets
-export FOLDER DATA GAUNTLET TASKS BASE_STEPS EXPERT_STEPS JOINT_STEPS
+export FOLDER DATA ROBOGAUNTLET TASKS BASE_STEPS EXPERT_STEPS JOINT_STEPS
 
 for seed in $SEEDS; do
     for blocks in cross-sigmoid self-tanh cross-tanh self-sigmoid joint; do echo "$blocks $seed"; done
@@ -86,7 +86,7 @@ play() {
         echo "render_profile: fast"
         echo "workers: auto"
     } >"$suite"
-    "$GAUNTLET" run "$suite" --out "$FOLDER/run-$1" --no-media
+    "$ROBOGAUNTLET" run "$suite" --out "$FOLDER/run-$1" --no-media
 }
 
 for seed in $SEEDS; do
@@ -99,4 +99,4 @@ for seed in $SEEDS; do
     done | play "blocks-$seed"
     echo "  - {name: joint-$seed, kind: mergevla, options: {checkpoint: \"$FOLDER/joint-$seed/base\"}}" | play "joint-$seed"
 done
-TRAINING_CONTROLS="$FOLDER" "$(dirname "$GAUNTLET")/python" -m tests.benchmarks training_controls
+TRAINING_CONTROLS="$FOLDER" "$(dirname "$ROBOGAUNTLET")/python" -m tests.benchmarks training_controls

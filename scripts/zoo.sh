@@ -8,7 +8,7 @@ cd "$(dirname "$0")/.."
 . scripts/percent.sh
 FOLDER=${1:-runs/zoo${PERCENT:+-$PERCENT-percent}}
 DATA="$FOLDER/demonstrations"
-GAUNTLET=${GAUNTLET:-.venv/bin/gauntlet}
+ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 CORRECTED=pybullet/PandaPush-v3
 # Task, demonstrations, steps of its expert's training, further options: the longest first, so that both processes end
 # together. Six tasks were short of success with 150 demonstrations, three with adapters on linear layers alone.
@@ -25,13 +25,13 @@ export OMP_NUM_THREADS=1
 
 finished() { [ -e "$1/card.json" ]; }
 
-"$GAUNTLET" policies demonstrate 'maniskill/*' 'robosuite/*' 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
+"$ROBOGAUNTLET" policies demonstrate 'maniskill/*' 'robosuite/*' 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
 finished "$FOLDER/base" ||
-    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$GAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
+    OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
         --steps "$(few 3200)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
 
 while read -r task demonstrations _; do
-    "$GAUNTLET" policies demonstrate "$task" --out "$DATA" --episodes "$(few "$demonstrations")" --workers 2 </dev/null
+    "$ROBOGAUNTLET" policies demonstrate "$task" --out "$DATA" --episodes "$(few "$demonstrations")" --workers 2 </dev/null
 done <<<"$EXPERTS"
 
 # Folder of the expert, its datasets (one or two), steps, further options.
@@ -40,14 +40,14 @@ train() {
     shift 3
     # shellcheck disable=SC2086  # datasets are several words
     [ -e "$out/card.json" ] ||
-        "$GAUNTLET" policies finetune $data --base "$FOLDER/base" --out "$out" --steps "$(few "$steps")" \
+        "$ROBOGAUNTLET" policies finetune $data --base "$FOLDER/base" --out "$out" --steps "$(few "$steps")" \
             --learning-rate 1e-3 --shift 2 "$@"
 }
 
 # One task's expert learns from being corrected as well (DAgger): a first expert acts, the oracle takes over from it.
 name="${CORRECTED/\//__}"
 train "$FOLDER/first/$name" "$DATA/$name" 5000 --action-steps 4
-"$GAUNTLET" policies demonstrate "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" \
+"$ROBOGAUNTLET" policies demonstrate "$CORRECTED" --learner "$FOLDER/first" --whole --out "$FOLDER/corrections" \
     --episodes "$(few 300)" --first-seed 1500000 --workers 2
 
 expert() {
@@ -58,9 +58,9 @@ expert() {
     train "$FOLDER/experts/$name" "$data" "$steps" "$@"
 }
 export -f expert train
-export FOLDER DATA GAUNTLET CORRECTED
+export FOLDER DATA ROBOGAUNTLET CORRECTED
 xargs -P 2 -L 1 bash -c 'expert "$@"' expert <<<"$EXPERTS"
 
 finished "$FOLDER/merged" ||
-    "$GAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --keep-blocks 1 --rounds 2 \
+    "$ROBOGAUNTLET" policies merge "$FOLDER/experts" --out "$FOLDER/merged" --operator magnitude --keep-blocks 1 --rounds 2 \
         --demonstrations "$DATA"

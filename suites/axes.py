@@ -1,8 +1,8 @@
-"""Perturbation axes: what each changes, in which physical unit, and its five frozen severities. Standard library only.
+"""Perturbation axes: what each changes, in which physical unit, and its five fixed severities. Standard library only.
 
-Severities are physical quantities, never a simulator's own knob: halving every light leaves 73 % of the pixel value in
-SAPIEN and 51 % in MuJoCo. They were set before any policy was evaluated and are not tuned to how policies do. A level
-is drawn *at*, not up to: otherwise levels overlap and slopes flatten.
+Severities are physical quantities, not parameters of a simulator: halving every light leaves 73 % of the pixel value in
+SAPIEN and 51 % in MuJoCo. They were set before any policy was evaluated and are not tuned to results. An episode is
+perturbed by exactly the value of its severity, not by up to it: otherwise severities overlap and slopes flatten.
 """
 
 from __future__ import annotations
@@ -12,40 +12,35 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
-from suites.paraphrases import OTHER_GOALS, PARAPHRASES
-from suites.vocabulary import CONTROLS, Condition
+from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 SEVERITIES = 5
 
 
 class Changes(StrEnum):
-    """What an axis changes. Everything else stays as it is in the clean episode, and that is checked."""
+    """What an axis changes. Everything else is checked to stay as in the clean episode."""
 
     CAMERAS = "cameras"
-    """Where cameras are and how they look, in simulators that let them be moved."""
+    """Pose and field of view of the cameras, in simulators that allow it."""
     IMAGES = "images"
-    """What the cameras deliver; the same operator in every simulator."""
+    """The delivered images, by the same operator in every simulator."""
     ACTIONS = "actions"
-    """What is executed of what the policy commands; the same operator in every simulator."""
+    """The executed actions, by the same operator in every simulator."""
     INSTRUCTION = "instruction"
-    """The words in which the goal is given."""
+    """The instruction."""
     LIGHTS = "lights"
-    """How the scene is lit."""
+    """The lights of the scene."""
     STAGE = "stage"
-    """How the table looks, and what stands on it to be seen and not touched."""
+    """The appearance of the table, and distractors on it that cannot be touched."""
     OBJECTS = "objects"
-    """Where the task's things are."""
+    """The positions of the task's objects."""
     ARM = "arm"
-    """Where the arm starts."""
+    """The start pose of the arm."""
     BODIES = "bodies"
-    """How heavy and how slippery the task's things are."""
+    """Mass and friction of the task's objects."""
     NOTHING = "nothing"
-    """Nothing at all."""
-
-    @property
-    def is_seen_only(self) -> bool:
-        """Whether physics does not know of it: who acts without looking meets the clean world, step by step."""
-        return self not in (Changes.ACTIONS, Changes.OBJECTS, Changes.ARM, Changes.BODIES)
+    """Nothing."""
 
     @property
     def starts_clean(self) -> bool:
@@ -58,330 +53,281 @@ class Axis:
     """One perturbation axis."""
 
     name: str
-    """As suites and reports name it."""
-    code: str
-    """Short, such as N1: the letter is the family."""
-    title: str
+    """The only name of the axis, in suites and reports."""
     changes: Changes
     unit: str
     levels: tuple[float, ...]
-    """The value at severity 1 (mild) to 5 (extreme but solvable); of a control one alone."""
+    """The value at severity 1 (mild) to 5 (extreme but solvable). A control has one value."""
     tolerance: float
-    """How far what is delivered in an episode may be from what was asked for (same unit); infinite where a single
-    episode is too short to tell."""
+    """Largest difference between requested and delivered value in an episode (same unit). Infinite where one episode is
+    too short to measure it."""
     summary: str
-    anchors: str
-    """What the levels are aligned with."""
-    also: tuple[float, ...] = ()
-    """A second quantity that goes with the levels, see the summary."""
-
-    @property
-    def is_control(self) -> bool:
-        """Whether it has no scale: a condition in which success says something against a policy."""
-        return self.name in CONTROLS
+    references: str
+    """Published perturbations that the levels are aligned with."""
+    secondary_levels: tuple[float, ...] = ()
+    """A second quantity that changes with the severity, explained in the summary."""
 
     def value(self, severity: int) -> float:
-        """The level of a severity from 1 to 5.
+        """Return the level of a severity from 1 to 5.
 
         Raises:
-            ValueError: There is no such severity.
+            ValueError: The axis has no such severity.
         """
         if not 1 <= severity <= len(self.levels):
             raise ValueError(f"expected a severity from 1 to {len(self.levels)} on axis '{self.name}', got {severity}")
         return self.levels[severity - 1]
 
+    def describe(self, severity: int) -> str:
+        """Return the level of a severity with its unit, `18.4 dB PSNR` or `rewording type 2`."""
+        level = f"{self.value(severity):g}"
+        return f"{self.unit} {level}" if self.changes is Changes.INSTRUCTION else f"{level} {self.unit}"
+
 
 _ALL = (
     Axis(
-        "camera-orbit",
-        "C1",
-        "camera orbit",
-        Changes.CAMERAS,
-        "deg",
-        (5.0, 10.0, 20.0, 40.0, 75.0),
-        0.1,
-        "The third-person camera goes round what it is aimed at, to either side, and upwards by a fifth of that.",
-        "robosuite's randomisation has 5; LIBERO-Plus turns by 10 and orbits by up to 75 (2510.13626)",
-        (1.0, 2.0, 4.0, 8.0, 15.0),
+        name="camera-orbit",
+        changes=Changes.CAMERAS,
+        unit="deg",
+        levels=(5.0, 10.0, 20.0, 40.0, 75.0),
+        tolerance=0.1,
+        summary="The third-person camera is turned around its target, to either side, and upwards by a fifth of this.",
+        references="robosuite's randomisation has 5; LIBERO-Plus turns by 10 and orbits by up to 75 (2510.13626)",
+        secondary_levels=(1.0, 2.0, 4.0, 8.0, 15.0),
     ),
     Axis(
-        "camera-distance",
-        "C2a",
-        "camera distance",
-        Changes.CAMERAS,
-        "times",
-        (1.05, 1.1, 1.25, 1.5, 2.0),
-        0.005,
-        "The third-person camera at so many times the distance from what it is aimed at.",
-        "LIBERO-Plus reaches 2 (2510.13626)",
+        name="camera-distance",
+        changes=Changes.CAMERAS,
+        unit="times",
+        levels=(1.05, 1.1, 1.25, 1.5, 2.0),
+        tolerance=0.005,
+        summary="The third-person camera is moved to this multiple of its distance from its target.",
+        references="LIBERO-Plus reaches 2 (2510.13626)",
     ),
     Axis(
-        "field-of-view",
-        "C2b",
-        "field of view",
-        Changes.CAMERAS,
-        "deg",
-        (2.0, 5.0, 10.0, 15.0, 20.0),
-        0.1,
-        "The third-person camera's vertical field of view is wider by this.",
-        "ManiSkill's randomisation has 2, robosuite's 5, RL-ViGen 10 and 20 (2307.10224)",
+        name="field-of-view",
+        changes=Changes.CAMERAS,
+        unit="deg",
+        levels=(2.0, 5.0, 10.0, 15.0, 20.0),
+        tolerance=0.1,
+        summary="The vertical field of view of the third-person camera is widened by this.",
+        references="ManiSkill's randomisation has 2, robosuite's 5, RL-ViGen 10 and 20 (2307.10224)",
     ),
     Axis(
-        "camera-bump",
-        "C3",
-        "bumped cameras",
-        Changes.CAMERAS,
-        "cm",
-        (0.5, 1.0, 2.5, 5.0, 10.0),
-        0.05,
-        "Every camera is moved by this in a random direction, and turned by 0.5, 1, 2, 3, 5 deg about a random axis.",
-        "ManiSkill's randomisation has 2.5 cm, Colosseum 10 cm and 2.9 deg (2402.08191)",
-        (0.5, 1.0, 2.0, 3.0, 5.0),
+        name="camera-bump",
+        changes=Changes.CAMERAS,
+        unit="cm",
+        levels=(0.5, 1.0, 2.5, 5.0, 10.0),
+        tolerance=0.05,
+        summary="Every camera is moved by this in a random direction and turned by 0.5, 1, 2, 3, 5 deg about a random "
+        "axis.",
+        references="ManiSkill's randomisation has 2.5 cm, Colosseum 10 cm and 2.9 deg (2402.08191)",
+        secondary_levels=(0.5, 1.0, 2.0, 3.0, 5.0),
     ),
     Axis(
-        "illuminance",
-        "L1",
-        "dimmed light",
-        Changes.LIGHTS,
-        "EV darker",
-        (0.5, 1.0, 1.5, 2.0, 3.0),
-        0.15,
-        "All lamps are dimmed by so many stops, measured in the linear light of the images. Darker only: brighter "
+        name="illuminance",
+        changes=Changes.LIGHTS,
+        unit="EV darker",
+        levels=(0.5, 1.0, 1.5, 2.0, 3.0),
+        tolerance=0.15,
+        summary="All lights are dimmed by this, measured in linear light in the images. Only darker, because brighter "
         "images saturate.",
-        "1 EV is half the light; 3 EV take an office of 500 lux to a dim room of 60",
+        references="1 EV is half the light; 3 EV take an office of 500 lux to a dim room of 60",
     ),
     Axis(
-        "light-direction",
-        "L2",
-        "moved light",
-        Changes.LIGHTS,
-        "deg",
-        (15.0, 30.0, 45.0, 60.0, 80.0),
-        0.1,
-        "The key light comes from a direction turned by this, to a random side, from 10 deg above the horizon at "
-        "least. Shadows follow where the render profile draws any: `standard` does in PyBullet and robosuite.",
-        "robosuite's randomisation has 20, Colosseum V2 draws any azimuth",
+        name="light-direction",
+        changes=Changes.LIGHTS,
+        unit="deg",
+        levels=(15.0, 30.0, 45.0, 60.0, 80.0),
+        tolerance=0.1,
+        summary="The direction of the key light is turned by this to a random side, at least 10 deg above the "
+        "horizon. Shadows follow if the render profile draws them: `standard` does in PyBullet and robosuite.",
+        references="robosuite's randomisation has 20, Colosseum V2 draws any azimuth",
     ),
     Axis(
-        "colour-temperature",
-        "L3",
-        "coloured light",
-        Changes.LIGHTS,
-        "K",
-        (5500.0, 4500.0, 3500.0, 2700.0, 2000.0),
-        300.0,
-        "All lamps have the colour of a black body of this temperature instead of daylight's 6500 K, at the same "
-        "luminance.",
-        "from daylight to incandescent lamp and candle",
+        name="colour-temperature",
+        changes=Changes.LIGHTS,
+        unit="K",
+        levels=(5500.0, 4500.0, 3500.0, 2700.0, 2000.0),
+        tolerance=300.0,
+        summary="All lights have the colour of a black body of this temperature instead of 6500 K (daylight), at the "
+        "same luminance.",
+        references="from daylight to incandescent lamp and candle",
     ),
     Axis(
-        "table",
-        "T",
-        "another table",
-        Changes.STAGE,
-        "dE*ab of the mean colour",
-        (10.0, 20.0, 35.0, 50.0, 70.0),
-        5.0,
-        "The table is painted: its mean colour as the third-person camera sees it is this far from its own, in a "
-        "random direction of CIELAB. Plain at 1 and 2, with a gradient at 3, chequered at 4, with blotches at 5.",
-        "2 is just visible; Colosseum's random colours and textures are roughly 4 and 5 (2402.08191)",
+        name="table",
+        changes=Changes.STAGE,
+        unit="dE*ab of the mean colour",
+        levels=(10.0, 20.0, 35.0, 50.0, 70.0),
+        tolerance=5.0,
+        summary="The table gets another texture, whose mean colour in the third-person image differs by this from the "
+        "original, in a random direction of CIELAB: uniform at 1 and 2, gradient at 3, checkered at 4, blotches at 5.",
+        references="2 is just visible; Colosseum's random colours and textures are roughly 4 and 5 (2402.08191)",
     ),
     Axis(
-        "distractors",
-        "O2",
-        "distractors",
-        Changes.STAGE,
-        "things",
-        (1.0, 2.0, 4.0, 6.0, 10.0),
-        0.0,
-        "So many boxes, balls and cylinders of 3 to 5 cm stand on the table, half of them red, green or blue like the "
-        "tasks' own things, at least 5 cm clear of these and of the straight way between them. They are drawn and "
-        "cannot be touched, so nothing but seeing is tested.",
-        "LIBERO-Plus adds 1 to 5 (2510.13626), RoboTwin 2.0 has 10 (2506.18088)",
+        name="distractors",
+        changes=Changes.STAGE,
+        unit="objects",
+        levels=(1.0, 2.0, 4.0, 6.0, 10.0),
+        tolerance=0.0,
+        summary="Boxes, balls and cylinders of 3 to 5 cm stand on the table, half of them red, green or blue like the "
+        "tasks' objects, at least 5 cm away from these and from the straight line between them. They are rendered but "
+        "cannot be touched, so the axis tests perception alone.",
+        references="LIBERO-Plus adds 1 to 5 (2510.13626), RoboTwin 2.0 has 10 (2506.18088)",
     ),
     Axis(
-        "object-position",
-        "O1",
-        "displaced object",
-        Changes.OBJECTS,
-        "cm outside",
-        (1.0, 2.0, 4.0, 7.0, 10.0),
-        0.1,
-        "What the task is about lies this far outside the region from which resets draw its place, on a random side.",
-        "LIBERO-Plus moves by 1 to 15 (2510.13626)",
+        name="object-position",
+        changes=Changes.OBJECTS,
+        unit="cm outside",
+        levels=(1.0, 2.0, 4.0, 7.0, 10.0),
+        tolerance=0.1,
+        summary="The task's object lies this far outside the region of its usual start positions, on a random side.",
+        references="LIBERO-Plus moves by 1 to 15 (2510.13626)",
     ),
     Axis(
-        "robot-start",
-        "R",
-        "another start",
-        Changes.ARM,
-        "cm",
-        (3.8, 7.6, 11.0, 15.0, 18.5),
-        0.2,
-        "The tool starts this far from its own start in a random direction, 3 cm above the table at least, and turned "
-        "by 5, 10, 16, 21, 26 deg about a random axis where the arm can turn it (not in PyBullet).",
-        "what LIBERO-Plus' offsets of 0.1 to 0.5 rad make of the tool's place in robosuite (2510.13626)",
-        (5.0, 10.0, 16.0, 21.0, 26.0),
+        name="robot-start",
+        changes=Changes.ARM,
+        unit="cm",
+        levels=(3.8, 7.6, 11.0, 15.0, 18.5),
+        tolerance=0.2,
+        summary="The gripper starts this far from its usual position in a random direction, at least 3 cm above the "
+        "table, and turned by 5, 10, 16, 21, 26 deg about a random axis if the arm can turn it (not in PyBullet).",
+        references="the displacement that LIBERO-Plus' offsets of 0.1 to 0.5 rad cause in robosuite (2510.13626)",
+        secondary_levels=(5.0, 10.0, 16.0, 21.0, 26.0),
     ),
     Axis(
-        "dynamics",
-        "D",
-        "mass and friction",
-        Changes.BODIES,
-        "times the mass",
-        (1.25, 1.5, 2.0, 3.0, 5.0),
-        0.01,
-        "The task's things are so many times as heavy, and their friction is multiplied or divided, at random, by 1.1, "
-        "1.25, 1.5, 2, 3.",
-        "robosuite's randomisation has 10 % of friction, Colosseum more by task (2402.08191)",
-        (1.1, 1.25, 1.5, 2.0, 3.0),
+        name="dynamics",
+        changes=Changes.BODIES,
+        unit="times the mass",
+        levels=(1.25, 1.5, 2.0, 3.0, 5.0),
+        tolerance=0.01,
+        summary="The mass of the task's objects is multiplied by this; their friction is multiplied or divided, at "
+        "random, by 1.1, 1.25, 1.5, 2, 3.",
+        references="robosuite's randomisation has 10 % of friction, Colosseum more by task (2402.08191)",
+        secondary_levels=(1.1, 1.25, 1.5, 2.0, 3.0),
     ),
     Axis(
-        "noise",
-        "N1",
-        "sensor noise",
-        Changes.IMAGES,
-        "dB PSNR",
-        (34.0, 28.0, 22.0, 18.4, 14.9),
-        0.2,
-        "Gaussian noise, fresh in every frame and camera. Its deviation is set for each episode and camera so that the "
-        "first image has this peak signal-to-noise ratio, whatever part of it is saturated.",
-        "deviations .02 .04 .08 .12 .18 where nothing saturates; 3 to 5 are ImageNet-C's first three (1903.12261)",
+        name="noise",
+        changes=Changes.IMAGES,
+        unit="dB PSNR",
+        levels=(34.0, 28.0, 22.0, 18.4, 14.9),
+        tolerance=0.2,
+        summary="Independent Gaussian noise in every frame and camera. Its deviation is set for each episode and "
+        "camera so that the first image has this peak signal-to-noise ratio, however much of it is saturated.",
+        references="deviations .02 .04 .08 .12 .18 where nothing saturates; 3 to 5 are ImageNet-C's first three "
+        "(1903.12261)",
     ),
     Axis(
-        "blur",
-        "N2",
-        "blur",
-        Changes.IMAGES,
-        "% of image width",
-        (0.3, 0.6, 1.0, 1.8, 2.7),
-        0.0,
-        "Gaussian blur of this deviation in every frame and camera.",
-        "ImageNet-C spans 0.45 to 2.7 % at 224 px (1903.12261)",
+        name="blur",
+        changes=Changes.IMAGES,
+        unit="% of image width",
+        levels=(0.3, 0.6, 1.0, 1.8, 2.7),
+        tolerance=0.0,
+        summary="Gaussian blur of this deviation in every frame and camera.",
+        references="ImageNet-C spans 0.45 to 2.7 % at 224 px (1903.12261)",
     ),
     Axis(
-        "frozen-frames",
-        "N3",
-        "frozen frames",
-        Changes.IMAGES,
-        "% of looks",
-        (2.0, 5.0, 10.0, 20.0, 40.0),
-        float("inf"),
-        "At this share of the policy's looks, evenly spread from a random start, all cameras deliver the images of the "
-        "look before. Proprioception stays fresh.",
-        "a deployment fault; absent from LIBERO-Plus (2510.13626)",
+        name="frozen-frames",
+        changes=Changes.IMAGES,
+        unit="% of observations",
+        levels=(2.0, 5.0, 10.0, 20.0, 40.0),
+        tolerance=float("inf"),
+        summary="In this share of the policy's observations, evenly spaced from a random start, all cameras deliver "
+        "the images of the previous observation. Proprioception is current.",
+        references="a deployment fault; absent from LIBERO-Plus (2510.13626)",
     ),
     Axis(
-        "action-noise",
-        "A1",
-        "action noise",
-        Changes.ACTIONS,
-        "cm per square-root second",
-        (0.5, 1.0, 2.0, 4.0, 8.0),
-        float("inf"),
-        "Gaussian noise on each axis of the executed translation: after a second its sum has this deviation, whatever "
-        "the control rate.",
-        "demonstrations have 0.1 of the largest motion per step as noise, about severity 2 to 3",
+        name="action-noise",
+        changes=Changes.ACTIONS,
+        unit="cm per square-root second",
+        levels=(0.5, 1.0, 2.0, 4.0, 8.0),
+        tolerance=float("inf"),
+        summary="Gaussian noise on each axis of the executed translation. Its sum over one second has this deviation "
+        "at every control rate.",
+        references="demonstrations have 0.1 of the largest motion per step as noise, about severity 2 to 3",
     ),
     Axis(
-        "action-delay",
-        "A2",
-        "action delay",
-        Changes.ACTIONS,
-        "ms",
-        (50.0, 100.0, 200.0, 300.0, 400.0),
-        25.0,
-        "Every action is executed this much later, to the nearest control step; until the first arrives the robot is "
-        "told to stay and to keep its fingers open.",
-        "latencies of large policies served over a network",
+        name="action-delay",
+        changes=Changes.ACTIONS,
+        unit="ms",
+        levels=(50.0, 100.0, 200.0, 300.0, 400.0),
+        tolerance=25.0,
+        summary="Every action is executed this much later, rounded to control steps. Until the first action arrives, "
+        "the robot is commanded to stay in place with its gripper open.",
+        references="latencies of large policies served over a network",
     ),
     Axis(
-        "instruction",
-        "G",
-        "other words",
-        Changes.INSTRUCTION,
-        "kind of rewording",
-        (1.0, 2.0, 3.0, 4.0, 5.0),
-        0.0,
-        "The same goal in other words: 1 with a filler, 2 with synonyms, 3 with another syntax, 4 with things named by "
-        "what they are or where they lie, 5 behind an irrelevant clause.",
-        "kinds as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
+        name="instruction",
+        changes=Changes.INSTRUCTION,
+        unit="rewording type",
+        levels=(1.0, 2.0, 3.0, 4.0, 5.0),
+        tolerance=0.0,
+        summary="The instruction is paraphrased: 1 adds a filler, 2 uses synonyms, 3 changes the syntax, 4 refers to "
+        "objects by kind or place, 5 adds an irrelevant clause.",
+        references="types as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
     ),
 )
 _CONTROLS = (
     Axis(
-        "blind",
-        "V1",
-        "black images",
-        Changes.IMAGES,
-        "control",
-        (1.0,),
-        0.0,
-        "All images are black. What a policy still does it does without seeing.",
-        "success here is no skill of seeing; it is the floor of every axis of images",
+        name="blind",
+        changes=Changes.IMAGES,
+        unit="control",
+        levels=(1.0,),
+        tolerance=0.0,
+        summary="All images are black. Success that remains does not depend on vision.",
+        references="this success rate is the lower limit for every axis that changes images",
     ),
     Axis(
-        "blank-instruction",
-        "V2",
-        "no instruction",
-        Changes.INSTRUCTION,
-        "control",
-        (1.0,),
-        0.0,
-        "The instruction is empty. What a policy still does it does without being told.",
-        "LIBERO-Plus finds that it changes little (2510.13626)",
+        name="blank-instruction",
+        changes=Changes.INSTRUCTION,
+        unit="control",
+        levels=(1.0,),
+        tolerance=0.0,
+        summary="The instruction is empty. Success that remains does not depend on the instruction.",
+        references="LIBERO-Plus reports that it changes little (2510.13626)",
     ),
     Axis(
-        "wrong-goal",
-        "V3",
-        "another goal",
-        Changes.INSTRUCTION,
-        "control",
-        (1.0,),
-        0.0,
-        "The instruction asks for something else that could be done in the same scene. A policy that reaches the "
-        "task's own goal all the same does not listen.",
-        "LIBERO-Plus finds that following collapses (2510.13626)",
+        name="wrong-goal",
+        changes=Changes.INSTRUCTION,
+        unit="control",
+        levels=(1.0,),
+        tolerance=0.0,
+        summary="The instruction asks for another goal that is possible in the same scene. A policy that still reaches "
+        "the task's goal ignores the instruction.",
+        references="LIBERO-Plus reports that instruction following collapses (2510.13626)",
     ),
     Axis(
-        "again",
-        "V4",
-        "the same again",
-        Changes.NOTHING,
-        "control",
-        (1.0,),
-        0.0,
-        "The clean episode once more. Anything but the same end, to the bit, says that numbers of this run are chance.",
-        "users of LIBERO-Plus found runs to agree on 91 % of the episodes (its issue 61)",
+        name="again",
+        changes=Changes.NOTHING,
+        unit="control",
+        levels=(1.0,),
+        tolerance=0.0,
+        summary="The clean episode is repeated. If a repetition is not bit-identical, the numbers of this run contain "
+        "nondeterminism.",
+        references="users of LIBERO-Plus report that repeated runs agree on 91 % of the episodes (its issue 61)",
     ),
 )
 AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in (*_ALL, *_CONTROLS)})
-"""Every axis by name, the controls last."""
+"""All axes by name, the controls last."""
 
 
 def axis_of(condition: Condition) -> Axis | None:
-    """The axis of a condition, or None for clean.
+    """Return the axis of a condition, or None for clean.
 
     Raises:
-        ValueError: There is no such axis or severity.
+        ValueError: The condition names an unknown axis or severity.
     """
     if condition == Condition():
         return None
     if condition.axis not in AXES:
-        raise ValueError(f"expected an axis out of {', '.join(AXES)}, got '{condition.axis}'")
+        raise ValueError(f"expected one of the axes {', '.join(AXES)}; got '{condition.axis}'")
     axis = AXES[condition.axis]
     axis.value(condition.severity)
     return axis
 
 
 def why_unsupported(axis: Axis, instruction: str) -> str | None:
-    """Why an axis cannot be brought about in a task, or None if it can.
-
-    Args:
-        axis: The axis.
-        instruction: The task's own.
-    """
+    """Return the reason why a task with this instruction cannot have an axis, or None if it can."""
     table = {"instruction": PARAPHRASES, "wrong-goal": OTHER_GOALS}.get(axis.name)
     if table is not None and instruction not in table:
-        return f"there are no other words for '{instruction}' (suites/paraphrases.py)"
+        return f"suites/paraphrases.py has no paraphrases of '{instruction}'"
     return None

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from suites.vocabulary import content_hash
+from robogauntlet.suites.episode import content_hash
 
 
 def _version(value: Any) -> Any:
@@ -34,7 +34,7 @@ Requirement = Annotated[str, Field(strict=True), AfterValidator(_requirement)]
 
 
 class EnvironmentEntry(BaseModel):
-    """A Python environment: either one that `gauntlet env create` makes, or one that is there."""
+    """A Python environment: either one that `robogauntlet env create` makes, or one that is there."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -12,23 +12,24 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from suites.environments import Config, EnvironmentEntry
-from suites.known import KnownNames
-from suites.placement import Inference, Resources
-from suites.plugins import nearest
-from suites.schema import (
+from robogauntlet.suites.environments import Config, EnvironmentEntry
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.registry import Registry
+from robogauntlet.suites.resources import Inference, Resources
+from robogauntlet.suites.schema import (
     AdaptiveEntry,
     CompareEntry,
     ConditionEntry,
     MergingEntry,
+    Place,
     PolicyEntry,
     Seeds,
     Suite,
     check_names,
 )
+from robogauntlet.support.errors import first_line
 
 MAX_BYTES = 1_000_000
-Place = tuple[str | int, ...]
 Model = TypeVar("Model", Suite, Config)
 
 
@@ -52,7 +53,7 @@ class SuiteError(Exception):
         super().__init__("\n".join(map(str, self.problems)))
 
 
-def load_suite(path: Path, names: KnownNames) -> Suite:
+def load_suite(path: Path, names: Registry) -> Suite:
     """Read and validate a suite file.
 
     Args:
@@ -82,7 +83,7 @@ def load_config(path: Path, names: Sequence[str]) -> Config:
 
     def unknown(config: Config) -> list[tuple[Place, str]]:
         wrong = [name for name in config.environments if name not in names]
-        return [(("environments", name), f"unknown simulator '{name}'{nearest(name, names)}") for name in wrong]
+        return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
 
     return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
 
@@ -153,7 +154,7 @@ def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place
     except yaml.MarkedYAMLError as error:
         raise refuse(error.problem_mark, f"not YAML: {error.problem}") from None
     except yaml.YAMLError as error:
-        raise refuse(None, f"not YAML: {str(error).splitlines()[0]}") from None
+        raise refuse(None, f"not YAML: {first_line(error)}") from None
     except (ValueError, RecursionError) as error:
         raise refuse(None, f"not YAML: {error}") from None
     finally:

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-MOST_WORDS = 15
-
 PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
     {
         "push the blue cube onto the red and white target": (

@@ -55,7 +55,7 @@ def load_plugins(group: str, kind: type[Plugin]) -> tuple[Mapping[str, Plugin], 
     return plugins, tuple(broken)
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: `; did you mean 'X'?`, or what there is."""
     known = sorted(known)
     near = get_close_matches(name, known, n=1, cutoff=0.5) or [k for k in known if k.split("/")[-1].startswith(name)]

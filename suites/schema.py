@@ -1,23 +1,54 @@
-"""The suite: what a suite file says, validated. Which names exist is told by a `KnownNames`, so nothing is imported."""
+"""The validated content of a suite file. A `Registry` gives the names that exist, so nothing is imported."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
+from itertools import chain
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from suites.environments import EnvironmentEntry
-from suites.known import KnownNames, KnownTask
-from suites.placement import Inference, Resources
-from suites.plugins import nearest
-from suites.shorthand import policy_entry
-from suites.vocabulary import CAMERAS, CLEAN, CONTROLS, Cell, Condition, Protocol, RenderProfile, View, content_hash
+from robogauntlet.suites.environments import EnvironmentEntry
+from robogauntlet.suites.episode import (
+    CAMERAS,
+    CLEAN,
+    CONTROLS,
+    Cell,
+    Condition,
+    Protocol,
+    RenderProfile,
+    View,
+    content_hash,
+)
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.registry import KnownTask, Registry
+from robogauntlet.suites.resources import Inference, Resources
 
 MOST_SEVERE = 5
+SHORT_FORMS = {"openpi": "address", "python": "callable", "lerobot": "checkpoint"}
+"""Kind of policy to the option that may follow it after a colon."""
+LONGEST_NAME = 80
 Count = Annotated[int, Field(strict=True, ge=1)]
-Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=LONGEST_NAME)]
+Place = tuple[str | int, ...]
+"""Keys and list indices of a value in the file."""
+Mistake = tuple[Place, str]
+"""Place in the file, and message."""
+
+
+def policy_entry(text: str) -> dict[str, Any]:
+    """Return the entry of a text: a kind, or a kind with its one option and a name made of both.
+
+    Examples: `oracle`, `openpi://HOST:PORT`, `python:module:Name`.
+    """
+    kind, colon, rest = text.partition(":")
+    if not colon or kind not in SHORT_FORMS or not rest:
+        return {"name": text, "kind": text}
+    value = text if rest.startswith("//") else rest
+    name = re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")[:LONGEST_NAME]
+    return {"name": name, "kind": kind, "options": {SHORT_FORMS[kind]: value}}
 
 
 class _Model(BaseModel):
@@ -25,7 +56,7 @@ class _Model(BaseModel):
 
 
 class PolicyEntry(_Model):
-    """A policy of the suite: a kind, the options it is built with, and the name under which it is reported."""
+    """A policy of the suite: its kind, its options, and the name under which it is reported."""
 
     name: Name
     kind: str
@@ -69,12 +100,12 @@ class Seeds(_Model):
 
 
 class MergingEntry(_Model):
-    """Which of the suite's policies stand for what in a comparison of experts with the model merged from them."""
+    """The roles of the suite's policies in a comparison of experts with the model merged from them."""
 
     expert: Name
-    """Acts as each task's own expert."""
+    """The experts, each in its own task."""
     oracle_routed: Name
-    """The merged policy, told the true task."""
+    """The merged policy that is given the true task."""
     routed: tuple[Name, ...] = Field(min_length=1)
     """The merged policy inferring the task, once for each router compared."""
 
@@ -85,14 +116,14 @@ class MergingEntry(_Model):
             return {**value, "routed": [value["routed"]]}
         return value
 
-    def places(self) -> list[tuple[tuple[str | int, ...], str]]:
-        """Every policy named, with where it stands in the file."""
+    def places(self) -> list[Mistake]:
+        """Return every policy name with its place in the file."""
         routed = [(("merging", "routed", i), name) for i, name in enumerate(self.routed)]
         return [(("merging", "expert"), self.expert), (("merging", "oracle_routed"), self.oracle_routed), *routed]
 
 
 class CompareEntry(_Model):
-    """Which of the suite's policies are set against which under perturbations."""
+    """Policies that are compared under perturbations."""
 
     baseline: Name
     others: tuple[Name, ...] = Field(min_length=1)
@@ -104,28 +135,28 @@ class CompareEntry(_Model):
             return {**value, "others": [value["others"]]}
         return value
 
-    def places(self) -> list[tuple[tuple[str | int, ...], str]]:
-        """Every policy named, with where it stands in the file."""
+    def places(self) -> list[Mistake]:
+        """Return every policy name with its place in the file."""
         others = [(("compare", "others", i), name) for i, name in enumerate(self.others)]
         return [(("compare", "baseline"), self.baseline), *others]
 
 
 class AdaptiveEntry(_Model):
-    """When the comparison under a condition counts as decided, so that its episodes can be spent on the others."""
+    """When the comparison under a condition counts as decided, so that other conditions get its episodes."""
 
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Chance at most that a comparison without a difference is decided."""
+    """Largest probability that a comparison without a difference is decided."""
     round: Count = 10
-    """Seeds after which the evidence is looked at."""
+    """Seeds between two looks at the evidence."""
     most: Count
-    """Seeds of a condition at most; those of `seeds` are what each would have without stopping."""
+    """Most seeds of a condition; without stopping, each has those of `seeds`."""
 
 
 class RegressionEntry(_Model):
-    """How a run of the suite is held against an earlier one."""
+    """How a run of the suite is compared with an earlier one."""
 
     alpha: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
-    """Chance at most that a run without a change is called worse, and that it is called better."""
+    """Largest probability that an unchanged run is called worse, and that it is called better."""
     margin: Annotated[float, Field(gt=0, lt=1)] = 0.05
     """A rate that is lower by less than this counts as no worse."""
 
@@ -155,57 +186,55 @@ class Suite(_Model):
         | Annotated[Literal["auto"], Tag("auto")],
         Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
     ] = 1
-    """Worker processes per simulator; "auto": as many for all simulators together as fit the cores and the memory."""
+    """Worker processes per simulator; "auto": as many for all simulators together as cores and memory allow."""
     resources: dict[str, Resources] = Field(default_factory=dict)
-    """Simulator to what each of its workers needs; one core if nothing is said."""
+    """Simulator to the needs of each of its workers; one core by default."""
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
-    """Simulator to the Python environment that its workers run in; the running one if nothing is said. So are kinds of
-    policies that compute in an environment of their own."""
+    """Simulator, or kind of policy with its own environment, to its Python environment; the running one by default."""
     inference: Inference = Inference()
     max_attempts: Count = 3
-    """Times that an episode may end its worker before it is recorded as an error."""
+    """Workers that an episode may crash before it is recorded as an error."""
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1
     """Share of errors among the planned episodes at which the run ends early."""
-    gate: Name | None = None
-    """A policy that must solve an episode for it to count under a perturbation, for all policies alike: an oracle."""
-    floors: tuple[Name, ...] = ()
-    """Policies without skill: what the best of them achieves is taken off before the report says what share is kept."""
+    oracle_gate: Name | None = None
+    """An oracle that must solve a perturbed episode for it to count, for all policies."""
+    no_skill_baselines: tuple[Name, ...] = ()
+    """Policies without skill: the report subtracts the best of their rates before it computes the retained share."""
     merging: MergingEntry | None = None
-    """Has the report say what merging and routing cost; no part of what is evaluated."""
+    """Adds the cost of merging and routing to the report; does not affect the episodes."""
     compare: CompareEntry | None = None
-    """Has the report set policies against each other under perturbations; no part of what is evaluated. By default what
-    `merging` names: the experts against the others."""
+    """Adds a comparison under perturbations to the report; by default experts with the other policies of `merging`."""
 
     adaptive: AdaptiveEntry | None = None
-    """Has conditions stop when `compare` is decided there."""
+    """Stops conditions in which `compare` is decided."""
     regression: RegressionEntry = RegressionEntry()
-    """How `gauntlet compare` and `gauntlet gate` judge a run; no part of what is evaluated."""
+    """Settings of `robogauntlet compare` and `robogauntlet gate`; do not affect the episodes."""
 
     @property
     def comparison(self) -> CompareEntry | None:
-        """Which policies are set against which under perturbations: `compare`, or what `merging` names."""
+        """The comparison under perturbations: `compare`, or the policies of `merging`."""
         if self.compare is None and self.merging is not None:
             others = (self.merging.oracle_routed, *self.merging.routed)
             return CompareEntry(baseline=self.merging.expert, others=others)
         return self.compare
 
     def worker_count(self, simulator: str) -> int:
-        """Worker processes for that simulator; one if workers are not counted by simulator."""
+        """Return the worker processes of a simulator; one by default."""
         if isinstance(self.workers, dict):
             return self.workers.get(simulator, 1)
         return self.workers if isinstance(self.workers, int) else 1
 
-    def with_names(self, names: KnownNames) -> Suite:
-        """The suite with its task patterns replaced by the tasks they stand for."""
+    def with_names(self, names: Registry) -> Suite:
+        """Return the suite with its task patterns replaced by task names."""
         return self.model_copy(update={"tasks": tuple(expand_tasks(self.tasks, names.tasks))})
 
     def all_conditions(self) -> list[Condition]:
-        """Every condition, in the order of the file."""
+        """Return every condition, in the order of the file."""
         return [condition for entry in self.conditions for condition in entry.conditions()]
 
-    def cells(self, names: KnownNames, digests: Mapping[str, str]) -> list[Cell]:
-        """Every (policy, task, condition), tasks outermost so that neighbours share an open simulation.
+    def cells(self, names: Registry, digests: Mapping[str, str]) -> list[Cell]:
+        """Return every (policy, task, condition), tasks outermost so that neighbours share an open simulation.
 
         Args:
             names: Gives each task's horizon.
@@ -225,8 +254,8 @@ class Suite(_Model):
             for policy in self.policies
         ]
 
-    def content_hash(self, digests: Mapping[str, str], names: KnownNames) -> str:
-        """Hash of what is evaluated: the same for suites that plan the same episodes, however they are run."""
+    def content_hash(self, digests: Mapping[str, str], names: Registry) -> str:
+        """Hash the planned episodes: equal for suites with the same episodes, however they are run."""
         cells = sorted(cell.episode(0).id for cell in self.cells(names, digests))
         evaluated: dict[str, Any] = {"cells": cells, "seeds": [self.seeds.start, self.seeds.count]}
         if self.adaptive is not None:
@@ -236,7 +265,7 @@ class Suite(_Model):
 
 
 def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
-    """The task names that the patterns stand for, in their order; a plain name stands for itself."""
+    """Return the names of the tasks that match the patterns, in their order; a plain name is kept."""
     expanded: list[str] = []
     for pattern in patterns:
         if any(sign in pattern for sign in "*?["):
@@ -246,118 +275,125 @@ def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> lis
     return expanded
 
 
-def check_names(suite: Suite, names: KnownNames) -> list[tuple[tuple[str | int, ...], str]]:
-    """Every name in the suite that does not exist, and every contradiction: (place in the file, message)."""
-    problems: list[tuple[tuple[str | int, ...], str]] = []
-    add = problems.append
+def check_names(suite: Suite, names: Registry) -> list[Mistake]:
+    """Return a mistake for every name that does not exist and for every contradiction."""
+    return [
+        *_check_policies(suite, names),
+        *_check_tasks(suite, names),
+        *_check_conditions(suite, names),
+        *_check_cameras(suite),
+        *_check_simulators(suite, names),
+        *_check_roles(suite),
+        *_check_adaptive(suite),
+    ]
 
-    seen_policies: dict[str, int] = {}
+
+def _check_policies(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    seen: dict[str, int] = {}
     for i, policy in enumerate(suite.policies):
         place = ("policies", i)
         known = names.policies.get(policy.kind)
         if known is None:
-            add((place, f"unknown policy '{policy.kind}'{nearest(policy.kind, names.policies)}"))
+            yield place, f"unknown policy '{policy.kind}'{did_you_mean(policy.kind, names.policies)}"
         else:
             for option in policy.options:
                 if option not in known.options:
-                    add((place, f"policy '{policy.kind}' has no option '{option}'{nearest(option, known.options)}"))
-        first = seen_policies.get(policy.name)
-        if first is not None:
-            add((place, f"duplicate policy '{policy.name}', already at entry {first + 1}; give it another `name`"))
-        seen_policies.setdefault(policy.name, i)
+                    yield place, f"policy '{policy.kind}' has no option '{option}'{did_you_mean(option, known.options)}"
+        first = seen.setdefault(policy.name, i)
+        if first != i:
+            yield place, f"duplicate policy '{policy.name}', already at entry {first + 1}; give it another `name`"
 
-    seen_tasks: set[str] = set()
+
+def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    seen: set[str] = set()
     for i, pattern in enumerate(suite.tasks):
         place = ("tasks", i)
         matches = [task for task in expand_tasks([pattern], names.tasks) if task in names.tasks]
         if not matches:
-            add((place, _unknown_task(pattern, names)))
+            yield place, _unknown_task(pattern, names)
         for task in matches:
-            if task in seen_tasks:
-                add((place, f"duplicate task '{task}'"))
-            seen_tasks.add(task)
+            if task in seen:
+                yield place, f"duplicate task '{task}'"
+            seen.add(task)
             for policy in suite.policies:
                 known = names.policies.get(policy.kind)
                 if known and known.tasks is not None and task not in known.tasks:
-                    add((place, f"policy '{policy.name}' cannot act in '{task}'"))
-
-    seen_conditions: set[Condition] = set()
-    for i, entry in enumerate(suite.conditions):
-        place = ("conditions", i)
-        if entry.axis != CLEAN and entry.axis not in names.axes:
-            add((place, f"unknown condition '{entry.axis}'{nearest(entry.axis, [CLEAN, *names.axes])}"))
-        for condition in entry.conditions():
-            if entry.axis == CLEAN and condition.severity:
-                add((place, "clean has severity 0 only"))
-            if condition.severity > names.axes.get(entry.axis, MOST_SEVERE):
-                add((place, f"'{entry.axis}' has severity {names.axes[entry.axis]} at most, got {condition.severity}"))
-            if entry.axis in names.axes and not condition.severity:
-                add(
-                    (
-                        place,
-                        f"expected severities from 1 for '{entry.axis}', as {{axis: {entry.axis}, severities: [2, 4]}}",
-                    )
-                )
-            if condition in seen_conditions:
-                add((place, f"duplicate condition '{condition}'"))
-            seen_conditions.add(condition)
-
-    if Condition() not in seen_conditions:
-        add((("conditions",), "no clean condition to compare the perturbed ones with; add clean"))
-
-    for i, camera in enumerate(suite.cameras):
-        if camera not in CAMERAS:
-            add((("cameras", i), f"unknown camera '{camera}'{nearest(camera, CAMERAS)}"))
-        elif camera in suite.cameras[:i]:
-            add((("cameras", i), f"duplicate camera '{camera}'"))
-    counted = suite.workers if isinstance(suite.workers, dict) else {}
-    for key, simulator in [
-        *(("workers", name) for name in counted),
-        *(("resources", name) for name in suite.resources),
-    ]:
-        if simulator not in names.simulators:
-            add(((key, simulator), f"unknown simulator '{simulator}'{nearest(simulator, names.shown.simulators)}"))
-    housed = [name for name, policy in names.policies.items() if policy.housed]
-    for name in suite.environments:
-        if name not in [*names.simulators, *housed]:
-            places = [*names.shown.simulators, *housed]
-            add((("environments", name), f"unknown simulator '{name}'{nearest(name, places)}"))
-    if suite.gate is not None and suite.gate not in seen_policies:
-        message = f"gate names no policy of this suite: '{suite.gate}'{nearest(suite.gate, seen_policies)}"
-        add((("gate",), message))
-    for i, name in enumerate(suite.floors):
-        if name not in seen_policies:
-            add((("floors", i), f"floors names no policy of this suite: '{name}'{nearest(name, seen_policies)}"))
-    if suite.adaptive is not None:
-        if suite.comparison is None:
-            add((("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"))
-        if suite.adaptive.most < suite.seeds.count:
-            add((("adaptive", "most"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.most}"))
-    for sides in (suite.merging, suite.compare):
-        problems += _check_sides(sides, seen_policies) if sides else []
-    return problems
+                    yield place, f"policy '{policy.name}' cannot act in '{task}'"
 
 
-def _check_sides(
-    sides: MergingEntry | CompareEntry, policies: Iterable[str]
-) -> list[tuple[tuple[str | int, ...], str]]:
-    known = list(policies)
-    problems: list[tuple[tuple[str | int, ...], str]] = []
-    seen: set[str] = set()
-    for place, name in sides.places():
-        if name not in known:
-            problems.append((place, f"{place[0]} names no policy of this suite: '{name}'{nearest(name, known)}"))
-        elif name in seen:
-            problems.append((place, f"{place[0]} names policy '{name}' twice; each side is another policy"))
-        seen.add(name)
-    return problems
-
-
-def _unknown_task(pattern: str, names: KnownNames) -> str:
+def _unknown_task(pattern: str, names: Registry) -> str:
     simulator, slash, _ = pattern.partition("/")
     if not slash:
-        return f"expected simulator/task, got '{pattern}'{nearest(pattern, names.shown.tasks)}"
+        return f"expected simulator/task, got '{pattern}'{did_you_mean(pattern, names.public.tasks)}"
     if simulator not in names.simulators:
-        return f"unknown simulator '{simulator}' in '{pattern}'{nearest(simulator, names.shown.simulators)}"
-    own = [task for task in names.tasks if task.startswith(f"{simulator}/")]
-    return f"unknown task '{pattern}'{nearest(pattern, own)}"
+        return f"unknown simulator '{simulator}' in '{pattern}'{did_you_mean(simulator, names.public.simulators)}"
+    tasks = [task for task in names.tasks if task.startswith(f"{simulator}/")]
+    return f"unknown task '{pattern}'{did_you_mean(pattern, tasks)}"
+
+
+def _check_conditions(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    seen: set[Condition] = set()
+    for i, entry in enumerate(suite.conditions):
+        place, axis = ("conditions", i), entry.axis
+        if axis != CLEAN and axis not in names.axes:
+            yield place, f"unknown condition '{axis}'{did_you_mean(axis, [CLEAN, *names.axes])}"
+        for condition in entry.conditions():
+            if axis == CLEAN and condition.severity:
+                yield place, "clean has severity 0 only"
+            if condition.severity > names.axes.get(axis, MOST_SEVERE):
+                yield place, f"'{axis}' has severity {names.axes[axis]} at most, got {condition.severity}"
+            if axis in names.axes and not condition.severity:
+                yield place, f"expected severities from 1 for '{axis}', as {{axis: {axis}, severities: [2, 4]}}"
+            if condition in seen:
+                yield place, f"duplicate condition '{condition}'"
+            seen.add(condition)
+    if Condition() not in seen:
+        yield ("conditions",), "no clean condition to compare the perturbed ones with; add clean"
+
+
+def _check_cameras(suite: Suite) -> Iterator[Mistake]:
+    for i, camera in enumerate(suite.cameras):
+        if camera not in CAMERAS:
+            yield ("cameras", i), f"unknown camera '{camera}'{did_you_mean(camera, CAMERAS)}"
+        elif camera in suite.cameras[:i]:
+            yield ("cameras", i), f"duplicate camera '{camera}'"
+
+
+def _check_simulators(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    """Simulators in `workers`, `resources` and `environments`; the last may hold kinds of policies too."""
+    kinds = [name for name, policy in names.policies.items() if policy.has_environment]
+    keys: list[tuple[str, Iterable[str], list[str]]] = [
+        ("workers", suite.workers if isinstance(suite.workers, dict) else (), []),
+        ("resources", suite.resources, []),
+        ("environments", suite.environments, kinds),
+    ]
+    for key, given, others in keys:
+        for name in given:
+            if name not in names.simulators and name not in others:
+                near = did_you_mean(name, [*names.public.simulators, *others])
+                yield (key, name), f"unknown simulator '{name}'{near}"
+
+
+def _check_roles(suite: Suite) -> Iterator[Mistake]:
+    """Policies named in `oracle_gate`, `no_skill_baselines`, `merging` and `compare`."""
+    known = [policy.name for policy in suite.policies]
+    gate: list[Mistake] = [(("oracle_gate",), suite.oracle_gate)] if suite.oracle_gate is not None else []
+    floors = [(("no_skill_baselines", i), name) for i, name in enumerate(suite.no_skill_baselines)]
+    sides = [entry.places() for entry in (suite.merging, suite.compare) if entry]
+    for place, name in chain(gate, floors, *sides):
+        if name not in known:
+            yield place, f"{place[0]} names no policy of this suite: '{name}'{did_you_mean(name, known)}"
+    for places in sides:
+        names = [name for _, name in places]
+        for i, (place, name) in enumerate(places):
+            if name in known and name in names[:i]:
+                yield place, f"{place[0]} names policy '{name}' twice; each side is another policy"
+
+
+def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
+    if suite.adaptive is None:
+        return
+    if suite.comparison is None:
+        yield ("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"
+    if suite.adaptive.most < suite.seeds.count:
+        yield ("adaptive", "most"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.most}"

@@ -7,7 +7,7 @@ from collections import Counter
 
 from hypothesis import settings
 
-from adapters import catalog
+from robogauntlet.adapters import catalog
 
 # How long an example takes says something about the machine and what else it does, nothing about the code.
 settings.register_profile("whatever the time", deadline=None)
@@ -21,8 +21,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What a person has configured for their own runs is no part of the tests.
-os.environ["GAUNTLET_CONFIG"] = os.devnull
-os.environ["GAUNTLET_ENVIRONMENTS"] = tempfile.mkdtemp(prefix="robogauntlet-environments-")
+os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
+os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = tempfile.mkdtemp(prefix="robogauntlet-environments-")
 
 # Tests open several simulators in one process, so what each asks for must be set before the first is imported.
 for _simulator in catalog.simulators().values():

@@ -1,42 +1,43 @@
-"""What `gauntlet doctor` can say is wrong, read from the code: a template for each message."""
+"""The messages of `robogauntlet doctor`, read from the code: a template for each."""
 
 import ast
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-SAID_BY = {
+from tests import ROOT
+
+SOURCES = {
     "orchestrator/cli/doctor.py": {"append"},
-    "orchestrator/probe.py": {"Finding"},
+    "orchestrator/environments/probe.py": {"Finding"},
+    "src/robogauntlet/support/child_process.py": {"_how_it_ended"},
     "suites/plugins.py": {"reason"},
     "policies/oracles/plugins.py": {"problem", "_problem"},
-    "orchestrator/environments/checking.py": {"Found", "_problems", "_other_python"},
+    "orchestrator/environments/check.py": {"EnvironmentCheck", "_problems", "_other_python"},
     **{path.relative_to(ROOT).as_posix(): {"SimulatorUnavailable"} for path in (ROOT / "adapters").rglob("*.py")},
 }
-SAID_BY["adapters/catalog.py"] |= {"missing_reason"}
-"""File to the functions that are called with a message, or that return one, or the names that one is given to."""
+SOURCES["adapters/catalog.py"] |= {"missing_reason"}
+"""File to the functions that are called with a message, or return one, or the names that one is assigned to."""
 
 
 def templates():
-    """Each message as its fixed pieces, in order; what stands between them differs."""
-    found = set()
-    for name, sayers in SAID_BY.items():
+    """Each message as its fixed pieces, in order; the text between them varies."""
+    messages = set()
+    for name, functions in SOURCES.items():
         tree = ast.parse((ROOT / name).read_text(encoding="utf-8"))
         for node in ast.walk(tree):
-            for value in _values(node, sayers):
+            for value in _values(node, functions):
                 pieces = _pieces(value)
                 if sum(len(re.findall(r"[a-z]{2,}", piece)) for piece in pieces) >= 2:
-                    found.add(pieces)
-    return found
+                    messages.add(pieces)
+    return messages
 
 
-def _values(node, sayers):
-    if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", None)) in sayers:
+def _values(node, functions):
+    if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", None)) in functions:
         for argument in node.args:
             yield from argument.elts if isinstance(argument, ast.Tuple) else [argument]
-    elif isinstance(node, ast.Assign | ast.AnnAssign) and _name(node) in sayers:
+    elif isinstance(node, ast.Assign | ast.AnnAssign) and _name(node) in functions:
         yield node.value
-    elif isinstance(node, ast.FunctionDef) and node.name in sayers:
+    elif isinstance(node, ast.FunctionDef) and node.name in functions:
         yield from (inner.value for inner in ast.walk(node) if isinstance(inner, ast.Return | ast.Yield))
 
 
@@ -52,6 +53,6 @@ def _pieces(value):
     return ()
 
 
-def is_said(pieces, line):
-    """Whether a line is this message, with something in place of what differs."""
+def matches(pieces, line):
+    """Whether a line is this message, with any text between its pieces."""
     return re.search(".+".join(map(re.escape, pieces)), line) is not None

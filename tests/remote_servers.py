@@ -6,9 +6,9 @@ from contextlib import contextmanager
 
 from websockets.sync.server import serve
 
-from orchestrator.policy_server import Place, PolicyServer, Served
-from policies import catalog
-from policies.remote.packing import pack, unpack
+from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, PolicyServer, ServerOptions
+from robogauntlet.policies import catalog
+from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 
 
 class Running:
@@ -60,7 +60,7 @@ def serving(kind, options=None, *, policy=None, task="unknown/unknown", digest=N
     options = options or {}
     policy = policy or catalog.load(kind, options)
     digest = digest or catalog.digest(kind, options)
-    running = Running(Served(policy, kind, digest, task), Place(port=place.pop("port", 0), **place))
+    running = Running(IdentifiedPolicy(policy, kind, digest, task), ServerOptions(port=place.pop("port", 0), **place))
     try:
         yield running
     finally:

@@ -1,19 +1,20 @@
-"""The examples do what they say: their steps are run as they stand."""
+"""The examples work: their steps are run as they are."""
 
 import os
 import sqlite3
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
 
-from results.history import History
-from results.syncing import take_in
-from tests.orchestrator.test_cli_compare import bad, good, save
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.history_import import record_run_folders
+from robogauntlet.results.store.run_history import History
+from tests import ROOT
+from tests.orchestrator.cli.test_compare import bad, good, save
 
-ROOT = Path(__file__).parents[1]
+PYTHONPATH = f"{ROOT / 'src'}{os.pathsep}{ROOT}"
 SUITE = """
 name: nightly
 policies: [oracle, random]
@@ -26,11 +27,13 @@ seeds: {count: 40}
 def night(tmp_path):
     """Runs a step of the workflow as GitHub would, in a folder with a suite; returns exit code and summary."""
     workflow = yaml.safe_load((ROOT / "examples/github-nightly.yml").read_text())
-    steps = {step["name"]: step["run"] for step in workflow["jobs"]["gauntlet"]["steps"] if "run" in step}
+    steps = {step["name"]: step["run"] for step in workflow["jobs"]["robogauntlet"]["steps"] if "run" in step}
     (tmp_path / "suite.yaml").write_text(SUITE)
-    program = tmp_path / "bin" / "gauntlet"
+    program = tmp_path / "bin" / "robogauntlet"
     program.parent.mkdir()
-    program.write_text(f'#!/bin/sh\nexec {sys.executable} -c "from orchestrator.cli import main; main()" "$@"\n')
+    program.write_text(
+        f'#!/bin/sh\nexec {sys.executable} -c "from robogauntlet.orchestrator.cli import main; main()" "$@"\n'
+    )
     program.chmod(0o755)
 
     def run(name):
@@ -41,10 +44,10 @@ def night(tmp_path):
             "SUITE": "suite.yaml",
             "GITHUB_STEP_SUMMARY": str(summary),
             "PATH": f"{program.parent}:{os.environ['PATH']}",
-            "PYTHONPATH": str(ROOT),
+            "PYTHONPATH": PYTHONPATH,
         }
-        done = subprocess.run(["bash", "-e", "-c", steps[name]], cwd=tmp_path, env=environment, check=False)
-        return done.returncode, summary.read_text()
+        step = subprocess.run(["bash", "-e", "-c", steps[name]], cwd=tmp_path, env=environment, check=False)
+        return step.returncode, summary.read_text()
 
     return run
 
@@ -52,25 +55,25 @@ def night(tmp_path):
 @pytest.mark.ray
 def test_the_workflow_passes_on_good_nights_and_fails_on_a_regression(night, tmp_path):
     assert night("play") == (0, "")
-    assert night("judge") == (0, "the first night: nothing to hold it against\n")
+    assert night("compare") == (0, "the first night: no baseline to compare with yet\n")
     assert night("keep a good night") == (0, "")
     assert night("play")[0] == 0
-    code, summary = night("judge")
+    code, summary = night("compare")
     assert code == 0
     assert "### ✅ no evidence of a difference" in summary
     with sqlite3.connect(tmp_path / "runs" / "now" / "episodes.sqlite") as database:
         database.execute("update episodes set status = 'failure' where policy = 'oracle' and seed < 12")
-    code, summary = night("judge")
+    code, summary = night("compare")
     assert code == 1
     assert "oracle, null/Reach: 100 % before, 70 % now of 40 episodes, -30.0 points" in summary
 
 
 def example(name, *arguments, cwd):
     command = [sys.executable, ROOT / "examples" / name, *arguments]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
+    run = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
 
 
 @pytest.fixture
@@ -81,22 +84,22 @@ def two_nights(tmp_path):
 
 
 def test_a_run_is_a_table(two_nights):
-    said = example("open_a_run.py", "runs/monday", cwd=two_nights)
-    assert "runs/monday: suite synthetic, 160 episodes planned, complete" in said
-    assert "p on maniskill/A: 0.75 [0.60, 0.86]" in said
+    output = example("open_a_run.py", "runs/monday", cwd=two_nights)
+    assert "runs/monday: suite synthetic, 160 episodes planned, complete" in output
+    assert "p on maniskill/A: 0.75 [0.60, 0.86]" in output
 
 
-def test_two_runs_are_compared_and_lost_episodes_named(two_nights):
-    said = example("compare_two_runs.py", "runs/tuesday", "runs/monday", cwd=two_nights)
-    assert "REGRESSED: tuesday against monday" in said
-    assert "20 episodes were lost that had been won" in said
-    assert said.count("gauntlet replay ") == 5
+def test_two_runs_are_compared_and_lost_episodes_listed(two_nights):
+    output = example("compare_two_runs.py", "runs/tuesday", "runs/monday", cwd=two_nights)
+    assert "REGRESSED: tuesday against monday" in output
+    assert "20 episodes succeeded before and fail now" in output
+    assert output.count("robogauntlet replay ") == 5
 
 
-def test_a_policy_is_followed_and_drawn(two_nights):
-    history = History.open_file(two_nights / "runs" / "history.sqlite")
-    take_in(history, two_nights / "runs")
+def test_a_policys_history_is_printed_and_plotted(two_nights):
+    history = History.open(file_url(two_nights / "runs" / "history.sqlite"))
+    record_run_folders(history, two_nights / "runs")
     history.close()
-    said = example("follow_a_policy.py", "runs/history.sqlite", "p", "plot.svg", cwd=two_nights)
-    assert [line.split()[2] for line in said.splitlines()[1:3]] == ["monday", "tuesday"]
+    output = example("follow_a_policy.py", "runs/history.sqlite", "p", "plot.svg", cwd=two_nights)
+    assert [line.split()[2] for line in output.splitlines()[1:3]] == ["monday", "tuesday"]
     assert (two_nights / "plot.svg").read_text().startswith("<svg")

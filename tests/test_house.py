@@ -1,4 +1,4 @@
-"""The house stays as it was designed: arrows one way, light where it must be light, no file too long."""
+"""The code stays as it was designed: imports go one way, light modules stay light, files stay short."""
 
 import ast
 import subprocess
@@ -7,60 +7,123 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-ROOMS = {
-    "suites": set(),
-    "adapters": {"suites"},
-    "results": {"suites"},
-    "policies": {"suites", "adapters"},
-    "orchestrator": {"suites", "adapters", "results", "policies"},
+from tests import ROOT
+
+PACKAGES = {
+    "support": set(),
+    "suites": {"support"},
+    "adapters": {"suites", "support"},
+    "results": {"suites", "support"},
+    "policies": {"suites", "adapters", "support"},
+    "orchestrator": {"suites", "adapters", "results", "policies", "support"},
 }
+"""Package to the others that it may import."""
+SOURCE = ROOT / "src" / "robogauntlet"
 LONGEST = 400
 
 
-def imports(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def module_of(path):
+    name = ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts)
+    return name.removesuffix(".__init__")
+
+
+MODULES = {module_of(path): path for room in PACKAGES for path in (SOURCE / room).rglob("*.py")}
+TEMPLATE = "robogauntlet.orchestrator.adapter_kit.scaffold.template"
+MODULES = {name: path for name, path in MODULES.items() if not name.startswith(TEMPLATE)}
+
+
+def imports(path, *, late=True):
+    """Modules of ours that a file imports; without `late`, only when it is itself imported."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = list(ast.walk(tree)) if late else [node for node in tree.body if not is_for_types(node)]
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            names = {f"{node.module}.{alias.name}" for alias in node.names}
+            yield from names & MODULES.keys() or {node.module}
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_a_room_imports_only_the_rooms_below_it(room):
-    files = list((ROOT / room).rglob("*.py"))
+def is_for_types(node):
+    return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_imports_only_the_packages_below_it(package):
+    files = list((SOURCE / package).rglob("*.py"))
     assert files
-    used = {(path.name, name) for path in files for name in imports(path) if name.partition(".")[0] in ROOMS}
-    against = {(path, name) for path, name in used if name.partition(".")[0] not in ROOMS[room] | {room}}
-    assert not against
+    ours = {(path.name, name) for path in files for name in imports(path) if name.startswith("robogauntlet.")}
+    allowed = PACKAGES[package] | {package}
+    assert not {(path, name) for path, name in ours if name.split(".")[1] not in allowed}
 
 
 def test_policies_know_no_single_simulator():
-    allowed = {"adapters.contract", "adapters.catalog", "adapters.frames"}
-    names = {name for path in (ROOT / "policies").rglob("*.py") for name in imports(path)}
-    assert {name for name in names if name.startswith("adapters")} <= allowed
+    allowed = {f"robogauntlet.adapters.{name}" for name in ("contract", "catalog", "frames")}
+    names = {name for path in (SOURCE / "policies").rglob("*.py") for name in imports(path)}
+    assert {name for name in names if name.startswith("robogauntlet.adapters")} <= allowed
+
+
+def test_no_module_imports_itself_through_others():
+    edges = {name: {other for other in imports(path) if other in MODULES} - {name} for name, path in MODULES.items()}
+    finished, circles = set(), []
+
+    def visit(name, way):
+        if name in way:
+            circles.append(" -> ".join([*way[way.index(name) :], name]))
+        elif name not in finished:
+            for other in sorted(edges[name]):
+                visit(other, [*way, name])
+            finished.add(name)
+
+    for name in sorted(edges):
+        visit(name, [])
+    assert circles == []
+
+
+def loaded(code, *modules):
+    """Those of the modules that are imported once the code has run."""
+    code = f"import sys\n{code}\nprint([name for name in {modules!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return ast.literal_eval(done.stdout)
+
+
+HEAVY = ("torch", "ray", "mani_skill", "sapien", "pybullet", "panda_gym", "robosuite", "mujoco")
 
 
 @pytest.mark.parametrize(
     "module",
     ["results.statistics.pairs", "adapters.contract", "policies.contract", "adapters.catalog", "policies.catalog"],
 )
-def test_what_must_be_light_loads_no_simulator_no_torch_and_no_ray(module):
-    heavy = ("torch", "ray", "mani_skill", "sapien", "pybullet", "panda_gym", "robosuite", "mujoco")
-    code = f"import sys, {module}\nprint([m for m in {heavy} if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.strip() == "[]"
+def test_light_modules_load_no_simulator_no_torch_and_no_ray(module):
+    assert loaded(f"import robogauntlet.{module}", *HEAVY) == []
 
 
 def test_declaring_every_plugin_loads_no_simulator_and_no_torch():
-    code = (
-        "import sys\nfrom orchestrator.names import known_names\nassert len(known_names().tasks) > 9\n"
-        "print([m for m in ('torch', 'ray', 'mani_skill', 'sapien', 'panda_gym', 'mujoco') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.strip() == "[]"
+    code = "from robogauntlet.orchestrator.runs.plan import load_registry\nassert len(load_registry().tasks) > 9"
+    assert loaded(code, "torch", "ray", "mani_skill", "sapien", "panda_gym", "mujoco") == []
+
+
+def test_importing_the_package_loads_nothing_of_it():
+    code = "import robogauntlet\nassert 'Episode' in dir(robogauntlet)"
+    assert loaded(code, "numpy", "pydantic", *(f"robogauntlet.{package}" for package in PACKAGES)) == []
+
+
+def test_every_public_name_is_there():
+    import robogauntlet
+
+    assert {name: getattr(robogauntlet, name) for name in robogauntlet.__all__}
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = robogauntlet.nothing
 
 
 def test_no_file_grows_past_the_limit():
-    files = [path for folder in (*ROOMS, "tests") for path in (ROOT / folder).rglob("*.py")]
+    folders = (*PACKAGES.keys() - {"support"}, "tests", "scripts", "src")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     assert {str(p): n for p in files if (n := len(p.read_text(encoding="utf-8").splitlines())) > LONGEST} == {}
+
+
+def test_tests_have_the_same_packages_as_the_source():
+    of_tests = ("data", "benchmarks", "chaos")
+    folders = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")} - {Path()}
+    strays = [path for path in folders if path.parts[0] not in of_tests and not (SOURCE / path).is_dir()]
+    assert strays == []

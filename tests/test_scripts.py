@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 import typer
 
-from orchestrator.cli import app
+from robogauntlet.orchestrator.cli import app
+from tests import ROOT
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
+SCRIPTS = ROOT / "scripts"
 # Stands where the command line stands and writes down what it is given, a line a command.
 RECORDER = """#!/usr/bin/env bash
 line=$(printf '%s\\t' "$@")
@@ -26,10 +27,10 @@ def given(script: str, folder: Path, *, percent: str | None = None) -> list[list
     Raises:
         subprocess.CalledProcessError: The script ended with an error.
     """
-    for name, text in {"gauntlet": RECORDER, "python": "#!/bin/sh\n"}.items():
+    for name, text in {"robogauntlet": RECORDER, "python": "#!/bin/sh\n"}.items():
         (folder / name).write_text(text)
         (folder / name).chmod(0o755)
-    environment = {**os.environ, "GAUNTLET": str(folder / "gauntlet")}
+    environment = {**os.environ, "ROBOGAUNTLET": str(folder / "robogauntlet")}
     environment.pop("PERCENT", None)
     if percent is not None:
         environment["PERCENT"] = percent

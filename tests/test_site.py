@@ -1,37 +1,36 @@
-"""The documentation: it builds, every link in it leads somewhere, and it says what the program says."""
+"""The documentation: it builds, every link in it has a target, and it agrees with the program."""
 
 import os
 import re
 import subprocess
 import sys
 from html import unescape
-from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
 from typer.main import get_command
 
-from orchestrator.cli import app
+from robogauntlet.orchestrator.cli import app
 from scripts.site.drawing import DOCS
 from scripts.site.pictures import drawings, numbers
-from tests.doctor_messages import is_said, templates
+from tests import ROOT
+from tests.doctor_messages import matches, templates
 
-ROOT = Path(__file__).parents[1]
 LOADED = re.compile(r'<(?:script|img|link|iframe|source|video)\b[^>]*?\s(?:src|href)="(https?:)?//')
 LOADED_BY_STYLE = re.compile(r"(?:url\(|@import\s*)[\"']?(?:https?:)?//")
 LINK = re.compile(r'\s(?:href|src)="([^"]*)"')
-ELSEWHERE = re.compile(r"\]\((https?:[^)\s]*)\)")
+EXTERNAL = re.compile(r"\]\((https?:[^)\s]*)\)")
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     pytest.importorskip("material", reason="needs the extra 'docs': pip install -c constraints.txt -e '.[docs]'")
     folder = tmp_path_factory.mktemp("site")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NO_MKDOCS_2_WARNING": "1"}
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}", "NO_MKDOCS_2_WARNING": "1"}
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
-    said = [line for line in (done.stdout + done.stderr).splitlines() if not line.startswith("INFO")]
-    assert (done.returncode, said) == (0, [])
+    build = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
+    warnings = [line for line in (build.stdout + build.stderr).splitlines() if not line.startswith("INFO")]
+    assert (build.returncode, warnings) == (0, [])
     return folder
 
 
@@ -50,9 +49,9 @@ def test_reading_it_loads_nothing_from_the_network(site, pages):
     assert styles == []
 
 
-def test_every_link_leads_to_a_page_and_a_place_in_it(site, pages):
-    places = {path: set(re.findall(r'\s(?:id|name)="([^"]*)"', html)) for path, html in pages.items()}
-    wrong = []
+def test_every_link_leads_to_a_page_and_an_anchor_in_it(site, pages):
+    anchors = {path: set(re.findall(r'\s(?:id|name)="([^"]*)"', html)) for path, html in pages.items()}
+    broken = []
     for path, html in pages.items():
         if path.name == "404.html":  # its links begin at the address of the site
             continue
@@ -61,18 +60,18 @@ def test_every_link_leads_to_a_page_and_a_place_in_it(site, pages):
             if parts.scheme or parts.netloc:
                 continue
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-            if not target.exists() or (parts.fragment and unquote(parts.fragment) not in places.get(target, ())):
-                wrong.append(f"{path.relative_to(site)}: {link}")
-    assert wrong == []
+            if not target.exists() or (parts.fragment and unquote(parts.fragment) not in anchors.get(target, ())):
+                broken.append(f"{path.relative_to(site)}: {link}")
+    assert broken == []
 
 
-def test_every_link_to_elsewhere_is_an_address():
+def test_every_external_link_is_an_address():
     for path in DOCS.rglob("*.md"):
-        for link in ELSEWHERE.findall(path.read_text(encoding="utf-8")):
+        for link in EXTERNAL.findall(path.read_text(encoding="utf-8")):
             assert urlsplit(link).hostname, f"{path}: {link}"
 
 
-def test_the_search_knows_the_pages_and_not_the_long_reports(site):
+def test_the_search_covers_the_pages_and_not_the_long_reports(site):
     index = site / "search" / "search_index.json"
     assert "holm" in index.read_text(encoding="utf-8").lower()
     assert index.stat().st_size < 2_000_000
@@ -80,16 +79,16 @@ def test_the_search_knows_the_pages_and_not_the_long_reports(site):
 
 def commands(command, name):
     yield name, command
-    for sub, own in getattr(command, "commands", {}).items():
-        yield from commands(own, f"{name} {sub}")
+    for sub, subcommand in getattr(command, "commands", {}).items():
+        yield from commands(subcommand, f"{name} {sub}")
 
 
 def test_the_reference_has_every_verb_and_option(site):
     page = unescape(re.sub(r"<[^>]+>", "", (site / "reference" / "cli.html").read_text(encoding="utf-8")))
-    missing = [name for name, _ in commands(get_command(app), "gauntlet") if name not in page]
+    missing = [name for name, _ in commands(get_command(app), "robogauntlet") if name not in page]
     missing += [
         f"{name} {option}"
-        for name, command in commands(get_command(app), "gauntlet")
+        for name, command in commands(get_command(app), "robogauntlet")
         for parameter in command.params
         if parameter.param_type_name == "option"
         for option in parameter.opts
@@ -104,10 +103,10 @@ def test_the_drawings_are_what_their_script_draws():
 
 def test_the_numbers_of_the_statistics_page_are_those_of_the_functions():
     page = " ".join((DOCS / "statistics.md").read_text(encoding="utf-8").split())
-    found = dict(numbers())
-    pairs = found.pop("screening, pairs").split(", ")
-    del found["45 of 50"]  # in the picture only
-    missing = {name: number for name, number in found.items() if number.replace("drop of ", "") not in page}
+    expected = dict(numbers())
+    pairs = expected.pop("screening, pairs").split(", ")
+    del expected["45 of 50"]  # in the picture only
+    missing = {name: number for name, number in expected.items() if number.replace("drop of ", "") not in page}
     assert missing == {}
     assert "in 86 both succeed, in 3 only the experts, in none only the merged model, in 1 neither" in page
     assert pairs == ["86", "3", "0", "1"]
@@ -118,5 +117,5 @@ def test_troubleshooting_has_every_line_of_the_doctor_and_no_other():
     lines = [line for block in re.findall(r"```text\n(.*?)```", page, re.DOTALL) for line in block.splitlines()]
     known = templates()
     assert len(known) > 10
-    assert [pieces for pieces in known if not any(is_said(pieces, line) for line in lines)] == []
-    assert [line for line in lines if not any(is_said(pieces, line) for pieces in known)] == []
+    assert [pieces for pieces in known if not any(matches(pieces, line) for line in lines)] == []
+    assert [line for line in lines if not any(matches(pieces, line) for pieces in known)] == []

@@ -5,17 +5,16 @@ import re
 import subprocess
 import sys
 from collections import defaultdict
-from pathlib import Path
 
 import pytest
 
-from orchestrator.conformance.registry import CHECKS
+from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
+from tests import ROOT
 
-ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "adapters.md").read_text(encoding="utf-8")
 FILE = re.compile(r'^```\w+ title="(?P<path>[^"]+)"\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 COMMANDS = re.compile(r"^```console\n(?P<lines>.*?)^```$", re.MULTILINE | re.DOTALL)
-GAUNTLET = [sys.executable, "-c", "from orchestrator.cli import main; main()"]
+GAUNTLET = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()"]
 pytestmark = [pytest.mark.simulator, pytest.mark.ray]
 
 

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Mapping
 from typing import Any
 
-from suites.plugins import nearest
+from robogauntlet.suites.plugins import did_you_mean
 
 NAMES = ("observation", "info", "reward", "terminated", "unwrapped")
 """What an expression begins with: what reset and step gave, and the environment without its wrappers."""
@@ -33,7 +33,7 @@ def check_expression(text: str) -> str:
                 f"'{text}': only names, .attributes, [items], calls and comparisons, nothing with _ in front"
             )
         if isinstance(node, ast.Name) and node.id not in NAMES:
-            raise ValueError(f"'{text}': unknown name '{node.id}'{nearest(node.id, NAMES)}")
+            raise ValueError(f"'{text}': unknown name '{node.id}'{did_you_mean(node.id, NAMES)}")
     return text
 
 
@@ -47,6 +47,6 @@ def value_of(text: str, names: Mapping[str, Any]) -> Any:
         return eval(compile(ast.parse(text, mode="eval"), text, "eval"), {"__builtins__": {}}, dict(names))
     except AttributeError as error:
         known = [name for name in dir(error.obj) if not name.startswith("_")]
-        raise ValueError(f"'{text}': no '{error.name}' there{nearest(str(error.name), known)}") from None
+        raise ValueError(f"'{text}': no '{error.name}' there{did_you_mean(str(error.name), known)}") from None
     except Exception as error:  # what is called may raise anything
         raise ValueError(f"'{text}': {type(error).__name__}: {' '.join(str(error).split())}") from None

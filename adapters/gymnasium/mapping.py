@@ -10,10 +10,11 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from adapters.contract import AdapterError, TaskCard
-from adapters.gymnasium.expressions import check_expression
-from suites.plugins import nearest
-from suites.vocabulary import CAMERAS, content_hash
+from robogauntlet.adapters.contract import AdapterError, TaskDescription
+from robogauntlet.adapters.gymnasium.expressions import check_expression
+from robogauntlet.suites.episode import CAMERAS, content_hash
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import first_line
 
 FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
 """Environment variable: folders with mapping files of one's own, separated as in PATH. They win over the shipped."""
@@ -119,14 +120,14 @@ def definition(path: Path) -> str:
         return "cannot be read"
 
 
-def load_card(path: Path) -> TaskCard:
+def load_card(path: Path) -> TaskDescription:
     """The card of a mapping file; that of a file with mistakes says the first."""
     try:
         mapping = load_mapping(path)
     except AdapterError as error:
-        return TaskCard(f"cannot be opened: {str(error).splitlines()[0]}", 1)
+        return TaskDescription(f"cannot be opened: {first_line(error)}", 1)
     cameras = CAMERAS if mapping.cameras.wrist else CAMERAS[:1]
-    return TaskCard(mapping.instruction, mapping.horizon, cameras=cameras)
+    return TaskDescription(mapping.instruction, mapping.horizon, cameras=cameras)
 
 
 def _said(problem: Any) -> str:
@@ -137,7 +138,7 @@ def _said(problem: Any) -> str:
         case "extra_forbidden":
             models: dict[str, type[_Strict]] = {"base": Base, "action": Drive, "cameras": Cameras}
             model = models.get(where[0], EnvironmentMapping) if len(where) > 1 else EnvironmentMapping
-            return f"unknown key '{place}'{nearest(where[-1], model.model_fields)}"
+            return f"unknown key '{place}'{did_you_mean(where[-1], model.model_fields)}"
         case "missing":
             return f"missing key '{place}'"
         case "value_error":

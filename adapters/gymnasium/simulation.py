@@ -1,4 +1,4 @@
-"""Any gymnasium environment that a mapping file describes (see `adapters.gymnasium.mapping`).
+"""Any gymnasium environment that a mapping file describes (see `robogauntlet.adapters.gymnasium.mapping`).
 
 The environment keeps its own physics, drawing and idea of success; the mapping only says which of its numbers are which
 of ours. Whether equal seeds give equal worlds is the environment's affair: the conformance suite finds out.
@@ -12,10 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, Simulator, StepOutcome
-from adapters.frames import hash_state
-from adapters.gymnasium.expressions import value_of
-from adapters.gymnasium.fitting import (
+from robogauntlet.adapters.base_simulation import BaseSimulation
+from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, Simulator, StepOutcome
+from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.gymnasium.expressions import value_of
+from robogauntlet.adapters.gymnasium.mapping import (
+    FILES,
+    EnvironmentMapping,
+    Orbit,
+    definition,
+    load_card,
+    load_mapping,
+)
+from robogauntlet.adapters.gymnasium.mapping_checks import (
     action_map,
     action_spec,
     check_camera,
@@ -25,14 +34,12 @@ from adapters.gymnasium.fitting import (
     make,
     scaled,
 )
-from adapters.gymnasium.mapping import FILES, EnvironmentMapping, Orbit, definition, load_card, load_mapping
-from adapters.mujoco_scene import MujocoScene, drawing_device, mujoco_state, orbit_camera
-from adapters.plain import PlainSimulation
-from suites.vocabulary import View
+from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, mujoco_state, orbit_camera
+from robogauntlet.suites.episode import View
 
 
-class GymnasiumSimulation(PlainSimulation):
-    """One environment, see `adapters.contract.Simulation`."""
+class GymnasiumSimulation(BaseSimulation):
+    """One environment, see `robogauntlet.adapters.contract.Simulation`."""
 
     def __init__(self, mapping: EnvironmentMapping, view: View) -> None:
         """Make the environment and take one step in it.
@@ -47,11 +54,11 @@ class GymnasiumSimulation(PlainSimulation):
         self._gain, self._offset = action_map(mapping, self._env.action_space)
         for camera in view.cameras:
             check_camera(camera, mapping, self._world)
-        self.begin(0)
+        self.reset(0)
         self.step(np.zeros(ACTION_DIM))
         check_state(self.privileged_state())
 
-    def begin(self, seed: int) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode of `seed`, from which the environment draws what it draws."""
         observation, info = self._env.reset(seed=seed)
         self._said = {"observation": observation, "info": info, "reward": 0.0, "terminated": False}

@@ -1,61 +1,112 @@
-"""Puts the things of LIBERO's tasks elsewhere."""
+"""Where the objects of LIBERO's tasks are, by the centre of their shape, and how they are moved."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Placeable
-from adapters.contract import FloatArray
-from adapters.libero.things import Thing, middles
-from adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.scene_control import PlacementRegion
 
+CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 SLIP = 0.005
-"""How far things move while they settle (m), in all but a few of the stored states."""
+"""Largest distance that objects move while they settle (m), except in a few stored states."""
+
+
+@dataclass(frozen=True)
+class LiberoObject:
+    """A movable object. The centre of its shape is fixed in its body's frame."""
+
+    body: Any
+    """A body of MuJoCo's data."""
+    centre: FloatArray
+    """Shape (3,), m, in the body's frame: the origin of a bowl, for example, is 2 mm below its foot."""
+
+    @property
+    def xmat(self) -> FloatArray:
+        """Orientation in the world, (9,), as MuJoCo's bodies have it."""
+        return np.asarray(self.body.xmat)
+
+    @property
+    def xpos(self) -> FloatArray:
+        """Position of the centre in the world, (3,), m."""
+        return np.asarray(self.body.xpos + self.xmat.reshape(3, 3) @ self.centre)
+
+
+def libero_object(model: Any, data: Any, name: str) -> LiberoObject:
+    """Return a movable object by its name."""
+    body = model.body(f"{name}_main").id
+    solid = (model.geom_bodyid == body) & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+    points = np.concatenate([_corners(model, geom) for geom in np.flatnonzero(solid)])
+    return LiberoObject(data.body(body), (points.min(axis=0) + points.max(axis=0)) / 2.0)
+
+
+def _corners(model: Any, geom: int) -> FloatArray:
+    """Return the corners (8, 3) of a shape's bounding box, in its body's frame."""
+    box = model.geom_aabb[geom]
+    turn = Rotation.from_quat(wxyz_to_xyzw(model.geom_quat[geom]))
+    return np.asarray(turn.apply(box[:3] + CORNERS * box[3:]) + model.geom_pos[geom])
+
+
+def stored_centres(states: FloatArray, start: int, centre: FloatArray) -> FloatArray:
+    """Return an object's centre in stored joint positions, (n, 3), m, world.
+
+    Args:
+        states: Joint positions, (n, nq).
+        start: Index of the object's pose among them.
+        centre: Of the object, in its body's frame (m).
+    """
+    turns = Rotation.from_quat(np.roll(states[:, start + 3 : start + 7], -1, axis=1))
+    return np.asarray(states[:, start : start + 3] + turns.apply(centre))
 
 
 class LiberoObjects:
-    """See `adapters.adjusting.Objects`. Every reset sets the whole state, so there is nothing else to undo."""
+    """`Objects` of `scene_control`. Every reset sets the whole state, so there is no `undo`."""
 
     def __init__(
         self,
         simulator: tuple[Any, Any],
-        things: Mapping[str, Thing],
+        objects: Mapping[str, LiberoObject],
         states: FloatArray,
         frame: BaseFrame,
         settle: Callable[[], None],
     ) -> None:
-        """Take what can be moved.
+        """Take the objects.
 
         Args:
             simulator: MuJoCo's model and data.
-            things: Free things that stand on the ground, by name, the one that the task is about first.
+            objects: Movable objects that stand on the ground, by name, the main object of the task first.
             states: The stored states, shape (n, 1 + nq + nv).
             frame: The robot's base.
             settle: Brings forces and contacts up to date.
         """
         self._model, self._data = simulator
         self._frame, self._settle = frame, settle
-        self._things = things
+        self._objects = objects
         self._stored = states[:, 1:]
 
-    def placeable(self) -> Mapping[str, Placeable]:
-        """What can be moved, within what the stored states fill."""
-        return {name: self._box(thing) for name, thing in self._things.items()}
+    def placeable(self) -> Mapping[str, PlacementRegion]:
+        """Return the regions that the stored states fill."""
+        return {name: self._box(movable) for name, movable in self._objects.items()}
 
     def move(self, name: str, offset: FloatArray) -> None:
-        """Move a thing by an offset (2,), x and y, until the next reset."""
-        start = self._start(self._things[name])
+        """Move an object by an offset (2,), x and y, until the next reset."""
+        start = self._start(self._objects[name])
         self._data.qpos[start : start + 3] += self._frame.rotation.apply([*offset, 0.0])
         self._settle()
 
-    def _start(self, thing: Thing) -> int:
-        """Where a thing's pose begins among the joint positions."""
-        return int(self._model.jnt_qposadr[self._model.body_jntadr[thing.body.id]])
+    def _start(self, movable: LiberoObject) -> int:
+        """Return the index of an object's pose among the joint positions."""
+        return int(self._model.jnt_qposadr[self._model.body_jntadr[movable.body.id]])
 
-    def _box(self, thing: Thing) -> Placeable:
-        centres = middles(self._stored, self._start(thing), thing.middle)
+    def _box(self, movable: LiberoObject) -> PlacementRegion:
+        centres = stored_centres(self._stored, self._start(movable), movable.centre)
         points = np.array([self._frame.from_world(point) for point in centres])[:, :2]
-        return Placeable(points.min(axis=0) - SLIP, points.max(axis=0) + SLIP)
+        return PlacementRegion(points.min(axis=0) - SLIP, points.max(axis=0) + SLIP)

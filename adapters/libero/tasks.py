@@ -1,7 +1,7 @@
-"""LIBERO's 130 tasks, read from `tasks.json`, which `adapters.libero.survey` wrote. Imports nothing of LIBERO.
+"""LIBERO's 130 tasks, read from `tasks.json`, which `generate_tasks.py` writes. Does not import LIBERO.
 
-A task is called `<suite>-<number>-<words>`, such as `spatial-3-on-cookie-box`: the suite and the number as the
-literature has them, then what is left of LIBERO's name without what the whole suite has in common and filler words.
+A task is called `<suite>-<number>-<words>`, such as `spatial-3-on-cookie-box`: suite and number as in the literature,
+then LIBERO's name without filler words and the words that the whole suite shares.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from adapters.contract import TaskCard
+from robogauntlet.adapters.contract import TaskDescription
 
 SUITES = {"spatial": "libero_spatial", "object": "libero_object", "goal": "libero_goal"} | {
     "10": "libero_10",
     "90": "libero_90",
 }
-"""Our names of the suites to LIBERO's."""
+"""Our names of suites to LIBERO's."""
 HORIZONS = {"spatial": 220, "object": 280, "goal": 300, "10": 520, "90": 400}
-"""Control steps after the settling, as OpenVLA evaluates (experiments/robot/libero/run_libero_eval.py) and others after
-it: a little more than the longest demonstration takes."""
+"""Control steps after settling, as in OpenVLA's evaluation (experiments/robot/libero/run_libero_eval.py) and later
+ones: a little more than the longest demonstration."""
 TABLES = ("tabletop", "kitchen_tabletop")
-"""Arenas whose table is a box, which can be painted."""
+"""Arenas whose table is a box and can be painted."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class LiberoTask:
     instruction: str
     arena: str
     fixtures: tuple[str, ...]
-    """What the seed places, and the stored state does not hold: cabinet, stove, microwave, rack, caddy, shelf."""
+    """Fixtures that the seed places, not the stored state: cabinet, stove, microwave, rack, caddy, shelf."""
     things: tuple[str, ...]
-    """The movable ones of LIBERO's objects of interest, in its order."""
+    """The movable objects among LIBERO's objects of interest, in its order."""
     standing: tuple[str, ...]
-    """Those of the things that stand on table or floor, and not in the same place in all stored states."""
+    """Those that stand on table or floor, in different places in the stored states."""
 
     @property
     def libero_suite(self) -> str:
@@ -51,13 +51,13 @@ class LiberoTask:
 
     @property
     def placeable(self) -> tuple[str, ...]:
-        """The things that can be put elsewhere on the ground: none unless what the task is about is among them."""
+        """The objects that can be moved on the ground; none unless the main object is among them."""
         return self.standing if self.standing[:1] == self.things[:1] else ()
 
     @property
-    def card(self) -> TaskCard:
+    def description(self) -> TaskDescription:
         """The task, as the catalog shows it."""
-        return TaskCard(self.instruction, HORIZONS[self.suite], self._fixed())
+        return TaskDescription(self.instruction, HORIZONS[self.suite], self._fixed())
 
     def _fixed(self) -> dict[str, str]:
         fixed = {}
@@ -73,8 +73,8 @@ class LiberoTask:
 
 @cache
 def libero_tasks() -> Mapping[str, LiberoTask]:
-    """Our name of a task to the task, in the order of suites and numbers."""
-    read = json.loads(Path(__file__).with_name("tasks.json").read_text(encoding="utf-8"))
+    """Return the tasks by our names, in the order of suites and numbers."""
+    entries = json.loads(Path(__file__).with_name("tasks.json").read_text(encoding="utf-8"))
     lists = ("fixtures", "things", "standing")
-    tasks = [LiberoTask(**(entry | {name: tuple(entry[name]) for name in lists})) for entry in read]
+    tasks = [LiberoTask(**(entry | {name: tuple(entry[name]) for name in lists})) for entry in entries]
     return {task.task: task for task in tasks}

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Unreachable
-from adapters.contract import FloatArray
-from adapters.frames import wxyz_to_xyzw
-from adapters.maniskill.physics import renew_physics
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.maniskill.bodies import renew_physics
+from robogauntlet.adapters.scene_control import Unreachable
 
 NEAR, ALIGNED = 1e-3, 0.01
 """How well a pose has to be met (m, rad)."""
@@ -19,7 +19,7 @@ GLANCE = 1e-6
 
 
 class ManiSkillArm:
-    """See `adapters.adjusting.Arm`. The joints are found by the inverse kinematics of ManiSkill's own controller."""
+    """See `scene_control.Arm`. The joints are found by the inverse kinematics of ManiSkill's own controller."""
 
     turns = True
 

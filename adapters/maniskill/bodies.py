@@ -1,4 +1,4 @@
-"""Sets mass and friction of the things of ManiSkill's tasks."""
+"""Sets mass and friction of the objects of ManiSkill's tasks, and renews their physics."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from adapters.adjusting import Dynamics
+from robogauntlet.adapters.scene_control import DynamicsFactors
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class _Own:
 
 
 class ManiSkillBodies:
-    """See `adapters.adjusting.Bodies`. PhysX takes the mean of the two coefficients of friction of a contact."""
+    """See `scene_control.BodyDynamics`. PhysX takes the mean of the two coefficients of friction of a contact."""
 
     def __init__(self, things: Iterable[Any]) -> None:
         """Args: things: SAPIEN's entities, those that can be moved."""
@@ -42,13 +42,13 @@ class ManiSkillBodies:
                     shape.physical_material = material
             self._changed = False
 
-    def dynamics(self) -> Dynamics:
+    def dynamics(self) -> DynamicsFactors:
         """The factors, as PhysX has them; all things have the same."""
         body, own = self._bodies[0], self._own[0]
         friction = body.collision_shapes[0].physical_material.dynamic_friction
-        return Dynamics(body.mass / own.mass, friction / own.materials[0].dynamic_friction)
+        return DynamicsFactors(body.mass / own.mass, friction / own.materials[0].dynamic_friction)
 
-    def set_dynamics(self, dynamics: Dynamics) -> None:
+    def set_dynamics(self, dynamics: DynamicsFactors) -> None:
         """Give the task's things other masses and frictions, until the next reset."""
         self._changed = True
         for body, own in zip(self._bodies, self._own, strict=True):
@@ -64,3 +64,29 @@ def _scaled(material: Any, friction: float) -> Any:
     return sapien.physx.PhysxMaterial(
         material.static_friction * friction, material.dynamic_friction * friction, material.restitution
     )
+
+
+def renew_physics(env: Any) -> None:
+    """Move everything into a new PhysX scene, without the contacts, warm starts and pair orders of the old one."""
+    import sapien
+
+    old = env.scene.sub_scenes[0]
+    env._set_scene_config()
+    physics = sapien.physx.PhysxCpuSystem()
+    physics.timestep = env.scene.px.timestep
+    new = sapien.Scene([physics, old.render_system])
+    entities = list(old.entities)
+    # Remove all before adding the first: an articulation's links cannot be in two scenes.
+    for entity in entities:
+        old.remove_entity(entity)
+    for entity in entities:
+        new.add_entity(entity)
+    env.scene.sub_scenes[0], env.scene.px = new, physics
+
+
+def wake(entities: Iterable[Any]) -> None:
+    """Reset the time that PhysX has seen each entity with a dynamic body at rest."""
+    import sapien
+
+    for entity in entities:
+        entity.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent).wake_up()

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Viewpoint
-from adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.scene_control import Viewpoint
 
 PICTURE = "render_camera"
 SENSORS = {"third_person": "base_camera", "wrist": "hand_camera"}
@@ -17,7 +17,7 @@ RIGHT_DOWN_FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.
 
 
 class ManiSkillCameras:
-    """See `adapters.adjusting.Cameras`. SAPIEN's own cameras are moved: ManiSkill takes its configuration as fixed."""
+    """See `scene_control.Cameras`. SAPIEN's own cameras are moved: ManiSkill takes its configuration as fixed."""
 
     def __init__(self, env: Any, base_from_world: Any) -> None:
         """Args: env: ManiSkill's environment; base_from_world: SAPIEN pose."""

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Light, unit
-from adapters.contract import FloatArray
-from adapters.frames import wxyz_to_xyzw
-from suites.photometry import gain_of, pixel_factor
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.photometry import gain_of, pixel_factor
+from robogauntlet.adapters.scene_control import Light, unit
 
 USUAL = 153.0
 """A pixel of the usual brightness of these scenes."""
@@ -21,7 +21,7 @@ SHINES = np.array([1.0, 0.0, 0.0])
 
 
 class ManiSkillLights:
-    """See `adapters.adjusting.Lights`.
+    """See `robogauntlet.adapters.scene_control.Lights`.
 
     The key light is the first of two equally bright lamps, which shines askew; the other shines straight down.
     """

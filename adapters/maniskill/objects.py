@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Placeable
-from adapters.contract import FloatArray
-from adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.scene_control import PlacementRegion
 
 
 class ManiSkillObjects:
-    """See `adapters.adjusting.Objects`. The cubes can be moved; a goal region stays where the reset put it."""
+    """See `adapters.scene_control.Objects`. The cubes can be moved; a goal region stays where the reset put it."""
 
     def __init__(self, things: Mapping[str, Any], spread: tuple[float, float], base_from_world: Any) -> None:
         """Remember what can be moved.
@@ -28,9 +28,9 @@ class ManiSkillObjects:
         self._turn = Rotation.from_quat(wxyz_to_xyzw(base_from_world.q))
         corners = np.array([[-spread[0], -spread[1], 0.0], [spread[0], spread[1], 0.0]])
         corners = (self._turn.apply(corners) + base_from_world.p)[:, :2]
-        self._box = Placeable(corners.min(axis=0), corners.max(axis=0))
+        self._box = PlacementRegion(corners.min(axis=0), corners.max(axis=0))
 
-    def placeable(self) -> Mapping[str, Placeable]:
+    def placeable(self) -> Mapping[str, PlacementRegion]:
         """What can be moved, and where resets put it."""
         return dict.fromkeys(self._things, self._box)
 

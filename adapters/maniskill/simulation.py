@@ -26,8 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from adapters.adjusting import Adjusters
-from adapters.contract import (
+from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
     FloatArray,
@@ -37,18 +36,17 @@ from adapters.contract import (
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
-    TaskCard,
-    UnsupportedCondition,
+    TaskDescription,
 )
-from adapters.frames import axis_angle, hash_state, wxyz_to_xyzw
-from adapters.maniskill.arm import ManiSkillArm
-from adapters.maniskill.bodies import ManiSkillBodies
-from adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
-from adapters.maniskill.lights import ManiSkillLights
-from adapters.maniskill.objects import ManiSkillObjects
-from adapters.maniskill.physics import renew_physics, wake
-from adapters.maniskill.stage import ManiSkillStage
-from suites.vocabulary import CLEAN, Condition, View
+from robogauntlet.adapters.frames import hash_state, proprioception, wxyz_to_xyzw
+from robogauntlet.adapters.maniskill.arm import ManiSkillArm
+from robogauntlet.adapters.maniskill.bodies import ManiSkillBodies, renew_physics, wake
+from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from robogauntlet.adapters.maniskill.lights import ManiSkillLights
+from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
+from robogauntlet.adapters.maniskill.stage import ManiSkillStage
+from robogauntlet.adapters.scene_control import SceneControls
+from robogauntlet.suites.episode import View
 
 ROBOT = "panda_wristcam"
 CONTROLLER_RANGE = 0.1
@@ -59,9 +57,9 @@ FIELD_OF_VIEW = 0.75
 """Of the third-person camera, vertical (rad)."""
 
 TASKS = {
-    "PushCube-v1": TaskCard("push the blue cube onto the red and white target", horizon=45),
-    "PullCube-v1": TaskCard("pull the blue cube onto the red and white target", horizon=32),
-    "StackCube-v1": TaskCard("stack the red cube on top of the green cube", horizon=100),
+    "PushCube-v1": TaskDescription("push the blue cube onto the red and white target", horizon=45),
+    "PullCube-v1": TaskDescription("pull the blue cube onto the red and white target", horizon=32),
+    "StackCube-v1": TaskDescription("stack the red cube on top of the green cube", horizon=100),
 }
 
 
@@ -86,13 +84,13 @@ LAYOUTS = {
 
 
 class ManiSkillSimulation:
-    """One ManiSkill task. See `adapters.contract.Simulation` for what each method promises."""
+    """One ManiSkill task. See `robogauntlet.adapters.contract.Simulation` for what each method promises."""
 
     def __init__(self, task: str, view: View, env: Any) -> None:
         self._task, self._view, self._env = task, view, env
-        arm = env.agent.controller.controllers["arm"].config
+        spring = env.agent.controller.controllers["arm"].config
         # The force of a spring k with damper d brings the arm exp(-k/d t) close to where it is sent.
-        share = 1.0 - np.exp(-arm.stiffness / arm.damping / env.control_freq)
+        share = 1.0 - np.exp(-spring.stiffness / spring.damping / env.control_freq)
         self._gain = 1.0 / share
         self.action_spec = ActionSpec(
             max_translation=CONTROLLER_RANGE * share,
@@ -107,21 +105,18 @@ class ManiSkillSimulation:
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._base_from_world = self._robot.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
-        cameras = ManiSkillCameras(env, self._base_from_world)
-        lights = ManiSkillLights(env, self._base_from_world)
-        objects = ManiSkillObjects(self._objects, layout.spread, self._base_from_world)
-        arm = ManiSkillArm(env, self._base_from_world)
-        bodies = ManiSkillBodies(self._objects.values())
-        stage = ManiSkillStage(env, self._base_from_world)
-        self.adjusters = Adjusters(cameras, lights, objects, arm, bodies, stage)
-        self._to_undo: tuple[Any, ...] = (cameras, lights, bodies, stage)
+        self.scene_controls = SceneControls(
+            cameras=ManiSkillCameras(env, self._base_from_world),
+            lights=ManiSkillLights(env, self._base_from_world),
+            objects=ManiSkillObjects(self._objects, layout.spread, self._base_from_world),
+            arm=ManiSkillArm(env, self._base_from_world),
+            bodies=ManiSkillBodies(self._objects.values()),
+            stage=ManiSkillStage(env, self._base_from_world),
+        )
 
-    def reset(self, seed: int, condition: Condition) -> None:
-        """Start the episode of `seed`; only the clean condition is supported."""
-        if condition.axis != CLEAN:
-            raise UnsupportedCondition(f"maniskill cannot bring about {condition}: it knows clean only")
-        for adjuster in self._to_undo:
-            adjuster.undo()
+    def reset(self, seed: int) -> None:
+        """Start the episode of `seed`, in a new PhysX scene."""
+        self.scene_controls.undo()
         renew_physics(self._env)
         self._env.reset(seed=seed)
         wake(self._objects.values())
@@ -130,10 +125,7 @@ class ManiSkillSimulation:
         """Render the cameras of the view, and read the robot's proprioception."""
         self._env.scene.update_render()
         images = {name: _capture(self._env.scene.sensors[SENSORS[name]]) for name in self._view.cameras}
-        position, quaternion = self._pose(self._tcp.entity_pose)
-        fingers = self._robot.qpos[-2:].astype(np.float64)
-        proprioception = np.concatenate([position, axis_angle(quaternion), fingers])
-        return Observation(images, proprioception, TASKS[self._task].instruction)
+        return Observation(images, proprioception(self.privileged_state()), TASKS[self._task].instruction)
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply one action; the reward is ManiSkill's sparse one (1 on success)."""
@@ -184,7 +176,7 @@ class ManiSkillSimulation:
             self._env.close()
         self._env = self._robot = self._tcp = self._goal = None
         self._objects = {}
-        self.adjusters, self._to_undo = Adjusters(), ()
+        self.scene_controls = SceneControls()
 
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
         """A SAPIEN pose in the world as position (3,) and quaternion xyzw (4,) in the base frame."""
@@ -207,7 +199,7 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
         from mani_skill.utils.sapien_utils import look_at
     except ImportError as error:
         raise SimulatorUnavailable(
-            f"ManiSkill cannot be imported ({error}): pip install 'robogauntlet[maniskill]'"
+            f'ManiSkill cannot be imported ({error}); install it: pip install "robogauntlet[maniskill]"'
         ) from error
     # One world has nothing to share among threads, and spinning ones slow other workers down.
     torch.set_num_threads(1)
@@ -239,7 +231,10 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
     return ManiSkillSimulation(task, view, env)
 
 
-_VULKAN_FIX = "install a Vulkan driver (without a GPU: Mesa's lavapipe, mesa-vulkan-drivers 24.3 or later)"
+_VULKAN_FIX = (
+    "install a Vulkan driver: that of the GPU's vendor, or without a GPU the Debian packages libvulkan1 and "
+    "mesa-vulkan-drivers, version 24.3 or later"
+)
 
 
 def _render_backend(sapien: Any) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Form, Prop
-from adapters.contract import FloatArray, Image
-from suites.photometry import linear
+from robogauntlet.adapters.contract import FloatArray, Image
+from robogauntlet.adapters.photometry import linear
+from robogauntlet.adapters.scene_control import Form, Prop
 
 TABLE = "table-workspace"
 ABOVE = 5e-4
@@ -20,7 +20,7 @@ UPRIGHT = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0])
 
 
 class ManiSkillStage:
-    """See `adapters.adjusting.Stage`. A table is painted by a sheet that covers it."""
+    """See `robogauntlet.adapters.scene_control.TableControl`. A table is painted by a sheet that covers it."""
 
     def __init__(self, env: Any, base_from_world: Any) -> None:
         """Args: env: ManiSkill's environment, whose table's surface is at height 0; base_from_world: SAPIEN pose."""

@@ -1,5 +1,5 @@
 """The adapter of Meta-World (MuJoCo). Light: the simulator is imported when a task is opened."""
 
-from adapters.metaworld.simulation import SIMULATOR
+from robogauntlet.adapters.metaworld.simulation import SIMULATOR
 
 __all__ = ["SIMULATOR"]

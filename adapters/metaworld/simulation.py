@@ -19,19 +19,19 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import (
+from robogauntlet.adapters.base_simulation import BaseSimulation
+from robogauntlet.adapters.contract import (
     ActionSpec,
     FloatArray,
     Image,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
-    TaskCard,
+    TaskDescription,
 )
-from adapters.frames import hash_state
-from adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, mujoco_state
-from adapters.plain import PlainSimulation
-from suites.vocabulary import View
+from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, mujoco_state
+from robogauntlet.suites.episode import View
 
 CAMERAS = {"third_person": "corner2", "wrist": "gripperPOV"}
 NEARBY = (0.75, 0.075, 0.7)
@@ -44,13 +44,13 @@ CLOSED = np.array([0.04, -0.03])
 """Joint positions of the right and the left finger at which they meet (m)."""
 
 TASKS = {
-    name: TaskCard(**card)
+    name: TaskDescription(**card)
     for name, card in yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8")).items()
 }
 
 
-class MetaWorldSimulation(PlainSimulation):
-    """One task of Meta-World, see `adapters.contract.Simulation`."""
+class MetaWorldSimulation(BaseSimulation):
+    """One task of Meta-World, see `robogauntlet.adapters.contract.Simulation`."""
 
     def __init__(self, task: str, view: View) -> None:
         """Build the task's model.
@@ -62,7 +62,7 @@ class MetaWorldSimulation(PlainSimulation):
         try:
             from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE as ENVIRONMENTS
         except ImportError as error:
-            raise SimulatorUnavailable(f"{error}: pip install robogauntlet[metaworld]") from error
+            raise SimulatorUnavailable(f'{error}; install it: pip install "robogauntlet[metaworld]"') from error
         self._env = ENVIRONMENTS[f"{task}-goal-observable"](seed=0)
         self._env._freeze_rand_vec, self._env.seeded_rand_vec = False, True  # Each reset draws, from its own seed.
         self._env.max_path_length = sys.maxsize  # The horizon is ours.
@@ -77,7 +77,7 @@ class MetaWorldSimulation(PlainSimulation):
         )
         super().__init__(view, TASKS[task].instruction, spec)
 
-    def begin(self, seed: int) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode of `seed`, from which Meta-World draws object and goal."""
         self._env.seed(seed)
         self._env.reset()

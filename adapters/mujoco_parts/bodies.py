@@ -1,4 +1,4 @@
-"""Sets mass and friction of the things in a task."""
+"""Sets mass and friction of a task's objects."""
 
 from __future__ import annotations
 
@@ -8,49 +8,49 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from adapters.adjusting import Dynamics
+from robogauntlet.adapters.scene_control import DynamicsFactors
 
 MASSES = ("body_mass", "body_inertia", "body_subtreemass", "dof_M0")
-"""What grows with the mass."""
+"""Arrays that are proportional to the mass."""
 COMPLIANCES = ("body_invweight0", "dof_invweight0")
-"""What falls with it: MuJoCo scales contacts by these, and computes them only when a model is built."""
+"""Arrays inversely proportional to it. MuJoCo scales contacts by these and computes them only for a new model."""
 SLIDING = 0
-"""The first of a shape's coefficients of friction."""
+"""Index of sliding friction among a shape's coefficients."""
 CHANGED = (*MASSES, *COMPLIANCES, "geom_friction")
 
 
 class MujocoBodies:
-    """See `adapters.adjusting.Bodies`.
+    """`BodyDynamics` of `scene_control`.
 
-    MuJoCo's contacts take the larger of two frictions: what slides on the table (1) or between the fingertips (2) does
-    so no better for a coefficient of its own that is below theirs.
+    A contact in MuJoCo takes the larger of two frictions, so a coefficient below that of the table (1) or of the
+    fingertips (2) has no effect there.
     """
 
-    def __init__(self, model: Any, things: Iterable[str], settle: Callable[[], None]) -> None:
-        """Take what can be made heavier.
+    def __init__(self, model: Any, objects: Iterable[str], settle: Callable[[], None]) -> None:
+        """Take the objects.
 
         Args:
-            model: MuJoCo's.
-            things: Names of bodies; all that hangs together with them counts.
+            model: MuJoCo's model.
+            objects: Names of bodies; all bodies of the same tree count.
             settle: Brings forces and contacts up to date.
         """
         self._model, self._settle = model, settle
-        roots = [model.body_rootid[model.body(thing).id] for thing in things]
+        roots = [model.body_rootid[model.body(name).id] for name in objects]
         bodies = np.isin(model.body_rootid, roots)
-        self._things = {"body": bodies, "dof": bodies[model.dof_bodyid], "geom": bodies[model.geom_bodyid]}
-        self._own = {name: getattr(model, name).copy() for name in CHANGED}
+        self._rows = {"body": bodies, "dof": bodies[model.dof_bodyid], "geom": bodies[model.geom_bodyid]}
+        self._original = {name: getattr(model, name).copy() for name in CHANGED}
 
     def undo(self) -> None:
-        """Give the things their own mass and friction back."""
-        for name, own in self._own.items():
-            getattr(self._model, name)[:] = own
+        """Restore mass and friction."""
+        for name, values in self._original.items():
+            getattr(self._model, name)[:] = values
 
-    def dynamics(self) -> Dynamics:
-        """The factors, from what MuJoCo has now."""
-        return Dynamics(self._factor("body_mass"), self._factor("geom_friction"))
+    def dynamics(self) -> DynamicsFactors:
+        """Return the present factors, from MuJoCo's model."""
+        return DynamicsFactors(self._factor("body_mass"), self._factor("geom_friction"))
 
-    def set_dynamics(self, dynamics: Dynamics) -> None:
-        """Give the things other masses and frictions, until the next reset."""
+    def set_dynamics(self, dynamics: DynamicsFactors) -> None:
+        """Scale mass and friction, until the next reset."""
         self.undo()
         for name in MASSES:
             getattr(self._model, name)[self._chosen(name)] *= dynamics.mass
@@ -60,11 +60,11 @@ class MujocoBodies:
         self._settle()
 
     def _chosen(self, name: str) -> NDArray[np.bool_]:
-        """Which rows of an array of the model belong to the things."""
-        return self._things[name.partition("_")[0]]
+        """Return the rows of an array of the model that belong to the objects."""
+        return self._rows[name.partition("_")[0]]
 
     def _factor(self, name: str) -> float:
-        """What the model has, against what it came with, in the first of the rows in which there is anything."""
-        own = self._own[name].reshape(len(self._own[name]), -1)[:, SLIDING]
-        row = np.flatnonzero(self._chosen(name) & (own > 0.0))[0]
-        return float(np.atleast_1d(getattr(self._model, name)[row])[SLIDING] / own[row])
+        """Return the ratio of present to original values, in the first row that is not zero."""
+        original = self._original[name].reshape(len(self._original[name]), -1)[:, SLIDING]
+        row = np.flatnonzero(self._chosen(name) & (original > 0.0))[0]
+        return float(np.atleast_1d(getattr(self._model, name)[row])[SLIDING] / original[row])

@@ -1,4 +1,4 @@
-"""Moves the cameras of robosuite's models, and of those that are built on it."""
+"""Moves the cameras of models based on robosuite."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Viewpoint
-from adapters.contract import FloatArray
-from adapters.frames import relative_pose, wxyz_to_xyzw
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import relative_pose, wxyz_to_xyzw
+from robogauntlet.adapters.scene_control import Viewpoint
 
 CAMERA_NAMES = {"third_person": "agentview", "wrist": "robot0_eye_in_hand"}
 RIGHT_DOWN_FORWARD = np.diag([1.0, -1.0, -1.0])
@@ -18,22 +18,22 @@ RIGHT_DOWN_FORWARD = np.diag([1.0, -1.0, -1.0])
 
 
 class MujocoCameras:
-    """See `adapters.adjusting.Cameras`. The model is changed; poses follow when the scene is next drawn."""
+    """`Cameras` of `scene_control`. Changes the model; poses follow when the scene is next rendered."""
 
     def __init__(self, model: Any, base: Any) -> None:
-        """Args: model: MuJoCo's; base: the body (of the data) that the robot stands on."""
+        """Take MuJoCo's model, and the body of the data that carries the robot."""
         self._model, self._base = model, base
         self._moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
-        """Own position, quaternion and field of view of each camera that was moved, as the model has them."""
+        """Original position, quaternion and field of view of each camera that was moved."""
 
     def undo(self) -> None:
-        """Give every camera its own viewpoint back."""
+        """Restore every viewpoint."""
         for camera, own in self._moved.items():
             self._place(camera, *own)
         self._moved.clear()
 
     def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint, as MuJoCo has it; that of the wrist in the frame of the hand."""
+        """Return a camera's present viewpoint; that of the wrist in the frame of the hand."""
         seen = self._model.camera(CAMERA_NAMES[camera])
         position, quaternion = seen.pos, wxyz_to_xyzw(seen.quat)
         if camera == "third_person":
@@ -42,7 +42,7 @@ class MujocoCameras:
         return Viewpoint(np.array(position), rotation, math.radians(float(seen.fovy[0])))
 
     def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset."""
+        """Move a camera, until the next reset."""
         position, turned = viewpoint.position, Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T)
         if camera == "third_person":
             base = Rotation.from_quat(self._base_quaternion())

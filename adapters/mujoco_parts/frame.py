@@ -1,4 +1,4 @@
-"""The frame of the robot's base in MuJoCo's worlds."""
+"""The frame of the robot's base in MuJoCo's world."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray
+from robogauntlet.adapters.contract import FloatArray
 
 
 class BaseFrame:
-    """Takes points and directions from the base frame to MuJoCo's world, and back."""
+    """Converts points and directions between the base frame and MuJoCo's world."""
 
     def __init__(self, base: Any) -> None:
-        """Args: base: the body (of the data) that the robot stands on."""
+        """Take the body of the data that carries the robot."""
         self._base = base
 
     @property
     def rotation(self) -> Rotation:
-        """Turns directions of the base frame into those of the world."""
+        """The rotation from the base frame to the world."""
         return Rotation.from_matrix(self._base.xmat.reshape(3, 3))
 
     def to_world(self, point: FloatArray) -> FloatArray:
-        """A point (3,) of the base frame, in the world's."""
+        """Convert a point (3,) of the base frame to the world."""
         return np.asarray(self.rotation.apply(point) + self._base.xpos)
 
     def from_world(self, point: FloatArray) -> FloatArray:
-        """A point (3,) of the world's frame, in the base's."""
+        """Convert a point (3,) of the world to the base frame."""
         return np.asarray(self.rotation.inv().apply(point - self._base.xpos))

@@ -1,4 +1,4 @@
-"""Sets the stage of robosuite's tables: props that are only drawn, and another surface on the table."""
+"""Adds props to robosuite's tables, which are only rendered, and paints the tables."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Form, Prop
-from adapters.contract import FloatArray, Image
-from adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.contract import FloatArray, Image
+from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.scene_control import Form, Prop
 
 TABLE = "table_visual"
 SPARE_MATERIAL, SPARE_TEXTURE = "table_mat", "textable"
-"""robosuite's tables come with a second material that nothing wears."""
+"""robosuite's tables have a second material that is not used."""
 TOP = 4
-"""The face of MuJoCo's cube textures that lies upwards."""
+"""The upper face of MuJoCo's cube textures."""
 
 
 class MujocoStage:
-    """See `adapters.adjusting.Stage`. Props are added to what is drawn, not to the model."""
+    """`TableControl` of `scene_control`. Props are added to the rendered scene, not to the model."""
 
     def __init__(self, mujoco: Any, simulator: tuple[Any, Any], frame: BaseFrame, renderers: Mapping[int, Any]) -> None:
         """Take the table.
@@ -29,7 +29,7 @@ class MujocoStage:
             mujoco: The module.
             simulator: MuJoCo's model and data, with poses up to date.
             frame: The robot's base.
-            renderers: Those that exist, whenever asked.
+            renderers: The present renderers.
         """
         self._mujoco, self._frame, self._renderers = mujoco, frame, renderers
         self._model, data = simulator
@@ -40,26 +40,25 @@ class MujocoStage:
         self._props: list[Any] = []
 
     def undo(self) -> None:
-        """Take the props away and give the table its own surface back."""
+        """Remove the props and restore the table's surface."""
         self._props = []
         self._model.geom_matid[self._table] = self._own_material
 
     def show(self, props: Sequence[Prop]) -> None:
-        """Draw props, in place of those before, until the next reset."""
+        """Show these props instead of the previous ones, until the next reset."""
         self._props = [self._shape(prop) for prop in props]
 
     def shown(self) -> Sequence[FloatArray]:
-        """Centres of the props, from the shapes that MuJoCo draws."""
+        """Return the centres of the props, from the shapes that MuJoCo renders."""
         return [self._frame.from_world(shape.pos.astype(np.float64)) for shape in self._props]
 
     def paint_table(self, texture: Image) -> None:
-        """Draw the table with a texture (n, n, 3), until the next reset.
+        """Paint the table with a texture (n, n, 3), until the next reset.
 
-        Seen by the robot, its first row is the farthest and its first column the leftmost. The table's edges take its
-        mean colour.
+        For the robot, its first row is the farthest and its first column the leftmost. The edges take its mean colour.
         """
-        found = self._model.texture(SPARE_TEXTURE)
-        size, start = int(found.width[0]), int(found.adr[0])
+        spare = self._model.texture(SPARE_TEXTURE)
+        size, start = int(spare.width[0]), int(spare.adr[0])
         faces = self._model.tex_data[start : start + 6 * size * size * 3].reshape(6, size, size, 3)
         nearest = np.arange(size) * len(texture) // size
         faces[:] = texture.reshape(-1, 3).mean(axis=0)
@@ -69,10 +68,10 @@ class MujocoStage:
         self._model.geom_matid[self._table] = material.id
         for renderer in self._renderers.values():
             renderer._gl_context.make_current()
-            self._mujoco.mjr_uploadTexture(self._model, renderer._mjr_context, found.id)
+            self._mujoco.mjr_uploadTexture(self._model, renderer._mjr_context, spare.id)
 
     def draw(self, scene: Any) -> None:
-        """Add the props to a scene that is about to be drawn."""
+        """Add the props to a scene before it is rendered."""
         for shape in self._props:
             drawn = scene.geoms[scene.ngeom]
             self._mujoco.mjv_initGeom(drawn, shape.type, shape.size, shape.pos, shape.mat.ravel(), shape.rgba)
@@ -80,7 +79,7 @@ class MujocoStage:
             scene.ngeom += 1
 
     def _shape(self, prop: Prop) -> Any:
-        """A prop as MuJoCo draws it."""
+        """Return a prop as a shape of MuJoCo."""
         types = self._mujoco.mjtGeom
         form = {Form.BOX: types.mjGEOM_BOX, Form.SPHERE: types.mjGEOM_SPHERE, Form.CYLINDER: types.mjGEOM_CYLINDER}
         turned = self._frame.rotation * Rotation.from_euler("z", prop.yaw)

@@ -1,5 +1,5 @@
 """The adapter of PyBullet through panda-gym. Light: the simulator is imported when a task is opened."""
 
-from adapters.pybullet.simulation import SIMULATOR
+from robogauntlet.adapters.pybullet.simulation import SIMULATOR
 
 __all__ = ["SIMULATOR"]

@@ -1,4 +1,4 @@
-"""The arm of the PyBullet adapter, which can start elsewhere. A reset brings it back."""
+"""Moves the arm of panda-gym's tasks to another start."""
 
 from __future__ import annotations
 
@@ -8,30 +8,37 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Unreachable
-from adapters.contract import FloatArray
-from adapters.pybullet.frame import BASE_IN_WORLD, tool_pose
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.scene_control import Unreachable
 
+BASE_IN_WORLD = np.array([-0.6, 0.0, 0.0])
+"""Position of the robot's base, which is not rotated, in the world of panda-gym (m)."""
 ROUNDS = 100
-"""How often inverse kinematics, of 20 iterations each, is called at most."""
+"""Most calls of the inverse kinematics, of 20 iterations each."""
 CONVERGED = 1e-5
-"""Distance and angle at which it is good enough (m, rad)."""
+"""Distance and angle at which it has converged (m, rad)."""
 TOLERANCE = 1e-3
-"""Distance beyond which a pose is not met (m)."""
+"""Largest distance from a pose (m)."""
 ANGLE_TOLERANCE = 0.01
-"""Angle beyond which a pose is not met (rad)."""
+"""Largest angle from a pose (rad)."""
 JOINTS = range(7)
 FIXED_LINK = -1
 """The robot's base, which stands on the table."""
 
 
+def tool_pose(env: Any) -> tuple[FloatArray, FloatArray]:
+    """Position (m, base frame) and quaternion xyzw of the point between the fingertips of a panda-gym environment."""
+    link = env.sim.physics_client.getLinkState(env.sim._bodies_idx["panda"], env.robot.ee_link)
+    return np.array(link[0]) - BASE_IN_WORLD, np.array(link[1])
+
+
 class PyBulletArm:
-    """See `adapters.adjusting.Arm`. panda-gym's controller keeps the gripper pointing down, so it cannot turn."""
+    """`Arm` of `scene_control`. panda-gym's controller keeps the gripper pointing down, so the tool cannot rotate."""
 
     turns = False
 
     def __init__(self, env: Any, hold: Callable[[FloatArray], None]) -> None:
-        """Of an unwrapped panda-gym environment, with what makes the controller stay at a tool position (3,)."""
+        """Take an unwrapped panda-gym environment, and a function that makes the controller hold a position (3,)."""
         self._env, self._hold = env, hold
         self._client, self._robot = env.sim.physics_client, env.robot
         self._body = env.sim._bodies_idx["panda"]
@@ -42,7 +49,7 @@ class PyBulletArm:
         """Bring the arm to a tool pose, until the next reset.
 
         Raises:
-            Unreachable: It turns the tool, or cannot be met without touching something.
+            Unreachable: The tool would rotate, miss the pose, or touch something.
         """
         turn = _angle(tool_pose(self._env)[1], quaternion)
         if turn > ANGLE_TOLERANCE:
@@ -57,7 +64,7 @@ class PyBulletArm:
         self._hold(tool_pose(self._env)[0])
 
     def _solve(self, position: FloatArray, quaternion: FloatArray) -> None:
-        """Move the joints towards a tool pose for as long as that helps."""
+        """Move the joints to a tool pose, until the inverse kinematics converges."""
         for _ in range(ROUNDS):
             angles = self._robot.inverse_kinematics(self._robot.ee_link, position + BASE_IN_WORLD, quaternion)
             for joint in JOINTS:
@@ -66,20 +73,20 @@ class PyBulletArm:
                 return
 
     def _missed(self, position: FloatArray, quaternion: FloatArray) -> tuple[float, float]:
-        """How far the tool is from a pose (m, rad)."""
+        """Return the tool's distance and angle from a pose (m, rad)."""
         reached, orientation = tool_pose(self._env)
         return float(np.linalg.norm(reached - position)), _angle(orientation, quaternion)
 
     def _obstacle(self, position: FloatArray, quaternion: FloatArray) -> str:
-        """What is wrong with the arm where it is now; nothing if it is where it should be and free."""
+        """Return why the present pose is not acceptable; empty if it is."""
         distance, angle = self._missed(position, quaternion)
         if distance > TOLERANCE or angle > ANGLE_TOLERANCE:
             return f"it is {1000 * distance:.1f} mm and {angle:.3f} rad out of reach"
         angles = np.array([state[0] for state in self._client.getJointStates(self._body, JOINTS)])
         if (angles < self._low).any() or (angles > self._high).any():
             return "a joint would be beyond its limits"
-        touched = [name for name, body in self._env.sim._bodies_idx.items() if self._touches(body)]
-        return f"the arm would touch the {touched[0]}" if touched else ""
+        contacts = [name for name, body in self._env.sim._bodies_idx.items() if self._touches(body)]
+        return f"the arm would touch the {contacts[0]}" if contacts else ""
 
     def _touches(self, body: int) -> bool:
         if body == self._body:
@@ -87,5 +94,5 @@ class PyBulletArm:
         return any(point[3] != FIXED_LINK for point in self._client.getClosestPoints(self._body, body, 0.0))
 
 
-def _angle(one: FloatArray, other: FloatArray) -> float:
-    return float((Rotation.from_quat(one) * Rotation.from_quat(other).inv()).magnitude())
+def _angle(first: FloatArray, other: FloatArray) -> float:
+    return float((Rotation.from_quat(first) * Rotation.from_quat(other).inv()).magnitude())

@@ -1,39 +1,39 @@
-"""Mass and friction of the cube, the one thing of panda-gym's tasks that can be moved."""
+"""Sets mass and friction of the cube, the only movable object of panda-gym's tasks."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from adapters.adjusting import Dynamics
+from robogauntlet.adapters.scene_control import DynamicsFactors
 
 BASE_LINK = -1
 
 
 class PyBulletBodies:
-    """See `adapters.adjusting.Bodies`. PyBullet multiplies the two coefficients of a contact."""
+    """`BodyDynamics` of `scene_control`. PyBullet multiplies the two coefficients of a contact."""
 
     def __init__(self, client: Any, cube: int) -> None:
-        """Of a physics server and its cube, as panda-gym made it."""
+        """Take a physics server and its cube."""
         self._client, self._cube = client, cube
-        self._own = self._now()
+        self._original = self._read()
 
     def undo(self) -> None:
-        """Give the cube its own mass and friction back."""
-        if self._now() != self._own:
-            self.set_dynamics(Dynamics())
+        """Restore mass and friction."""
+        if self._read() != self._original:
+            self.set_dynamics(DynamicsFactors())
 
-    def dynamics(self) -> Dynamics:
-        """The factors, from what PyBullet has now."""
-        (mass, friction), (own_mass, own_friction) = self._now(), self._own
-        return Dynamics(mass / own_mass, friction / own_friction)
+    def dynamics(self) -> DynamicsFactors:
+        """Return the present factors, from PyBullet."""
+        (mass, friction), (own_mass, own_friction) = self._read(), self._original
+        return DynamicsFactors(mass / own_mass, friction / own_friction)
 
-    def set_dynamics(self, dynamics: Dynamics) -> None:
-        """Give the cube another mass, for which PyBullet sets the inertia, and friction, until the next reset."""
-        mass, friction = self._own
+    def set_dynamics(self, dynamics: DynamicsFactors) -> None:
+        """Scale mass and friction, until the next reset. PyBullet sets the inertia."""
+        mass, friction = self._original
         self._client.changeDynamics(
             self._cube, BASE_LINK, mass=dynamics.mass * mass, lateralFriction=dynamics.friction * friction
         )
 
-    def _now(self) -> tuple[float, float]:
+    def _read(self) -> tuple[float, float]:
         mass, friction, *_ = self._client.getDynamicsInfo(self._cube, BASE_LINK)
         return mass, friction

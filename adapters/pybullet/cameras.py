@@ -1,4 +1,4 @@
-"""The cameras of the PyBullet adapter: PyBullet draws from wherever it is told, so they are ours."""
+"""The cameras of the PyBullet adapter. PyBullet itself has none: it renders from any pose."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from adapters.adjusting import Viewpoint
-from adapters.viewpoints import looking_at
+from robogauntlet.adapters.camera_geometry import looking_at
+from robogauntlet.adapters.scene_control import Viewpoint
 
 
 @dataclass(frozen=True)
@@ -30,29 +30,29 @@ CAMERAS = {"third_person": THIRD_PERSON, "wrist": WRIST}
 
 
 class PyBulletCameras:
-    """See `adapters.adjusting.Cameras`."""
+    """`Cameras` of `scene_control`."""
 
     def __init__(self) -> None:
         self._viewpoints: dict[str, Viewpoint] = {}
 
     def undo(self) -> None:
-        """Give every camera its own viewpoint back."""
+        """Restore every viewpoint."""
         self._viewpoints.clear()
 
     def camera(self, name: str) -> Camera:
-        """What to draw from; exact where nothing was moved."""
+        """Return the camera to render from, exactly the original if it was not moved."""
         return _camera(self._viewpoints[name]) if name in self._viewpoints else CAMERAS[name]
 
     def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint; that of the wrist in the tool's frame."""
+        """Return a camera's viewpoint; that of the wrist in the tool's frame."""
         if camera in self._viewpoints:
             return self._viewpoints[camera]
-        own = CAMERAS[camera]
-        eye, target, up = (np.array(part) for part in (own.eye, own.target, own.up))
-        return looking_at(eye, target, math.radians(own.fovy), up)
+        pinhole = CAMERAS[camera]
+        eye, target, up = (np.array(part) for part in (pinhole.eye, pinhole.target, pinhole.up))
+        return looking_at(eye, target, math.radians(pinhole.fovy), up)
 
     def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset."""
+        """Move a camera, until the next reset."""
         self._viewpoints[camera] = viewpoint
 
 

@@ -1,8 +1,7 @@
-"""The light of the PyBullet adapter: TinyRenderer's one lamp and its ambient light, which every image is given anew.
+"""The light of the PyBullet adapter: TinyRenderer's one lamp and its ambient light, arguments of every image.
 
-TinyRenderer writes lamp times albedo straight into the pixel, which is sRGB, so lamps are scaled as pixels are to be.
-The ambient light has no colour of its own: a coloured light is drawn once for each channel. What is not drawn upon, the
-white background, is lit by nothing.
+TinyRenderer writes lamp times albedo into the pixel, which is sRGB, so lamps are scaled like pixels. The ambient light
+has no colour, so a coloured light is rendered once for each channel. The white background is not lit.
 """
 
 from __future__ import annotations
@@ -12,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from adapters.adjusting import Light, unit
-from suites.photometry import gain_of, pixel_factor
+from robogauntlet.adapters.photometry import gain_of, pixel_factor
+from robogauntlet.adapters.scene_control import Light, unit
 
 
 @dataclass(frozen=True)
 class Lamps:
-    """What TinyRenderer takes; the defaults are PyBullet's own."""
+    """Arguments of TinyRenderer; the defaults are PyBullet's own."""
 
     direction: tuple[float, float, float] = (-50.0, 30.0, 100.0)
     """From the scene to the light."""
@@ -36,26 +35,26 @@ ALL_CHANNELS = slice(0, 3)
 
 
 class PyBulletLights:
-    """See `adapters.adjusting.Lights`. PyBullet tells nothing of its lamps, so what is read is what is drawn with."""
+    """`Lights` of `scene_control`. PyBullet cannot read its lamps back, so the arguments of images are returned."""
 
     def __init__(self) -> None:
         self.lamps: Sequence[tuple[slice, Lamps]] = ()
-        """What to draw with: channels, and the lamps of an image from which to take them."""
+        """Channels, and the lamps of the image from which they are taken."""
         self.undo()
 
     def undo(self) -> None:
-        """Light the scene as PyBullet does."""
+        """Restore the light."""
         self.lamps = [(ALL_CHANNELS, OWN)]
 
     def light(self) -> Light:
-        """The light that images are drawn with."""
+        """Return the present light of images."""
         gain = np.empty(3)
         for channels, lamps in self.lamps:
             gain[channels] = gain_of(np.array(lamps.ambient / OWN.ambient), USUAL)
         return Light(gain, unit(np.array(self.lamps[0][1].direction)))
 
     def set_light(self, light: Light) -> None:
-        """Draw with another light, until the next reset."""
+        """Set the light, until the next reset."""
         red, green, blue = (_dimmed(light, factor) for factor in pixel_factor(light.gain, USUAL).tolist())
         if red == green == blue:
             self.lamps = [(ALL_CHANNELS, red)]

@@ -1,4 +1,4 @@
-"""The things of panda-gym's tasks, which can be put elsewhere: the cube and the goal. A reset places both anew."""
+"""Moves the cube and the goal of panda-gym's tasks. Every reset places both."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from adapters.adjusting import Placeable
-from adapters.contract import FloatArray
-from adapters.pybullet.frame import BASE_IN_WORLD
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD
+from robogauntlet.adapters.scene_control import PlacementRegion
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class PyBulletObjects:
-    """See `adapters.adjusting.Objects`. Moving one leaves the other where it is."""
+    """`Objects` of `scene_control`. Each is moved independently of the other."""
 
     def __init__(self, env: Any) -> None:
-        """Of an unwrapped panda-gym environment."""
+        """Take an unwrapped panda-gym environment."""
         self._sim, self._task = env.sim, env.task
 
-    def placeable(self) -> Mapping[str, Placeable]:
-        """The cube, if there is one, and the goal, with the ranges that panda-gym draws them from."""
+    def placeable(self) -> Mapping[str, PlacementRegion]:
+        """Return the regions of the cube, if the task has one, and of the goal, as panda-gym samples them."""
         task = self._task
         goal = _box(task.goal_range_low, task.goal_range_high)
         if "object" not in self._sim._bodies_idx:
@@ -41,6 +41,6 @@ class PyBulletObjects:
             self._sim.set_base_pose("object", position + shift, quaternion)
 
 
-def _box(low: FloatArray, high: FloatArray) -> Placeable:
-    """A range of panda-gym, in which things lie about the world's origin."""
-    return Placeable((low - BASE_IN_WORLD)[:2], (high - BASE_IN_WORLD)[:2])
+def _box(low: FloatArray, high: FloatArray) -> PlacementRegion:
+    """Convert a range of panda-gym's world to the base frame."""
+    return PlacementRegion((low - BASE_IN_WORLD)[:2], (high - BASE_IN_WORLD)[:2])

@@ -1,6 +1,6 @@
 """PyBullet through panda-gym: a Franka Panda at a table, end-effector control at 25 Hz.
 
-What is panda-gym's and what is ours:
+Parts of panda-gym and of this adapter:
 
 - Robot, tasks, goals, success predicates and the controller are panda-gym's. Its episodes end at the first success;
   here only the predicate is used.
@@ -28,47 +28,41 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import ADJUSTABLE, Adjusters
-from adapters.contract import (
-    PICTURE_SIZE,
+from robogauntlet.adapters.base_simulation import BaseSimulation
+from robogauntlet.adapters.contract import (
     ActionSpec,
     FloatArray,
     Image,
-    Observation,
-    ObservationSpec,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
-    TaskCard,
-    UnsupportedCondition,
+    TaskDescription,
 )
-from adapters.frames import axis_angle, hash_state
-from adapters.pybullet.arm import PyBulletArm
-from adapters.pybullet.bodies import PyBulletBodies
-from adapters.pybullet.cameras import PyBulletCameras
-from adapters.pybullet.frame import BASE_IN_WORLD, tool_pose
-from adapters.pybullet.lights import Lamps, PyBulletLights
-from adapters.pybullet.objects import PyBulletObjects
-from adapters.pybullet.stage import PyBulletStage
-from suites.vocabulary import Condition, RenderProfile, View
+from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD, PyBulletArm, tool_pose
+from robogauntlet.adapters.pybullet.bodies import PyBulletBodies
+from robogauntlet.adapters.pybullet.cameras import PyBulletCameras
+from robogauntlet.adapters.pybullet.lights import Lamps, PyBulletLights
+from robogauntlet.adapters.pybullet.objects import PyBulletObjects
+from robogauntlet.adapters.pybullet.stage import PyBulletStage
+from robogauntlet.adapters.scene_control import ADJUSTABLE, SceneControls
+from robogauntlet.suites.episode import RenderProfile, View
 
 TASKS = {
-    "PandaReach-v3": TaskCard(
-        "reach the red ball with the closed gripper",
-        horizon=20,
-        fixed={"bodies": "the arm can move nothing in it"},
+    "PandaReach-v3": TaskDescription(
+        "reach the red ball with the closed gripper", horizon=20, fixed={"bodies": "the arm can move nothing in it"}
     ),
-    "PandaPush-v3": TaskCard("push the green cube onto the red goal", horizon=100),
-    "PandaPickAndPlace-v3": TaskCard("pick up the green cube and carry it to the red goal", horizon=60),
+    "PandaPush-v3": TaskDescription("push the green cube onto the red goal", horizon=100),
+    "PandaPickAndPlace-v3": TaskDescription("pick up the green cube and carry it to the red goal", horizon=60),
 }
 MODULES = ("pybullet", "panda_gym")
 
 MAX_LEAD = 0.05
-"""What panda-gym makes of a full translation command, hence how far ahead of the tool its target can be (m)."""
+"""Translation of panda-gym's full command, hence the largest distance of the target from the tool (m)."""
 MAX_TRANSLATION = 0.03
-"""What the arm keeps up with in every direction (m per control step)."""
+"""Translation that the arm can follow in every direction (m per control step)."""
 WIDTH_PER_COMMAND = 0.2
-"""What panda-gym makes of a full gripper command: change of the distance between the fingers (m)."""
+"""Change of the distance between the fingers by panda-gym's full gripper command (m)."""
 MAX_WIDTH = 0.08
 """Distance between the fingers when open (m)."""
 GOAL_COLOUR = (0.9, 0.1, 0.1, 1.0)
@@ -76,83 +70,58 @@ OUT_OF_REACH = (0.0, 0.0, 5.0)
 FINGERS = (9, 10)
 
 
-class PyBulletSimulation:
-    """One panda-gym task in a physics server of its own, see `adapters.contract.Simulation`."""
+class PyBulletSimulation(BaseSimulation):
+    """One panda-gym task in its own physics server, see `robogauntlet.adapters.contract.Simulation`."""
 
-    def __init__(self, env: Any, card: TaskCard, view: View) -> None:
+    def __init__(self, env: Any, description: TaskDescription, view: View) -> None:
         """Take over `env`, an unwrapped panda-gym environment."""
-        self._env, self._card, self._view = env, card, view
-        self._robot, self._task, self._sim = env.robot, env.task, env.sim
-        self._client = env.sim.physics_client
-        self._bodies: Mapping[str, int] = env.sim._bodies_idx
-        self._cameras, self._lights = PyBulletCameras(), PyBulletLights()
-        self._dynamics = PyBulletBodies(self._client, self._bodies["object"]) if "object" in self._bodies else None
-        self._stage = PyBulletStage(self._client, self._bodies["table"])
-        self.adjusters = Adjusters(
-            cameras=self._cameras,
-            lights=self._lights,
-            objects=PyBulletObjects(env),
-            arm=PyBulletArm(env, self._hold),
-            bodies=self._dynamics,
-            stage=self._stage,
-        )
-        self._target = np.zeros(3)
         rotations = ("rx", "ry", "rz")
-        self.action_spec = ActionSpec(
+        action_spec = ActionSpec(
             max_translation=MAX_TRANSLATION,
             max_rotation=0.0,
             control_hz=1.0 / env.sim.dt,
             ignored=(*rotations, "gripper") if env.robot.block_gripper else rotations,
         )
-        self.observation_spec = ObservationSpec(view.cameras, view.image_size)
+        super().__init__(view, description.instruction, action_spec)
+        self._env = env
+        self._robot, self._task, self._sim = env.robot, env.task, env.sim
+        self._client = env.sim.physics_client
+        self._bodies: Mapping[str, int] = env.sim._bodies_idx
+        self._cameras, self._lights = PyBulletCameras(), PyBulletLights()
+        self.scene_controls = SceneControls(
+            cameras=self._cameras,
+            lights=self._lights,
+            objects=PyBulletObjects(env),
+            arm=PyBulletArm(env, self._hold),
+            bodies=PyBulletBodies(self._client, self._bodies["object"]) if "object" in self._bodies else None,
+            stage=PyBulletStage(self._client, self._bodies["table"]),
+        )
+        self._target = np.zeros(3)
         self._low, self._high = self.action_spec.low, self.action_spec.high
         self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
         self._client.changeVisualShape(self._bodies["target"], -1, rgbaColor=GOAL_COLOUR)
 
-    def reset(self, seed: int, condition: Condition) -> None:
-        """Start the episode of `seed`: the world that panda-gym draws from it, and nothing of an earlier one.
-
-        Raises:
-            UnsupportedCondition: `condition` is not clean.
-        """
-        if condition != Condition():
-            raise UnsupportedCondition(f"pybullet cannot bring about {condition}; it offers clean")
-        self._undo()
+    def reset(self, seed: int) -> None:
+        """Start the episode of `seed`: the state that panda-gym draws from it, without traces of earlier episodes."""
+        self.scene_controls.undo()
         self._forget_contacts()
         self._env.reset(seed=seed)
         self._hold(tool_pose(self._env)[0])
 
-    def _undo(self) -> None:
-        """Take back what was adjusted, except for poses, which every reset sets."""
-        self._cameras.undo()
-        self._lights.undo()
-        self._stage.undo()
-        if self._dynamics is not None:
-            self._dynamics.undo()
-
     def _hold(self, position: FloatArray) -> None:
-        """Make the controller stay at a position (3,) of the tool."""
+        """Make the controller hold a position (3,) of the tool."""
         self._target = position
 
     def _forget_contacts(self) -> None:
-        """Empty the contact caches, which outlive a teleport and warm-start the solver with the last episode's forces.
+        """Empty the contact caches, which would warm-start the solver with the last episode's forces.
 
-        One physics step in which nothing touches anything drops them all. The order in which contacts are made again
-        depends on history as well, hence the sorted pairs set at opening. Both together make a reset exact to the bit.
+        One physics step without contacts empties them. The order of new contacts depends on history too, hence the
+        sorted pairs that are set at opening. Together they make resets bit-identical.
         """
         self._robot.reset()
         if "object" in self._bodies:
             self._sim.set_base_pose("object", OUT_OF_REACH, (0.0, 0.0, 0.0, 1.0))
         self._client.stepSimulation()
-
-    def observe(self) -> Observation:
-        """Render the cameras of the view and read the arm."""
-        position, quaternion = tool_pose(self._env)
-        return Observation(
-            images={name: self._render(name, self._view.image_size) for name in self._view.cameras},
-            proprioception=np.concatenate([position, axis_angle(quaternion), self._finger_positions()]),
-            instruction=self._card.instruction,
-        )
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (7,) for one control step. The reward is panda-gym's sparse one: 0 at the goal, else -1."""
@@ -173,7 +142,7 @@ class PyBulletSimulation:
         )
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """Tool, fingers, `goal_position` and, except in Reach, `cube_position` and `cube_quaternion`; base frame."""
+        """Return tool, fingers, `goal_position` and, except in Reach, `cube_position` and `cube_quaternion`."""
         position, quaternion = tool_pose(self._env)
         state = {
             "tcp_position": position,
@@ -188,7 +157,7 @@ class PyBulletSimulation:
         return state
 
     def state_hash(self) -> str:
-        """Hash of the joints, the cube, the goal and the tool's target."""
+        """Hash the joints, the cube, the goal and the tool's target."""
         return hash_state(self._physical_state())
 
     def _physical_state(self) -> dict[str, FloatArray]:
@@ -200,12 +169,8 @@ class PyBulletSimulation:
             state["cube_velocity"] = np.concatenate(self._client.getBaseVelocity(body))
         return state
 
-    def picture(self) -> Image:
-        """The third-person view for people, (256, 256, 3), in the view's render profile."""
-        return self._render("third_person", PICTURE_SIZE)
-
     def render_device(self) -> str:
-        """PyBullet's own rasteriser, on the processor."""
+        """Return the name of PyBullet's rasteriser, which runs on the processor."""
         return "TinyRenderer"
 
     def close(self) -> None:
@@ -215,27 +180,27 @@ class PyBulletSimulation:
     def _finger_positions(self) -> FloatArray:
         return np.array([joint[0] for joint in self._client.getJointStates(self._bodies["panda"], FINGERS)])
 
-    def _render(self, name: str, size: int) -> Image:
-        """An upright RGB image (size, size, 3) of the world as it is now."""
-        camera, origin, rotation = self._cameras.camera(name), np.zeros(3), Rotation.identity()
-        if name == "wrist":
+    def draw(self, camera: str, size: int) -> Image:
+        """Render an upright RGB image (size, size, 3) of the present state."""
+        pinhole, origin, rotation = self._cameras.camera(camera), np.zeros(3), Rotation.identity()
+        if camera == "wrist":
             position, quaternion = tool_pose(self._env)
             origin, rotation = position, Rotation.from_quat(quaternion)
-        # Images with one light each give their channels; PyBullet's own light gives all.
+        # A coloured light takes each channel from its own image.
         image = np.empty((size, size, 3), dtype=np.uint8)
         view = self._client.computeViewMatrix(
-            cameraEyePosition=rotation.apply(camera.eye) + origin + BASE_IN_WORLD,
-            cameraTargetPosition=rotation.apply(camera.target) + origin + BASE_IN_WORLD,
-            cameraUpVector=rotation.apply(camera.up),
+            cameraEyePosition=rotation.apply(pinhole.eye) + origin + BASE_IN_WORLD,
+            cameraTargetPosition=rotation.apply(pinhole.target) + origin + BASE_IN_WORLD,
+            cameraUpVector=rotation.apply(pinhole.up),
         )
         for channels, lamps in self._lights.lamps:
-            image[..., channels] = self._draw(view, camera.fovy, size, lamps)[..., channels]
+            image[..., channels] = self._draw(view, pinhole.fovy, size, lamps)[..., channels]
         return image
 
     def _draw(self, view: Any, fovy: float, size: int, lamps: Lamps) -> Image:
-        """What TinyRenderer sees, (size, size, 4), from a view matrix, with a field of view (degrees) and a light."""
+        """Render with TinyRenderer, (size, size, 4), from a view matrix, with a field of view (degrees) and a light."""
         client = self._client
-        # All arguments of the light every time: PyBullet keeps the last value of one that is left out.
+        # Pass all arguments of the light: PyBullet keeps the last value of an omitted one.
         _, _, pixels, _, _ = client.getCameraImage(
             width=size,
             height=size,
@@ -244,7 +209,7 @@ class PyBulletSimulation:
             lightDirection=lamps.direction,
             lightColor=lamps.colour,
             lightDistance=lamps.distance,
-            shadow=self._view.render_profile is RenderProfile.STANDARD,
+            shadow=self.view.render_profile is RenderProfile.STANDARD,
             lightAmbientCoeff=lamps.ambient,
             lightDiffuseCoeff=lamps.diffuse,
             lightSpecularCoeff=lamps.specular,
@@ -254,24 +219,24 @@ class PyBulletSimulation:
 
 
 def open(task: str, view: View) -> PyBulletSimulation:
-    """Open a task of panda-gym, seen through `view`.
+    """Open a task of panda-gym.
 
     Raises:
         SimulatorUnavailable: pybullet or panda-gym is not installed.
     """
-    with _chatter_to_stderr():
+    with _stdout_to_stderr():
         try:
             import gymnasium
             import panda_gym  # noqa: F401  registers the environments
         except ImportError as error:
-            raise SimulatorUnavailable(f"{error}; install with: pip install 'robogauntlet[pybullet]'") from error
+            raise SimulatorUnavailable(f'{error}; install it: pip install "robogauntlet[pybullet]"') from error
         env = gymnasium.make(task, disable_env_checker=True).unwrapped
     return PyBulletSimulation(env, TASKS[task], view)
 
 
 @contextmanager
-def _chatter_to_stderr() -> Iterator[None]:
-    """Send what PyBullet's C++ prints on connecting to standard error: standard output is for results."""
+def _stdout_to_stderr() -> Iterator[None]:
+    """Send the output of PyBullet's C++ code to standard error, as standard output is for results."""
     libc = ctypes.CDLL(None)
     sys.stdout.flush()
     libc.fflush(None)

@@ -1,4 +1,4 @@
-"""The table of the PyBullet adapter and what is drawn on it: bodies without a collision shape, made and removed."""
+"""Paints the table of the PyBullet adapter and adds props, as bodies without a collision shape."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from adapters.adjusting import Form, Prop
-from adapters.contract import FloatArray, Image
-from adapters.pybullet.frame import BASE_IN_WORLD
+from robogauntlet.adapters.contract import FloatArray, Image
+from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD
+from robogauntlet.adapters.scene_control import Form, Prop
 
 COVER_HEIGHT = 0.0005
-"""The painted surface is drawn as far above the table (m): a texture of PyBullet's would be wrapped round a box."""
+"""Height of the painted surface above the table (m); a texture on the table itself would wrap around its box."""
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 WHITE = (1.0, 1.0, 1.0, 1.0)
 NO_COLLISION = -1
 
 
 class PyBulletStage:
-    """See `adapters.adjusting.Stage`."""
+    """`TableControl` of `scene_control`."""
 
     def __init__(self, client: Any, table: int) -> None:
-        """Of a physics server and its table, which is a box."""
+        """Take a physics server and its table, which is a box."""
         self._client = client
         size, self._centre = np.array(client.getVisualShapeData(table)[0][3]), np.array(_position(client, table))
         self._extent = size[:2]
@@ -36,17 +36,17 @@ class PyBulletStage:
         self._textures: dict[tuple[int, bytes], int] = {}
 
     def undo(self) -> None:
-        """Take away props and paint."""
+        """Remove props and paint."""
         self._remove(self._covers)
         self._remove(self._props)
 
     def show(self, props: Sequence[Prop]) -> None:
-        """Draw props, in place of those before, until the next reset."""
+        """Show these props instead of the previous ones, until the next reset."""
         self._remove(self._props)
-        self._props += [self._drawn(prop) for prop in props]
+        self._props += [self._create(prop) for prop in props]
 
     def shown(self) -> Sequence[FloatArray]:
-        """Where the props are now, centres (3,)."""
+        """Return the centres (3,) of the props (m)."""
         return [np.array(_position(self._client, prop)) - BASE_IN_WORLD for prop in self._props]
 
     def paint_table(self, texture: Image) -> None:
@@ -65,7 +65,7 @@ class PyBulletStage:
         self._covers.append(cover)
         self._client.changeVisualShape(cover, -1, textureUniqueId=self._texture(texture))
 
-    def _drawn(self, prop: Prop) -> int:
+    def _create(self, prop: Prop) -> int:
         client = self._client
         colour, half = [*prop.colour, 1.0], prop.size / 2.0
         if prop.form is Form.BOX:
@@ -77,7 +77,7 @@ class PyBulletStage:
         return self._body(shape, prop.position + BASE_IN_WORLD, prop.yaw)
 
     def _body(self, shape: int, position: FloatArray, yaw: float = 0.0) -> int:
-        """A body that is drawn only."""
+        """Create a body without collisions."""
         upright = [0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)]
         body: int = self._client.createMultiBody(0.0, NO_COLLISION, shape, position.tolist(), upright)
         return body
@@ -87,7 +87,7 @@ class PyBulletStage:
             self._client.removeBody(bodies.pop())
 
     def _texture(self, texture: Image) -> int:
-        """PyBullet's number of a texture, which it reads from a file once and keeps until it is closed."""
+        """Return PyBullet's number of a texture, which it reads from a file once and keeps until it closes."""
         from PIL import Image as Pillow
 
         key = (texture.shape[1], texture.tobytes())

@@ -1,5 +1,5 @@
 """The adapter of robosuite (MuJoCo). Light: the simulator is imported when a task is opened."""
 
-from adapters.robosuite.simulation import SIMULATOR
+from robogauntlet.adapters.robosuite.simulation import SIMULATOR
 
 __all__ = ["SIMULATOR"]

@@ -1,81 +1,115 @@
-"""The command `gauntlet`. One verb, one file."""
+"""The command `robogauntlet`. Each verb is one file, which is imported when the verb is used."""
 
 from __future__ import annotations
 
 import signal
 import sys
+from importlib import import_module
 from types import FrameType
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_group
 
-from orchestrator.cli import (
-    adapters,
-    axes,
-    carry,
-    compare,
-    doctor,
-    env,
-    history,
-    listing,
-    log,
-    plan,
-    policies,
-    profile,
-    replay,
-    report,
-    run,
-    schedule,
-    serve,
-    validate,
-    verify,
-)
-from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput, fail
+VERBS = {
+    "run": ("run:run", "Run a suite, or continue a run, and write its report."),
+    "plan": ("plan:plan", "Show the episodes that a suite plans, without starting anything."),
+    "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
+    "list": ("list:list_names", "List simulators, tasks, policies and shipped suites."),
+    "doctor": ("doctor:doctor", "Check that every simulator opens and renders on this machine."),
+    "report": ("report:report", "Write the report of a run again."),
+    "replay": ("replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
+    "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
+    "compare": ("compare:compare", "Compare a run with a baseline run, episode by episode."),
+    "gate": ("gate:gate", "Check a run for regressions against its baseline run."),
+    "history": ("history:history", "List runs, or show the success of a policy over its runs."),
+    "leaderboard": ("leaderboard:leaderboard", "Rank the policies of a suite by their newest complete runs."),
+    "accept": ("accept:accept", "Make a run the baseline of later runs."),
+    "export": ("export:export", "Write a run as one file, or its episodes as datasets."),
+    "import": ("import_run:import_run", "Create a run folder from an exported run."),
+    "log": ("log:log", "Send the results of a run to an experiment tracker."),
+    "serve": ("serve:serve", "Serve the dashboard."),
+    "schedule": ("schedule:app", "Run suites at given times."),
+    "axes": ("axes:app", "List perturbation axes and render their severities."),
+    "env": ("env:app", "Create and check Python environments for simulators."),
+    "adapters": ("adapters:app", "List, create and check simulator adapters."),
+    "policies": ("policies:app", "Record demonstrations; train, merge, evaluate and serve policies."),
+}
+"""Verb to its function or group (`module:name`) and its help; the docstring of a function begins with the same line."""
+
+
+class _Verbs(TyperGroup):
+    """Imports the file of a verb only when the verb is used, so that `robogauntlet --help` stays fast."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.commands = {name: TyperCommand(name) for name in VERBS}  # for "Did you mean" only
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(VERBS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in VERBS:
+            return None
+        address, help_line = VERBS[cmd_name]
+        module, _, name = address.partition(":")
+        verb = getattr(import_module(f"{__name__}.{module}"), name)
+        parent = typer.Typer(rich_markup_mode=None)
+        if isinstance(verb, typer.Typer):
+            parent.add_typer(verb, name=cmd_name, help=help_line)
+        else:
+            parent.command(cmd_name)(verb)
+        return get_group(parent).commands[cmd_name]
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, help_line) for name, (_, help_line) in VERBS.items()])
+
 
 app = typer.Typer(
-    name="gauntlet",
-    help="Sends robot policies through a gauntlet of simulators.",
+    name="robogauntlet",
+    cls=_Verbs,
+    help="Evaluate robot policies across simulators.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("run")(run.run)
-app.command("plan")(plan.plan)
-app.command("validate")(validate.validate)
-app.command("list")(listing.list_names)
-app.command("doctor")(doctor.doctor)
-app.command("report")(report.report)
-app.command("replay")(replay.replay_episode)
-app.command("verify")(verify.verify)
-app.command("compare")(compare.compare)
-app.command("gate")(compare.gate)
-app.command("history")(history.history)
-app.command("leaderboard")(history.show_leaderboard)
-app.command("accept")(history.accept)
-app.command("export")(carry.export)
-app.command("import")(carry.take)
-app.command("log")(log.log)
-app.command("serve")(serve.serve)
-app.command("profile")(profile.profile)
-app.add_typer(schedule.app, name="schedule")
-app.add_typer(axes.app, name="axes")
-app.add_typer(env.app, name="env")
-app.add_typer(
-    adapters.app, name="adapters", help="Simulators: which there are, whether they keep the contract, new ones."
-)
-app.add_typer(policies.app, name="policies", help="Make policies: demonstrations, training, merging. Serve them.")
+
+
+def _print_version(requested: bool) -> None:
+    if requested:
+        from robogauntlet import __version__
+
+        print(f"robogauntlet {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None: ...
 
 
 def main() -> None:
-    """Entry point. Exit codes: 0 done, 1 something differs, 2 bad input, 3 stopped early, 130 interrupted."""
+    """Run the command line.
+
+    Exit codes: 0 success, 1 a difference or regression was found, 2 bad input, 3 stopped early, 130 interrupted.
+    """
     signal.signal(signal.SIGTERM, _interrupt)
     try:
         app()
-    except BadInput as error:
-        fail(str(error))
-        sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         sys.exit(130)
+    except Exception as error:
+        from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput, fail
+
+        if not isinstance(error, BadInput):
+            raise
+        fail(str(error))
+        sys.exit(EXIT_BAD_INPUT)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

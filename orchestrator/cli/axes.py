@@ -1,4 +1,4 @@
-"""`gauntlet axes`: the perturbation axes and their scales."""
+"""`robogauntlet axes`: list perturbation axes and render their severities."""
 
 from __future__ import annotations
 
@@ -8,109 +8,110 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from adapters import catalog as simulators
-from adapters.contract import AdapterError, Simulator
-from orchestrator.cli.shared import BadInput, homes_here, out
-from orchestrator.plan import why_unadjusted
-from suites.axes import AXES, SEVERITIES, Axis
-from suites.plugins import nearest
-from suites.vocabulary import RenderProfile, View
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.contract import AdapterError, Simulator
+from robogauntlet.orchestrator.cli.common import BadInput, environment_resolver, out, print_line
+from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.suites.axes import AXES, SEVERITIES, Axis
+from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.suites.plugins import did_you_mean
 
-app = typer.Typer(no_args_is_help=True, help="Perturbation axes and their severities.")
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.command("list")
 def list_axes() -> None:
-    """All axes, each with its value at every severity."""
-    table = Table("axis", "", "changes", "unit", box=None, pad_edge=False)
+    """List all axes with their values at every severity."""
+    table = Table("axis", "changes", "unit", box=None, pad_edge=False)
     for severity in range(1, SEVERITIES + 1):
         table.add_column(str(severity), justify="right")
     for axis in AXES.values():
-        table.add_row(axis.name, axis.code, str(axis.changes), axis.unit, *(f"{level:g}" for level in axis.levels))
+        table.add_row(axis.name, str(axis.changes), axis.unit, *(f"{level:g}" for level in axis.levels))
     out.print(table)
 
 
 @app.command()
-def show(axis: Annotated[str, typer.Argument(help="Name or code, such as noise or N1.")]) -> None:
-    """One axis: what it does, its scale, and what the scale is aligned with."""
-    found = _find(axis)
-    out.print(f"{found.name} ({found.code}): {found.title}", markup=False, highlight=False)
-    out.print(found.summary, markup=False, highlight=False)
+def show(name: Annotated[str, typer.Argument(metavar="AXIS", help="Name, such as noise.")]) -> None:
+    """Show one axis: what it changes, its severities and the published values they are aligned with."""
+    axis = _find(name)
+    out.print(f"{axis.name}: {axis.summary}", markup=False)
     table = Table("severity", box=None, pad_edge=False)
-    table.add_column(found.unit, justify="right")
-    for severity in range(1, SEVERITIES + 1):
-        table.add_row(str(severity), f"{found.value(severity):g}")
+    table.add_column(axis.unit, justify="right")
+    for severity, level in enumerate(axis.levels, start=1):
+        table.add_row(str(severity), f"{level:g}")
     out.print(table)
     for simulator in simulators.simulators().values():
         tasks = [] if simulator.internal else [f"{simulator.name}/{task}" for task in simulator.tasks]
-        reasons = {task: reason for task in tasks if (reason := why_unadjusted(found, task))}
+        reasons = {task: reason for task in tasks if (reason := why_unadjusted(axis, task))}
         if len(reasons) == len(tasks) > 1 and len(set(reasons.values())) == 1:
             reasons = {f"{simulator.name}/*": reasons[tasks[0]]}
         for task, reason in reasons.items():
-            out.print(f"unsupported in {task}: {reason}", markup=False, highlight=False)
-    out.print(f"changes {found.changes} only; {_checked(found)}", markup=False, highlight=False)
-    out.print(f"aligned with: {found.anchors}", markup=False, highlight=False)
+            out.print(f"unsupported in {task}: {reason}", markup=False)
+    out.print(f"changes {axis.changes} only; {_describe_check(axis)}", markup=False)
+    out.print(f"aligned with: {axis.references}", markup=False)
 
 
 @app.command()
 def sheet(
-    axis: Annotated[str, typer.Argument(help="Name or code, such as noise or N1.")],
+    name: Annotated[str, typer.Argument(metavar="AXIS", help="Name, such as noise.")],
     out_file: Annotated[Path, typer.Option("--out", help="PNG file to write.")],
     task: Annotated[
         list[str] | None,
-        typer.Option(help="simulator/task. Repeatable; by default each simulator's first that can have the axis."),
+        typer.Option(
+            help="simulator/task. Repeatable. Default: the first task of each simulator that supports the axis."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the episode whose first images are shown.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the episode whose first images are shown.")] = 0,
     image_size: Annotated[int, typer.Option(min=16, max=1024, help="Height and width of each image (px).")] = 128,
 ) -> None:
-    """A contact sheet: what a policy sees in each simulator at every severity of an axis."""
-    from orchestrator import contact_sheet
+    """Draw a contact sheet: the first images of a task in each simulator at every severity of an axis."""
+    from robogauntlet.orchestrator.replay import contact_sheet
 
-    found = _find(axis)
+    axis = _find(name)
     if out_file.suffix.lower() != ".png":
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
     if out_file.is_dir() or not out_file.parent.is_dir():
-        raise BadInput(f"--out: expected a file in a folder that is there, got '{out_file}'")
-    homes = homes_here()
-    usable = [s for s in simulators.simulators().values() if not s.internal and not homes.missing_reason(s)]
-    tasks = task or [name for simulator in usable for name in _able(simulator, found)[:1]]
+        raise BadInput(f"--out: expected a file in an existing folder, got '{out_file}'")
+    environments = environment_resolver()
+    usable = [s for s in simulators.simulators().values() if not s.internal and not environments.missing_reason(s)]
+    tasks = task or [first for simulator in usable for first in _supporting_tasks(simulator, axis)[:1]]
     if not tasks:
         raise BadInput(
-            "expected a simulator, none is installed" if not usable else f"no simulator can have {found.name}"
+            "expected an installed simulator, got none"
+            if not usable
+            else f"no installed simulator supports '{axis.name}'"
         )
-    for name in tasks:
-        if name in simulators.task_cards() and (reason := why_unadjusted(found, name)):
-            raise BadInput(f"axis '{found.name}' is unsupported in {name}: {reason}")
+    for task_name in tasks:
+        if task_name in simulators.task_descriptions() and (reason := why_unadjusted(axis, task_name)):
+            raise BadInput(f"axis '{axis.name}' is unsupported in {task_name}: {reason}")
     view = View(image_size=image_size, render_profile=RenderProfile.FAST)
     rows = []
-    for name in tasks:
-        out.print(f"{name}: {SEVERITIES + 1} looks", markup=False, highlight=False)
+    for task_name in tasks:
+        out.print(f"{task_name}: {SEVERITIES + 1} conditions", markup=False)
         try:
-            rows.append((name, contact_sheet.looks(name, found, view, seed, homes)))
+            rows.append((task_name, contact_sheet.render_severities(task_name, axis, view, seed, environments)))
         except AdapterError as error:
-            raise BadInput(f"{name}: {error}") from None
+            raise BadInput(f"{task_name}: {error}") from None
     try:
-        contact_sheet.sheet(found, rows).save(out_file)
+        contact_sheet.draw_contact_sheet(axis, rows).save(out_file)
     except OSError as error:
         raise BadInput(f"{out_file}: {error.strerror or error}") from None
-    out.print(str(out_file), markup=False, highlight=False, soft_wrap=True)
+    print_line(str(out_file))
 
 
-def _able(simulator: Simulator, axis: Axis) -> list[str]:
-    """Its tasks that can have an axis."""
+def _supporting_tasks(simulator: Simulator, axis: Axis) -> list[str]:
+    """The simulator's tasks that support an axis."""
     names = (f"{simulator.name}/{task}" for task in simulator.tasks)
     return [name for name in names if not why_unadjusted(axis, name)]
 
 
 def _find(name: str) -> Axis:
-    by_code = {axis.code: axis for axis in AXES.values()}
-    found = AXES.get(name) or by_code.get(name.upper())
-    if found is None:
-        raise BadInput(f"unknown axis '{name}'{nearest(name, AXES)}")
-    return found
+    if name not in AXES:
+        raise BadInput(f"unknown axis '{name}'{did_you_mean(name, AXES)}")
+    return AXES[name]
 
 
-def _checked(axis: Axis) -> str:
+def _describe_check(axis: Axis) -> str:
     if axis.tolerance == float("inf"):
         return "measured in every episode"
-    return f"an episode in which more than {axis.tolerance:g} {axis.unit} is amiss is an error"
+    return f"a deviation of more than {axis.tolerance:g} {axis.unit} makes the episode an error"

@@ -1,4 +1,4 @@
-"""`gauntlet compare` and `gauntlet gate`: is a run worse than another, and can that be said."""
+"""`robogauntlet compare`: compare two runs."""
 
 from __future__ import annotations
 
@@ -8,22 +8,19 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import BadInput, HistoryUrl, StoreUrl, newest_run, open_history, out
-from orchestrator.cli.tables import rich_table
-from orchestrator.judging import judge
-from results.comparison import Comparison, Difference, Verdict
-from results.opening import compare as compare_folders
-from results.opening import open_run
-from results.run import RunDocument, RunError, read_run
-from results.store import StoreError
-from results.syncing import take_in_run
-from suites.plugins import nearest
+from robogauntlet.orchestrator.cli.common import BadInput, RunArgument, StoreUrl, out
+from robogauntlet.orchestrator.cli.console_tables import rich_table
+from robogauntlet.results import api
+from robogauntlet.results.analysis.comparison import Comparison, Difference, Verdict
+from robogauntlet.results.run_document import RunDocument, RunError
+from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.suites.plugins import did_you_mean
 
 EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
 
 
 class Format(StrEnum):
-    """How a comparison is told."""
+    """Output format of a comparison."""
 
     TEXT = "text"
     JSON = "json"
@@ -34,68 +31,47 @@ class Format(StrEnum):
 Only = Annotated[list[str] | None, typer.Option("--policy", help="Only this policy. Repeatable.")]
 Allow = Annotated[
     list[Difference] | None,
-    typer.Option("--allow", help="Compare although this differs, and say so. Repeatable."),
+    typer.Option("--allow", help="Compare the runs although this differs; the result mentions it. Repeatable."),
 ]
 Alpha = Annotated[
     float | None,
-    typer.Option(min=0.0001, max=0.4999, help="Chance at most of a false alarm; by default the suite's, 0.05."),
+    typer.Option(
+        min=0.0001, max=0.4999, help="Largest probability of a false alarm; by default that of the suite, 0.05."
+    ),
 ]
 Margin = Annotated[
     float | None,
-    typer.Option(min=0.0001, max=0.9999, help="What counts as no worse; by default the suite's, 0.05."),
+    typer.Option(
+        min=0.0001,
+        max=0.9999,
+        help="Loss of success that still counts as no worse (a share); by default that of the suite, 0.05.",
+    ),
 ]
-HowTold = Annotated[Format, typer.Option("--format", help="How to tell it.")]
-OutFile = Annotated[Path | None, typer.Option("--out", help="File to write instead of the terminal.")]
+OutputFormat = Annotated[Format, typer.Option("--format", help="Output format.")]
+OutFile = Annotated[Path | None, typer.Option("--out", help="File to write instead of printing.")]
 
 
 def compare(
-    run: Annotated[Path, typer.Argument(help="Run folder.")],
-    baseline: Annotated[Path, typer.Argument(help="Run folder to hold it against.")],
+    run: RunArgument,
+    baseline: Annotated[Path, typer.Argument(help="Run folder to compare it with.")],
     policy: Only = None,
     allow: Allow = None,
     alpha: Alpha = None,
     margin: Margin = None,
-    told: HowTold = Format.TEXT,
+    form: OutputFormat = Format.TEXT,
     file: OutFile = None,
     store: StoreUrl = None,
 ) -> None:
-    """Hold a run against another, episode by episode. Exit code 1: worse; 0: not; 2: not comparable."""
-    found = _compared(run, baseline, policy or [], allow or [], alpha, margin, store)
-    _tell(found, told, file)
-    raise typer.Exit(EXIT_CODES[found.verdict])
+    """Compare a run with a baseline run, episode by episode.
+
+    Exit codes: 0 no regression, 1 a regression, 2 not comparable.
+    """
+    comparison = compare_folders(run, baseline, policy or [], allow or [], alpha, margin, store)
+    write_comparison(comparison, form, file)
+    raise typer.Exit(EXIT_CODES[comparison.verdict])
 
 
-def gate(
-    run: Annotated[Path | None, typer.Argument(help="Run folder; by default the newest under runs/.")] = None,
-    baseline: Annotated[
-        Path | None,
-        typer.Option(help="Run folder to hold it against; by default the last good one of its suite before it."),
-    ] = None,
-    policy: Only = None,
-    allow: Allow = None,
-    alpha: Alpha = None,
-    margin: Margin = None,
-    told: HowTold = Format.TEXT,
-    file: OutFile = None,
-    store: StoreUrl = None,
-    url: HistoryUrl = None,
-) -> None:
-    """Hold a run against the one before it: verdict and reasons only. Exit code 1: worse; 0: not; 2: not comparable."""
-    from results.report.comparison import as_text
-
-    run = run or newest_run()
-    if baseline is not None or store is not None:
-        found = _compared(run, baseline or _missing(run), policy or [], allow or [], alpha, margin, store)
-    else:
-        found = _judged(run, policy or [], allow or [], alpha, margin, url)
-    if told is Format.TEXT and file is None:
-        out.print(as_text(found), markup=False, soft_wrap=True, end="")
-    else:
-        _tell(found, told, file)
-    raise typer.Exit(EXIT_CODES[found.verdict])
-
-
-def _compared(
+def compare_folders(
     run: Path,
     baseline: Path,
     policies: list[str],
@@ -104,69 +80,50 @@ def _compared(
     margin: float | None,
     store: str | None,
 ) -> Comparison:
-    try:
-        sides = [open_run(folder, store) for folder in (run, baseline)]
-        for side in sides:
-            _check_names(side.folder, side.document, policies)
-        return compare_folders(*sides, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
-    except (RunError, StoreError) as error:
-        raise BadInput(str(error)) from None
-
-
-def _missing(run: Path) -> Path:
-    raise BadInput(f"{run}: with --store, name the run to hold it against with --baseline")
-
-
-def _judged(
-    run: Path,
-    policies: list[str],
-    allowed: list[Difference],
-    alpha: float | None,
-    margin: float | None,
-    url: str | None,
-) -> Comparison:
-    """The run against the last good one of its suite, written into the history.
+    """Compare two run folders.
 
     Raises:
-        BadInput: There is none, or one of them cannot be read.
+        BadInput: One of them cannot be read, or lacks a policy.
     """
     try:
-        document = read_run(run)
-        _check_names(run, document, policies)
-        with open_history(url, run.absolute().parent if url is None else None) as history:
-            if history.find(document.run_id) is None:
-                take_in_run(history, run, document)
-            found = judge(history, document, run, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
+        sides = [api.open_run(folder, store) for folder in (run, baseline)]
+        for side in sides:
+            check_policies(side.folder, side.document, policies)
+        return api.compare(*sides, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
     except (RunError, StoreError) as error:
         raise BadInput(str(error)) from None
-    if found is None:
-        raise BadInput(
-            f"{run}: expected a complete earlier run of suite '{document.suite_name}' beside it, found none; "
-            "name one with --baseline"
-        )
-    return found
 
 
-def _check_names(folder: Path, document: RunDocument, policies: list[str]) -> None:
+def check_policies(folder: Path, document: RunDocument, policies: list[str]) -> None:
+    """Check that a run has all these policies.
+
+    Raises:
+        BadInput: The run lacks one of them.
+    """
     known = dict.fromkeys(cell.policy for cell in document.plan)
     for name in policies:
         if name not in known:
-            raise BadInput(f"{folder}: it has no policy '{name}'{nearest(name, known)}")
+            raise BadInput(f"{folder}: the run has no policy '{name}'{did_you_mean(name, known)}")
 
 
-def _tell(found: Comparison, told: Format, file: Path | None) -> None:
-    from results.report.comparison import FORMATS, as_text, table
+def write_comparison(comparison: Comparison, form: Format, file: Path | None) -> None:
+    """Print a comparison, or write it into a file.
+
+    Raises:
+        BadInput: The file cannot be written.
+    """
+    from robogauntlet.results.report.comparison import FORMATS, as_text, table
 
     if file is not None:
         try:
-            file.write_text(FORMATS[told](found), encoding="utf-8")
+            file.write_text(FORMATS[form](comparison), encoding="utf-8")
         except OSError as error:
             raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
         return
-    if told is not Format.TEXT:
-        out.print(FORMATS[told](found), markup=False, soft_wrap=True, end="")
+    if form is not Format.TEXT:
+        out.print(FORMATS[form](comparison), markup=False, soft_wrap=True, end="")
         return
-    for one in found.policies:
-        out.print(rich_table(table(one, found.alpha), title=one.policy))
+    for policy in comparison.policies:
+        out.print(rich_table(table(policy, comparison.alpha), title=policy.policy))
         out.print()
-    out.print(as_text(found), markup=False, soft_wrap=True, end="")
+    out.print(as_text(comparison), markup=False, soft_wrap=True, end="")

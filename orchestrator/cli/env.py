@@ -1,4 +1,4 @@
-"""`gauntlet env`: Python environments for simulators that do not fit into the running one."""
+"""`robogauntlet env`: Python environments for simulators that do not fit into the running environment."""
 
 from __future__ import annotations
 
@@ -13,27 +13,36 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from adapters import catalog
-from orchestrator.cli.shared import BadInput, environments_of, fail, homes_here, out
-from orchestrator.environments import creating
-from orchestrator.environments.checking import check
-from orchestrator.environments.environment import (
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.cli.common import (
+    BadInput,
+    declared_environments,
+    environment_resolver,
+    fail,
+    out,
+    print_line,
+)
+from robogauntlet.orchestrator.environments import installer
+from robogauntlet.orchestrator.environments.check import check
+from robogauntlet.orchestrator.environments.environment import (
     Environment,
     EnvironmentProblem,
-    Tenant,
-    by_default,
+    EnvironmentUser,
+    adapter_environment,
     config_path,
-    tenants,
+    environment_users,
 )
-from orchestrator.progress import format_duration
-from suites.plugins import nearest
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.durations import format_duration
 
-app = typer.Typer(no_args_is_help=True, help="Python environments for simulators that do not fit into the running one.")
+app = typer.Typer(no_args_is_help=True)
 
-Name = Annotated[str, typer.Argument(help="Of a simulator, such as libero.")]
+Name = Annotated[
+    str, typer.Argument(help="Name of a simulator or policy kind with an environment of its own, such as libero.")
+]
 InSuite = Annotated[
     str | None,
-    typer.Option("--suite", help="A suite whose `environments` say what it is to be; else the configuration."),
+    typer.Option("--suite", help="Suite whose `environments` describe it; by default the user's configuration."),
 ]
 
 
@@ -41,47 +50,50 @@ InSuite = Annotated[
 def create(
     name: Name,
     suite: InSuite = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Make it anew although it is there.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Replace an existing environment.")] = False,
 ) -> None:
-    """Make a simulator's environment, as a whole or not at all. Exit code 1: made, and does not fit."""
+    """Create the environment of a simulator.
+
+    Exit code 1 if the environment does not fit.
+    """
     simulator, environment = _find(name, suite)
     began = time.monotonic()
     try:
-        with _telling() as say:
-            made = creating.create(environment, say, fresh=fresh)
+        with _progress() as report:
+            created = installer.create(environment, report, fresh=fresh)
     except EnvironmentProblem as error:
         raise BadInput(str(error)) from None
-    seconds = format_duration(time.monotonic() - began)
-    out.print(
-        f"{name}: {f'made in {seconds}' if made else 'is there'}: {environment.folder}", markup=False, soft_wrap=True
-    )
-    if environment.origin == "its adapter" and by_default(simulator) is None:
+    state = f"created in {format_duration(time.monotonic() - began)}" if created else "exists"
+    print_line(f"{name}: {state}: {environment.folder}")
+    if environment.origin == "its adapter" and adapter_environment(simulator) is None:
         fail(
-            f"{name} is installed in the running environment, which is what runs use unless a suite or {config_path()} "
-            "names another"
+            f"{name} is also installed in the running environment, which runs use unless a suite or {config_path()} "
+            "names another one"
         )
-    _judge(environment, simulator)
+    _report_fit(environment, simulator)
 
 
 @app.command("list")
 def list_environments() -> None:
-    """List the environments that simulators have or could have, and what lies about besides."""
-    homes = homes_here()
-    table = Table("environment", "asked for by", "state", "folder", box=None, pad_edge=False)
-    meant: set[Path] = set()
-    for simulator in tenants().values():
-        environment = homes.of(simulator)
+    """List the environments of simulators, and unused environment folders."""
+    environments = environment_resolver()
+    table = Table("environment", "declared by", "state", "folder", box=None, pad_edge=False)
+    used: set[Path] = set()
+    for simulator in environment_users().values():
+        environment = environments.resolve(simulator)
         if environment is None:
             continue
-        meant.add(environment.folder)
-        state = "does not fit" if check(environment, simulator).problems else "fits"
-        state = "not made" if environment.made is None else state
+        used.add(environment.folder)
+        if environment.manifest is None:
+            state = "not created"
+        else:
+            state = "does not fit" if check(environment, simulator).problems else "fits"
         place = environment.entry.interpreter or str(environment.folder)
         table.add_row(simulator.name, environment.origin, state, place)
-    for folder in creating.all_folders():
-        if folder not in meant:
-            begun = "not asked for here" if (folder / creating.MARKER).exists() else "unfinished"
-            table.add_row(folder.name.rpartition("-")[0], "", begun, str(folder))
+    for folder in installer.all_folders():
+        if folder not in used:
+            state = "unused" if (folder / installer.MARKER).exists() else "unfinished"
+            table.add_row(folder.name.rpartition("-")[0], "", state, str(folder))
     if table.row_count:
         out.print(table, soft_wrap=True)
     else:
@@ -90,81 +102,84 @@ def list_environments() -> None:
 
 @app.command()
 def show(name: Name, suite: InSuite = None) -> None:
-    """What an environment is made of, where it lies, and what is in it."""
+    """Show the declaration, the folder and the versions of an environment."""
     simulator, environment = _find(name, suite)
     entry = environment.entry.model_dump(mode="json", exclude_defaults=True)
-    found = check(environment, simulator)
+    contents = check(environment, simulator)
     rows = {
-        "asked for by": environment.origin,
+        "declared by": environment.origin,
         "hash": environment.entry.hash,
         "entry": json.dumps(entry),
         "python": str(environment.python),
-        "made": "no" if environment.made is None else _moment(environment.made.get("made_at")),
-        **found.versions,
+        "created": "no" if environment.manifest is None else _moment(environment.manifest.get("made_at")),
+        **contents.versions,
     }
     table = Table(box=None, pad_edge=False, show_header=False)
     for key, value in rows.items():
         table.add_row(key, value)
     out.print(table, soft_wrap=True)
-    _judge(environment, simulator)
+    _report_fit(environment, simulator)
 
 
 @app.command("check")
 def check_environment(name: Name, suite: InSuite = None) -> None:
-    """Hold an environment against the running one and against what its simulator needs. Exit code 1: does not fit."""
+    """Check that an environment has what its simulator needs and matches the running environment.
+
+    Exit code 1 if it does not fit.
+    """
     simulator, environment = _find(name, suite)
-    _judge(environment, simulator)
+    _report_fit(environment, simulator)
 
 
 @app.command()
 def remove(name: Name) -> None:
-    """Remove all environments that were made under a name."""
+    """Remove all environments of that name."""
     try:
-        removed = creating.remove(name)
+        removed = installer.remove(name)
     except EnvironmentProblem as error:
         raise BadInput(str(error)) from None
     if not removed:
-        raise BadInput(f"{name}: expected an environment of that name, there is none; gauntlet env list")
+        raise BadInput(f"{name}: no environment of that name; see: robogauntlet env list")
     for folder in removed:
-        out.print(f"removed {folder}", markup=False, soft_wrap=True)
+        print_line(f"removed {folder}")
 
 
-def _find(name: str, suite: str | None) -> tuple[Tenant, Environment]:
-    known = tenants()
+def _find(name: str, suite: str | None) -> tuple[EnvironmentUser, Environment]:
+    known = environment_users()
     if name not in known:
-        shown = known.keys() - {one.name for one in catalog.simulators().values() if one.internal}
-        raise BadInput(f"unknown simulator '{name}'{nearest(name, shown)}")
+        shown = known.keys() - {name for name, simulator in catalog.simulators().items() if simulator.internal}
+        raise BadInput(f"unknown simulator '{name}'{did_you_mean(name, shown)}")
     simulator = known[name]
-    declared = environments_of(suite) if suite is not None else {}
-    environment = homes_here(declared).of(simulator) or by_default(simulator, anyway=True)
+    declared = declared_environments(suite) if suite is not None else {}
+    environment = environment_resolver(declared).resolve(simulator) or adapter_environment(simulator, always=True)
     if environment is None:
         where = suite or str(config_path())
         raise BadInput(
-            f"{name}: runs in the running environment; to give it one of its own, add environments: "
-            f"{{{name}: {{requirements: [...]}}}} to {where}"
+            f"{name}: runs in the running environment; to give it its own environment, add "
+            f"environments: {{{name}: {{requirements: [...]}}}} to {where}"
         )
     return simulator, environment
 
 
-def _judge(environment: Environment, simulator: Tenant) -> None:
-    found = check(environment, simulator)
-    for problem in found.problems:
+def _report_fit(environment: Environment, simulator: EnvironmentUser) -> None:
+    contents = check(environment, simulator)
+    for problem in contents.problems:
         fail(problem)
-    if found.problems:
+    if contents.problems:
         raise typer.Exit(1)
-    versions = ", ".join(f"{name} {version}" for name, version in found.versions.items())
-    out.print(f"{simulator.name}: fits: Python {found.python}, {versions}", markup=False, soft_wrap=True)
+    versions = ", ".join(f"{name} {version}" for name, version in contents.versions.items())
+    print_line(f"{simulator.name}: fits: Python {contents.python}, {versions}")
 
 
 def _moment(seconds: float | None) -> str:
-    return "by its owner" if seconds is None else f"{datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M:%S}"
+    return "by the user" if seconds is None else f"{datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M:%S}"
 
 
 @contextlib.contextmanager
-def _telling() -> Iterator[Callable[[str], None]]:
-    """What is done: a line that changes on a terminal, lines elsewhere."""
+def _progress() -> Iterator[Callable[[str], None]]:
+    """A function that shows progress: on a terminal in one line that changes, else in lines."""
     if not out.is_terminal:
-        yield lambda line: out.print(line, markup=False, soft_wrap=True)
+        yield print_line
         return
-    with out.status("beginning") as status:
+    with out.status("starting") as status:
         yield lambda line: status.update(line.replace("[", "\\["))

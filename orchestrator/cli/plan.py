@@ -1,4 +1,4 @@
-"""`gauntlet plan`: show what a suite would do."""
+"""`robogauntlet plan`: show what a suite would run."""
 
 from __future__ import annotations
 
@@ -8,29 +8,43 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from orchestrator.adaptive import Outcomes, missing
-from orchestrator.cli.shared import BadInput, Policies, SeedCount, Tasks, fail, out, plan_of
-from orchestrator.plan import PlanError, check_same
-from results.run import RUN_FILE, RunError, read_run
-from results.store import Store, StoreError
-from suites.part import Part
+from robogauntlet.orchestrator.cli.common import (
+    BadInput,
+    Policies,
+    SeedCount,
+    StoreUrl,
+    SuiteArgument,
+    Tasks,
+    fail,
+    out,
+    read_plan,
+)
+from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
+from robogauntlet.orchestrator.runs.plan import PlanError, check_same, remaining_work
+from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
+from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.suites.selection import SuiteSelection
 
 
 def plan(
-    suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")],
+    suite: SuiteArgument,
     policy: Policies = None,
     task: Tasks = None,
     seeds: SeedCount = None,
     out_folder: Annotated[
-        Path | None, typer.Option("--out", help="Run folder to continue: shows what is missing.")
+        Path | None, typer.Option("--out", help="Folder of a run of the suite: show the episodes that it lacks.")
     ] = None,
-    store: Annotated[str | None, typer.Option(help="URL of the run's store, if it is not in the run folder.")] = None,
+    store: StoreUrl = None,
 ) -> None:
-    """Show the episodes that a suite or a part of it plans, without starting anything."""
-    planned = plan_of(suite, part=Part(tuple(policy or ()), tuple(task or ()), seeds))
+    """Show the episodes that a suite plans, without starting anything.
+
+    Episodes of simulators that are not installed on this machine are shown as skipped.
+    """
+    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
+    planned = read_plan(suite, part=part, require_installed=False)
     done: Outcomes = {}
     if out_folder is not None and out_folder.is_file():
-        raise BadInput(f"{out_folder}: expected a run folder, there is a file")
+        raise BadInput(f"{out_folder}: expected a run folder, this is a file")
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         try:
             document = read_run(out_folder)
@@ -40,7 +54,7 @@ def plan(
             rows.close()
         except (RunError, PlanError, StoreError) as error:
             raise BadInput(str(error)) from None
-    lacking = {cell: len(seeds) for cell, seeds in missing(planned, done).work}
+    missing = {cell: len(seeds) for cell, seeds in remaining_work(planned, done).work}
     table = Table("task", "policy", "condition", "horizon", "episodes", "missing", box=None, pad_edge=False)
     for cell in planned.cells:
         table.add_row(
@@ -49,11 +63,13 @@ def plan(
             str(cell.condition),
             str(cell.protocol.horizon),
             str(planned.suite.seeds.count),
-            "skipped" if cell.simulator in planned.unavailable else str(lacking.get(cell, 0)),
+            "skipped" if cell.simulator in planned.unavailable else str(missing.get(cell, 0)),
         )
     out.print(table)
-    total = sum(lacking.values())
-    play = "to play" if planned.suite.adaptive is None else "to play in the round under way"
+    total = sum(missing.values())
+    play = "to play" if planned.suite.adaptive is None else "to play in the current round"
     out.print(f"{planned.suite.name}: {planned.episodes} episodes, {total} {play}, hash {planned.suite_hash}")
     for name, reason in planned.unavailable.items():
         fail(f"{name} is skipped: {reason}")
+    for name, reason in planned.not_installed.items():
+        fail(f"{name} cannot be run: {reason}")

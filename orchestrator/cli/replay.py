@@ -1,4 +1,4 @@
-"""`gauntlet replay`: play a stored episode again, compare, film."""
+"""`robogauntlet replay`: replay a stored episode and record a video of it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,25 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import BadInput, StoreUrl, fail, newest_run, out
-from orchestrator.cluster import RayLost
-from orchestrator.replay import ReplayError, homes_of, policy_sources, replay_at_home
-from results.media import video_path
-from results.record import Status
-from results.run import RunError, read_run
-from results.store import Store, StoreError
+from robogauntlet.orchestrator.cli.common import BadInput, StoreUrl, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.ray_runtime.session import RayLost
+from robogauntlet.orchestrator.replay.replay import ReplayError, environments_of, policy_sources, replay_with_video
+from robogauntlet.results.media_paths import video_path
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunError, read_run
+from robogauntlet.results.store.episode_store import Store, StoreError
 
 
 def replay_episode(
-    episode_id: Annotated[str, typer.Argument(help="Id of a stored episode, or its first digits.")],
+    episode_id: Annotated[str, typer.Argument(help="Id of a stored episode, or the beginning of it.")],
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
-    video: Annotated[Path | None, typer.Option(help="The mp4 to write; by default in the run folder.")] = None,
+    video: Annotated[Path | None, typer.Option(help="MP4 file to write; by default in the run folder.")] = None,
     store: StoreUrl = None,
 ) -> None:
-    """Play one stored episode again, check that it comes out the same, and write a video of it."""
+    """Replay a stored episode, compare it with its row and record a video.
+
+    Exit code 1 if the outcome differs from the row.
+    """
     folder = folder or newest_run()
     try:
         document = read_run(folder)
@@ -34,17 +37,17 @@ def replay_episode(
         sources = policy_sources(document)
     except (RunError, StoreError, ReplayError) as error:
         raise BadInput(str(error)) from None
+    video = video or video_path(folder, row.episode_id)
     try:
-        done = replay_at_home(row, sources, video or video_path(folder, row.episode_id), homes_of(document))
+        replay = replay_with_video(row, sources, video, environments_of(document))
     except (ReplayError, RayLost) as error:
         raise BadInput(str(error)) from None
-    if done.result.status == Status.ERROR:
-        out.print(f"{row.task}, {row.policy}, seed {row.seed}: {done.result.error}", markup=False, soft_wrap=True)
-    else:
-        out.print(f"{row.task}, {row.policy}, seed {row.seed}: {done.result.status} after {done.result.steps} steps")
-    if done.video.exists():
-        out.print(f"video: {done.video}", markup=False, soft_wrap=True)
-    if done.differences:
-        fail("the episode came out differently:\n" + "\n".join(done.differences))
+    result = replay.result
+    outcome = result.error if result.status == Status.ERROR else f"{result.status} after {result.steps} steps"
+    print_line(f"{row.task}, {row.policy}, seed {row.seed}: {outcome}")
+    if video.exists():
+        print_line(f"video: {video}")
+    if replay.differences:
+        fail("the outcome differs from the stored row:\n" + "\n".join(replay.differences))
         raise typer.Exit(1)
     out.print("the same as stored")

@@ -1,4 +1,4 @@
-"""`gauntlet run`: play a suite."""
+"""`robogauntlet run`: run a suite."""
 
 from __future__ import annotations
 
@@ -10,44 +10,48 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import (
+from robogauntlet.orchestrator.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_STOPPED,
     BadInput,
     HistoryUrl,
     Policies,
     SeedCount,
+    SuiteArgument,
     Tasks,
     fail,
     history_url,
     out,
-    plan_of,
+    print_line,
+    read_plan,
 )
-from orchestrator.cli.tables import print_summary
-from orchestrator.cluster import NoCluster, check_address
-from orchestrator.folders import FolderError
-from orchestrator.plan import PlanError
-from orchestrator.probe import probe
-from orchestrator.progress import Progress, format_duration
-from orchestrator.run import RunOptions, RunOutcome, run_plan
-from results.database import without_password
-from results.run import RunError, RunStatus
-from results.store import StoreError
-from suites.part import Part
+from robogauntlet.orchestrator.cli.console_tables import print_summary
+from robogauntlet.orchestrator.environments.probe import probe
+from robogauntlet.orchestrator.ray_runtime.session import NoCluster, check_address
+from robogauntlet.orchestrator.runs.plan import PlanError
+from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
+from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
+from robogauntlet.results.folder_lock import FolderError
+from robogauntlet.results.run_document import RunError, RunStatus
+from robogauntlet.results.store.database import without_password
+from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.support.durations import format_duration
 
-STORE_VARIABLE = "GAUNTLET_STORE"
+STORE_VARIABLE = "ROBOGAUNTLET_STORE"
 
 
 def run(
-    suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")],
+    suite: SuiteArgument,
     policy: Policies = None,
     task: Tasks = None,
     seeds: SeedCount = None,
     out_folder: Annotated[
-        Path | None, typer.Option("--out", help="Run folder. An existing run of the same suite is continued.")
+        Path | None, typer.Option("--out", help="Run folder; a run of the same suite that is in it is continued.")
     ] = None,
     require: Annotated[
-        list[str] | None, typer.Option("--require", help="Simulator without which nothing is started. Repeatable.")
+        list[str] | None, typer.Option("--require", help="Start nothing unless this simulator works. Repeatable.")
     ] = None,
     store: Annotated[
         str | None,
@@ -56,21 +60,25 @@ def run(
     address: Annotated[
         str | None,
         typer.Option(
-            help="Ray cluster to run on instead of this machine: HOST:PORT of its head, or auto for one that runs here."
+            help="Ray cluster to run on instead of this machine: HOST:PORT of its head, or auto for a running one."
         ),
     ] = None,
     retry_errors: Annotated[
-        bool, typer.Option("--retry-errors", help="Play episodes again that ended in an error.")
+        bool, typer.Option("--retry-errors", help="Play the episodes again that ended in an error.")
     ] = False,
-    media: Annotated[bool, typer.Option(help="Film a success and a failure of each policy on each task.")] = True,
+    media: Annotated[
+        bool, typer.Option(help="Record videos of a success and a failure of each policy on each task.")
+    ] = True,
     history: HistoryUrl = None,
-    schedule: Annotated[str | None, typer.Option(hidden=True, help="The schedule that begins this run.")] = None,
 ) -> None:
-    """Play a suite, or a part or what is missing of it, and report."""
+    """Run a suite, or continue a run, and write its report.
+
+    In a folder with a run of the suite, only the missing episodes are played.
+    """
     required = tuple(require or ())
-    part = Part(tuple(policy or ()), tuple(task or ()), seeds)
-    plan = plan_of(suite, part=part, only=required)
-    broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.homes) if f.problem]
+    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
+    plan = read_plan(suite, part=part, only=required)
+    broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.environments) if f.problem]
     if broken:
         raise BadInput("\n".join(broken))
     if address is not None:
@@ -79,43 +87,43 @@ def run(
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
     folder = out_folder or Path("runs") / f"{plan.suite.name}-{datetime.now():%Y%m%d-%H%M%S}"
-    out.print(f"{plan.suite.name}: {plan.episodes} episodes into {folder}", markup=False, soft_wrap=True)
+    print_line(f"{plan.suite.name}: {plan.episodes} episodes into {folder}")
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
-    known = store if history is None and store is not None else history_url(history, folder.parent)
-    options = RunOptions(store, address, retry_errors, media, known, schedule)
+    history_store = store if history is None and store is not None else history_url(history, folder.parent)
+    options = RunOptions(store, address, retry_errors, media, history_store, os.environ.get(SCHEDULE_VARIABLE))
     try:
         outcome = run_plan(plan, folder, options, Progress(out))
     except (PlanError, FolderError, RunError, StoreError) as error:
         raise BadInput(str(error)) from None
-    _conclude(outcome, _again(outcome, part, store, address))
+    _conclude(outcome, _command(outcome, part, store, address))
 
 
-def _again(outcome: RunOutcome, part: Part, store: str | None, address: str | None) -> str:
-    """The command that continues a run: what was left out of the suite has to be left out again."""
-    words = ["gauntlet", "run", outcome.document.suite_path]
-    words += [word for name in part.policies for word in ("--policy", name)]
-    words += [word for name in part.tasks for word in ("--task", name)]
-    words += [] if part.seeds is None else ["--seeds", str(part.seeds)]
-    words += ["--out", str(outcome.folder)]
-    words += ["--store", without_password(store)] if store is not None and STORE_VARIABLE not in os.environ else []
-    words += ["--address", address] if address is not None else []
-    return shlex.join(words)
+def _command(outcome: RunOutcome, part: SuiteSelection, store: str | None, address: str | None) -> str:
+    """The command that continues a run, with the same part of the suite."""
+    arguments = ["robogauntlet", "run", outcome.document.suite_path]
+    arguments += [argument for name in part.policies for argument in ("--policy", name)]
+    arguments += [argument for name in part.tasks for argument in ("--task", name)]
+    arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
+    arguments += ["--out", str(outcome.folder)]
+    arguments += ["--store", without_password(store)] if store is not None and STORE_VARIABLE not in os.environ else []
+    arguments += ["--address", address] if address is not None else []
+    return shlex.join(arguments)
 
 
 def _conclude(outcome: RunOutcome, command: str) -> None:
     document = outcome.document
-    print_summary(outcome.folder)
-    for trouble in outcome.troubles:
+    if outcome.report is not None:
+        print_summary(outcome.report)
+    for trouble in outcome.warnings:
         fail(trouble)
     out.print(f"{outcome.done} of {document.planned} episodes in {format_duration(document.elapsed_s)}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
-    out.print(f"report: {outcome.folder / 'report.html'}", markup=False, soft_wrap=True)
-    again = f"continue with: {command}"
+    print_line(f"report: {outcome.folder / 'report.html'}")
     if document.status is RunStatus.INTERRUPTED:
-        fail(f"interrupted; {again}")
+        fail(f"interrupted; continue with: {command}")
         raise typer.Exit(EXIT_INTERRUPTED)
     if document.status is RunStatus.STOPPED:
         fail(f"stopped: {document.reason}")
-        fail(again)
+        fail(f"continue with: {command}")
         raise typer.Exit(EXIT_STOPPED)

@@ -1,4 +1,4 @@
-"""`gauntlet serve`: the dashboard."""
+"""`robogauntlet serve`: serve the dashboard."""
 
 from __future__ import annotations
 
@@ -8,39 +8,42 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import BadInput, HistoryUrl, history_url, open_history, out, runs_root
+from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, history_url, open_history, out, runs_root
 
-TOKEN = "GAUNTLET_TOKEN"
+TOKEN = "ROBOGAUNTLET_TOKEN"
 
 
 def serve(
     host: Annotated[
-        str, typer.Option(help=f"Address to listen at. Others than this machine's own need a token in {TOKEN}.")
+        str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 for any that is free.")] = 8770,
-    max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest run that may be uploaded (MB).")] = 256,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")] = 8770,
+    max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
     url: HistoryUrl = None,
 ) -> None:
-    """Serve pages that show what runs, what came of it and what is due, until Ctrl-C."""
+    """Serve the dashboard.
+
+    Its pages show running suites, results and schedules. Ctrl-C stops it.
+    """
     import uvicorn
 
-    from orchestrator.calendar.book import Book
-    from orchestrator.dashboard.app import create_app
-    from orchestrator.dashboard.desk import Settings
-    from results.database import StoreError
+    from robogauntlet.orchestrator.dashboard.app import create_app
+    from robogauntlet.orchestrator.dashboard.app_state import Settings
+    from robogauntlet.orchestrator.schedules.store import ScheduleStore
+    from robogauntlet.results.store.database import StoreError
 
     token = _token(host)
     listening = listen(host, port)
-    os.nice(19)  # who watches takes no time from what runs: Ray's workers have 15
+    os.nice(19)  # below Ray's workers, which have 15
     try:
         with open_history(url) as history:
             try:
-                book = Book.open(history_url(url))
+                schedule_store = ScheduleStore.open(history_url(url))
             except StoreError as error:
                 raise BadInput(str(error)) from None
             settings = Settings(runs_root(url), host, token, max_upload_mb * 1024 * 1024)
             config = uvicorn.Config(
-                create_app(history, book, settings),
+                create_app(history, schedule_store, settings),
                 log_level="warning",
                 access_log=False,
                 server_header=False,
@@ -48,25 +51,29 @@ def serve(
                 timeout_graceful_shutdown=3,
             )
             shown = f"[{host}]" if ":" in host else host
-            out.print(f"dashboard: http://{shown}:{listening.getsockname()[1]}/  (Ctrl-C ends it)", soft_wrap=True)
+            out.print(f"dashboard: http://{shown}:{listening.getsockname()[1]}/  (stop with Ctrl-C)", soft_wrap=True)
             try:
                 uvicorn.Server(config).run(sockets=[listening])
             except KeyboardInterrupt:
-                pass  # asked to end, by Ctrl-C or SIGTERM: what a server is for is over
+                pass  # Ctrl-C or SIGTERM
             finally:
-                book.close()
+                schedule_store.close()
     finally:
         listening.close()
 
 
 def _token(host: str) -> str | None:
-    """The token that requests have to show. Raises BadInput: there has to be one and is none, or none that works."""
-    from orchestrator.dashboard.guard import is_loopback
+    """The token that requests must carry, or None.
+
+    Raises:
+        BadInput: The host needs a token and there is none, or the token is not printable ASCII.
+    """
+    from robogauntlet.support.network import is_loopback
 
     token = os.environ.get(TOKEN) or None
     if token is None and not is_loopback(host):
         raise BadInput(
-            f"--host {host}: others can reach it, expected a token in the environment variable {TOKEN}, there is none; "
+            f"--host {host}: other machines can reach it; expected a token in the variable {TOKEN}, got none; "
             f"for example: export {TOKEN}=$(openssl rand -hex 32)"
         )
     if token is not None and not (token.isascii() and token.isprintable() and " " not in token):
@@ -75,24 +82,16 @@ def _token(host: str) -> str | None:
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens at an address (a name or a number) and a port (0: any that is free).
+    """Open a socket that listens on a host (name or address) and a port (0: any free port).
 
     Raises:
-        BadInput: The port is taken, or the address is not of this machine.
+        BadInput: The port is taken, or the address is not one of this machine.
     """
+    host = host.strip("[]")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    both = family is socket.AF_INET6 and socket.has_dualstack_ipv6()
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(
-            host.strip("[]"), port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
-        )[0]
-        listening = socket.socket(family, kind, protocol)
-        try:
-            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listening.bind(address)
-            listening.listen(256)
-        except OSError:
-            listening.close()
-            raise
+        return socket.create_server((host, port), family=family, backlog=256, dualstack_ipv6=both)
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise BadInput(f"{host}:{port}: cannot listen there: {reason}; choose another with --port") from None
-    return listening
+        reason = (error.strerror or str(error)).partition(" (while")[0]
+        raise BadInput(f"{host}:{port}: cannot listen: {reason}; choose another port with --port") from None

@@ -1,4 +1,4 @@
-"""`gauntlet validate`: check suite files."""
+"""`robogauntlet validate`: check suite files."""
 
 from __future__ import annotations
 
@@ -6,19 +6,28 @@ from typing import Annotated
 
 import typer
 
-from orchestrator.cli.shared import EXIT_BAD_INPUT, BadInput, fail, out, plan_of
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput, fail, print_line, read_plan
 
 
 def validate(suites: Annotated[list[str], typer.Argument(help="Suite files, or names of shipped suites.")]) -> None:
-    """Check suite files; print every mistake with its line."""
-    wrong = False
+    """Check suite files and report every mistake with its line.
+
+    Neither simulators nor the packages of policies need to be installed; what is missing on this machine is listed.
+    """
+    valid = True
     for suite in suites:
         try:
-            plan = plan_of(suite)
+            plan = read_plan(suite, require_installed=False)
         except BadInput as error:
-            wrong = True
+            valid = False
             fail(str(error))
             continue
-        out.print(f"{plan.path}: sound, {plan.episodes} episodes, hash {plan.suite_hash}", markup=False, soft_wrap=True)
-    if wrong:
+        print_line(f"{plan.path}: valid, {plan.episodes} episodes, hash {plan.suite_hash}")
+        for simulator, reason in plan.unavailable.items():
+            print_line(f"  note: simulator {simulator}: {reason}")
+        if plan.not_installed:
+            names = ", ".join(list(plan.not_installed)[:3]) + (", ..." if len(plan.not_installed) > 3 else "")
+            reasons = "; ".join(dict.fromkeys(plan.not_installed.values()))
+            print_line(f"  note: not checked whether the policies {names} fit the suite: {reasons}")
+    if not valid:
         raise typer.Exit(EXIT_BAD_INPUT)

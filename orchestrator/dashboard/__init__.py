@@ -1,1 +1,1 @@
-"""The dashboard: what runs, what came of it and what is due, as pages for a browser. Read-only but for uploads."""
+"""The dashboard: running suites, results and schedules as web pages. Read-only except for uploads."""

@@ -1,4 +1,4 @@
-"""The application: its parts, and what is answered when something is wrong."""
+"""The application: its routers and its answers to errors."""
 
 from __future__ import annotations
 
@@ -12,45 +12,45 @@ from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp
 
-from orchestrator.calendar.book import Book
-from orchestrator.calendar.schedule import ScheduleError
-from orchestrator.dashboard import comparing, failures, files, login, metrics, pages, runs, uploading
-from orchestrator.dashboard.desk import Desk, Settings, log
-from orchestrator.dashboard.guard import Guard, line
-from results.database import StoreError
-from results.history import History
-from results.run import RunError
+from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs, upload
+from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
+from robogauntlet.orchestrator.dashboard.security import SecurityMiddleware, line
+from robogauntlet.orchestrator.schedules.schedule import ScheduleError
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.run_document import RunError
+from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.run_history import History
 
-FOR_PROGRAMS = ("/metrics", "/healthz")
+PLAIN_TEXT_PATHS = ("/metrics", "/healthz")
 
 
-def create_app(history: History, book: Book, settings: Settings) -> ASGIApp:
-    """The dashboard as an ASGI application.
+def create_app(history: History, schedule_store: ScheduleStore, settings: Settings) -> ASGIApp:
+    """Create the dashboard as an ASGI application.
 
     Args:
-        history: The runs; stays open for as long as the application is used.
-        book: The schedules; the same.
-        settings: How it is served.
+        history: The runs; must stay open while the application is used.
+        schedule_store: The schedules; must stay open as well.
+        settings: Address, token and limits.
     """
-    desk = Desk(history, book, settings)
+    app_state = AppState(history, schedule_store, settings)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        desk.begin()
+        app_state.begin()
         yield
-        desk.end()
+        app_state.end()
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan, redirect_slashes=False)
-    app.state.desk = desk
-    for part in (pages, runs, comparing, failures, files, login, metrics, uploading):
-        app.include_router(part.router)
+    app.state.app_state = app_state
+    for module in (pages, runs, compare, failures, files, login, metrics, upload):
+        app.include_router(module.router)
     for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
-    return Guard(app, host=settings.host, token=settings.token, sessions=desk.sessions)
+    return SecurityMiddleware(app, host=settings.host, token=settings.token, sessions=app_state.sessions)
 
 
 def _explain(request: Request, error: Exception) -> Response:
-    """One line to whoever asked, in the form they asked for; what happened inside is for the log."""
+    """Answer with one line in the format of the request; details go into the log."""
     if isinstance(error, HTTPException):
         status, message = error.status_code, str(error.detail)
     elif isinstance(error, RequestValidationError):
@@ -60,9 +60,9 @@ def _explain(request: Request, error: Exception) -> Response:
         status, message = 503, str(error)
         log.warning("%s: %s", request.url.path, error)
     else:
-        status, message = 500, "The server's log says what happened."
+        status, message = 500, "An internal error; see the log of the server."
     if request.url.path.startswith("/api/"):
         return JSONResponse({"error": message}, status)
-    if request.method == "POST" or request.url.path in FOR_PROGRAMS:
+    if request.method == "POST" or request.url.path in PLAIN_TEXT_PATHS:
         return line(message, status)
-    return cast(Desk, request.app.state.desk).trouble(message, status)
+    return cast(AppState, request.app.state.app_state).error_page(message, status)

@@ -1,4 +1,4 @@
-"""Failed episodes that were filmed."""
+"""The page with videos of failed episodes."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import Annotated, Any
 from urllib.parse import quote
 
 import sqlalchemy as sa
-from fastapi import APIRouter, HTTPException, Query
+from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from orchestrator.dashboard import queries
-from orchestrator.dashboard.desk import Desk, TheDesk
-from results.database import StoreError
-from results.entries import RunEntry, rows_url
-from results.media import MEDIA, look_path, picture_path, videos_folder
-from results.record import Status
-from results.run import RunError
-from results.schema import episodes
-from results.store import Store
-from suites.vocabulary import Condition
+from robogauntlet.orchestrator.dashboard import queries
+from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
+from robogauntlet.results.media_paths import MEDIA, picture_path, snapshot_path, videos_folder
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunError
+from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.history_records import RunEntry, rows_url
+from robogauntlet.results.store.schema import episodes
+from robogauntlet.suites.episode import Condition
 
 PAGE = 24
-"""Films on a page."""
+"""Videos per page."""
 RUNS = 100
-"""Newest runs that are looked through."""
+"""Number of runs, the newest, whose videos are listed."""
 router = APIRouter()
 
 
 @dataclass(frozen=True)
-class Film:
-    """A failed episode with its video."""
+class FailureVideo:
+    """The video of a failed episode."""
 
     run_id: str
     run: str
@@ -44,43 +44,43 @@ class Film:
     seed: int
     steps: int
     video: str
-    """Address."""
+    """Address of the video."""
     poster: str | None
-    """Address of a still."""
+    """Address of a still image."""
 
 
 @router.get("/failures")
 def failures(
-    desk: TheDesk,
+    app_state: CurrentAppState,
     run: str = "",
     policy: str = "",
     task: str = "",
     page: Annotated[int, Query(ge=1, le=10_000)] = 1,
 ) -> Response:
-    """Films of failures, the newest runs first."""
-    entries = _runs(desk, run, policy)
-    films = (
-        film
+    """List videos of failures, the newest runs first."""
+    entries = _runs(app_state, run, policy)
+    videos = (
+        video
         for entry in entries
-        for film in films_of(desk, entry)
-        if (not policy or film.policy == policy) and (not task or film.task == task)
+        for video in failure_videos(app_state, entry)
+        if (not policy or video.policy == policy) and (not task or video.task == task)
     )
-    shown = list(islice(films, PAGE * (page - 1), PAGE * page + 1))
-    return desk.page(
+    shown = list(islice(videos, PAGE * (page - 1), PAGE * page + 1))
+    return app_state.page(
         "failures.html.jinja",
         here="/failures",
-        films=shown[:PAGE],
+        videos=shown[:PAGE],
         more=len(shown) > PAGE,
         page=page,
         searched=RUNS,
         wanted={"run": run, "policy": policy, "task": task},
-        names=desk.choices(),
-        tasks=queries.tasks(desk.history, policy or None),
+        names=app_state.choices(),
+        tasks=queries.tasks(app_state.history, policy or None),
     )
 
 
-def films_of(desk: Desk, entry: RunEntry) -> tuple[Film, ...]:
-    """Filmed failures of a run; none where its folder or its rows are not at hand."""
+def failure_videos(app_state: AppState, entry: RunEntry) -> tuple[FailureVideo, ...]:
+    """Return the videos of a run's failures; none if its folder or rows cannot be read."""
     if entry.folder is None:
         return ()
     try:
@@ -89,27 +89,26 @@ def films_of(desk: Desk, entry: RunEntry) -> tuple[Film, ...]:
         return ()
     key = (entry.run_id, changed, entry.counts.done)
     try:
-        return desk.films.get(key, lambda: tuple(_films(desk, entry, Path(entry.folder or ""))))
+        return app_state.failure_videos.get(
+            key, lambda: tuple(_read_videos(app_state, entry, Path(entry.folder or "")))
+        )
     except (RunError, StoreError, OSError):
         return ()
 
 
-def _runs(desk: Desk, run: str, policy: str) -> list[RunEntry]:
+def _runs(app_state: AppState, run: str, policy: str) -> list[RunEntry]:
     if not run:
-        return queries.page_of_runs(desk.history, queries.Filter(policy=policy or None), RUNS, 0)
-    entry = queries.run_of(desk.history, run) or desk.history.find(run)
-    if entry is None:
-        raise HTTPException(404, f"The history has no run '{run[:80]}'.")
-    return [entry]
+        return queries.page_of_runs(app_state.history, queries.Filter(policy=policy or None), RUNS, 0)
+    return [app_state.run_named(run)]
 
 
-def _films(desk: Desk, entry: RunEntry, folder: Path) -> Iterator[Film]:
-    """Raises RunError, StoreError, OSError: its rows cannot be read."""
-    filmed = sorted(path.stem for path in videos_folder(folder).glob("*.mp4"))
-    rows = _failed(rows_url(entry, desk.history.url), entry.run_id, filmed) if filmed else []
+def _read_videos(app_state: AppState, entry: RunEntry, folder: Path) -> Iterator[FailureVideo]:
+    """Yield the videos of a run's failures. Raises RunError, StoreError, OSError."""
+    recorded = sorted(path.stem for path in videos_folder(folder).glob("*.mp4"))
+    rows = _failed(rows_url(entry, app_state.history.url), entry.run_id, recorded) if recorded else []
     for row in rows:
         condition = Condition(row.axis, row.severity)
-        yield Film(
+        yield FailureVideo(
             run_id=entry.run_id,
             run=entry.name,
             episode_id=row.episode_id,
@@ -136,7 +135,7 @@ def _failed(url: str, run_id: str, ids: list[str]) -> Sequence[Any]:
 
 
 def _poster(entry: RunEntry, folder: Path, task: str, condition: Condition) -> str | None:
-    for path in (look_path(folder, task, condition), picture_path(folder, task)):
+    for path in (snapshot_path(folder, task, condition), picture_path(folder, task)):
         if path.is_file():
             return _address(entry, path.relative_to(folder).as_posix())
     return None

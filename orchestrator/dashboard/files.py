@@ -1,4 +1,4 @@
-"""Files of a run folder: the report's and what was filmed, and no others."""
+"""The files of a run folder that are served: those of the report, images and videos."""
 
 from __future__ import annotations
 
@@ -8,59 +8,61 @@ from pathlib import Path
 from fastapi import APIRouter, HTTPException
 from starlette.responses import FileResponse, Response
 
-from orchestrator.dashboard import queries
-from orchestrator.dashboard.desk import TheDesk
-from results.media import MEDIA
+from robogauntlet.orchestrator.dashboard import queries
+from robogauntlet.orchestrator.dashboard.app_state import CurrentAppState
+from robogauntlet.results.media_paths import MEDIA
 
-QUIET = "sandbox; default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'"
-LIVELY = (
+STATIC_POLICY = (
+    "sandbox; default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'; frame-ancestors 'none'"
+)
+SCRIPT_POLICY = (
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; "
     "img-src data: blob:; style-src 'unsafe-inline'; frame-ancestors 'none'"
 )
-"""The page with plots draws them by its own scripts; in a sandbox they are of no site, and reach none."""
-KINDS = {
+"""For the page whose scripts draw plots; the sandbox gives it no origin and no network."""
+REPORT_TYPES = {
     "report.html": "text/html; charset=utf-8",
     "explore.html": "text/html; charset=utf-8",
     "report.md": "text/plain; charset=utf-8",
     "summary.json": "application/json",
     "cells.csv": "text/csv; charset=utf-8",
 }
-MEDIUM = re.compile(rf"{MEDIA}/(?:[A-Za-z0-9_-]+/)*[A-Za-z0-9_.@ -]+\.(png|mp4)")
-MEDIA_KINDS = {"png": "image/png", "mp4": "video/mp4"}
+MEDIA_PATTERN = re.compile(rf"{MEDIA}/(?:[A-Za-z0-9_-]+/)*[A-Za-z0-9_.@ -]+\.(png|mp4)")
+MEDIA_TYPES = {"png": "image/png", "mp4": "video/mp4"}
 router = APIRouter()
 
 
 @router.get("/runs/{run_id}/files/{path:path}")
-def file_of_run(desk: TheDesk, run_id: str, path: str) -> Response:
-    """A file of a run. Reports are shown in a sandbox: what they say comes from whoever made the run."""
-    entry = queries.run_of(desk.history, run_id)
-    found = None if entry is None or entry.folder is None else known_file(Path(entry.folder), path)
-    if found is None:
-        raise HTTPException(404, "This run has no such file.")
-    policy = LIVELY if path == "explore.html" else QUIET
-    return FileResponse(found, media_type=kind_of(path), headers={"content-security-policy": policy})
+def file_of_run(app_state: CurrentAppState, run_id: str, path: str) -> Response:
+    """Serve a file of a run. Reports are shown in a sandbox, since whoever made the run controls their content."""
+    entry = queries.run_of(app_state.history, run_id)
+    file = None if entry is None or entry.folder is None else known_file(Path(entry.folder), path)
+    if file is None:
+        raise HTTPException(404, "The run has no such file.")
+    policy = SCRIPT_POLICY if path == "explore.html" else STATIC_POLICY
+    return FileResponse(file, media_type=media_type(path), headers={"content-security-policy": policy})
 
 
-def kind_of(path: str) -> str | None:
-    """The media type of a file that may be shown; None for all others."""
-    medium = MEDIUM.fullmatch(path)
-    return MEDIA_KINDS[medium[1]] if medium else KINDS.get(path)
+def media_type(path: str) -> str | None:
+    """Return the media type of a file that may be served; None for all others."""
+    match = MEDIA_PATTERN.fullmatch(path)
+    return MEDIA_TYPES[match[1]] if match else REPORT_TYPES.get(path)
 
 
 def known_file(folder: Path, path: str) -> Path | None:
-    """Where a file of a run folder lies; None if it is not one that may be shown, or lies elsewhere.
+    """Return the path of a file that may be served; None if it may not, or is outside of the folder.
 
     Args:
         folder: The run folder.
-        path: Within the folder, as someone asked for it.
+        path: Path within the folder, as requested.
     """
-    if kind_of(path) is None or ".." in path.split("/"):
+    if media_type(path) is None or ".." in path.split("/"):
         return None
     try:
-        home = folder.resolve(strict=True)
-        found = (home / path).resolve(strict=True)
+        root = folder.resolve(strict=True)
+        file = (root / path).resolve(strict=True)
     except (OSError, RuntimeError, ValueError):
         return None
-    if not found.is_relative_to(home) or not found.is_file():
+    if not file.is_relative_to(root) or not file.is_file():
         return None
-    return found if kind_of(found.relative_to(home).as_posix()) == kind_of(path) else None
+    return file if media_type(file.relative_to(root).as_posix()) == media_type(path) else None

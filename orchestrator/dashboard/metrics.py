@@ -1,7 +1,8 @@
-"""Numbers for Prometheus, and whether the dashboard is well."""
+"""Metrics for Prometheus and the health check."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -12,45 +13,45 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 from starlette.responses import Response
 
-from orchestrator.calendar.schedule import ScheduleError
-from orchestrator.dashboard import queries
-from orchestrator.dashboard.desk import Desk, TheDesk
-from orchestrator.dashboard.guard import line
-from orchestrator.dashboard.views import SILENT, state_of
-from results.comparison import Verdict
+from robogauntlet.orchestrator.dashboard import queries
+from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
+from robogauntlet.orchestrator.dashboard.live_view import SILENT, state_of
+from robogauntlet.orchestrator.dashboard.security import line
+from robogauntlet.orchestrator.schedules.schedule import ScheduleError
+from robogauntlet.results.analysis.comparison import Verdict
 
 router = APIRouter()
 
 
 @router.get("/healthz")
-def health(desk: TheDesk) -> Response:
-    """`ok`, or 503 with a line."""
-    queries.is_there(desk.history)
+def health(app_state: CurrentAppState) -> Response:
+    """Answer `ok`, or 503 with the reason."""
+    queries.check_readable(app_state.history)
     return line("ok", 200)
 
 
 @router.get("/metrics")
-def metrics(desk: TheDesk) -> Response:
-    """Gauges in Prometheus' text format."""
+def metrics(app_state: CurrentAppState) -> Response:
+    """Return the gauges in Prometheus' text format."""
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(_Gauges(desk))
+    registry.register(_Gauges(app_state))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)
 
 
 class _Gauges(Collector):
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, app_state: AppState) -> None:
+        self._app_state = app_state
 
     def describe(self) -> list[Metric]:
-        """Nothing: what there is depends on the store."""
+        """Return nothing, since the metrics depend on the store."""
         return []
 
     def collect(self) -> Iterator[Metric]:
-        """Read the store. Raises StoreError."""
+        """Yield the gauges from the store. Raises StoreError."""
         now = time.time()
-        running = self._desk.history.runs(status="running")
+        running = self._app_state.history.runs(status="running")
         silent = sum(state_of(entry, now) == SILENT for entry in running)
-        counts = Counter(queries.statuses(self._desk.history))
+        counts = Counter(queries.statuses(self._app_state.history))
         counts["running"] -= silent
         counts[SILENT] = silent
         runs = GaugeMetricFamily("robogauntlet_runs", "Runs in the history by status.", labels=["status"])
@@ -65,18 +66,24 @@ class _Gauges(Collector):
             "robogauntlet_running_episodes", "Episodes of running suites by outcome.", labels=[*where, "outcome"]
         )
         for entry in running:
-            for one in entry.live.simulators if entry.live is not None else ():
-                labels = [entry.run_id, entry.suite, one.simulator]
-                planned.add_metric(labels, one.planned)
-                done.add_metric(labels, one.done)
-                for outcome, number in (("success", one.successes), ("failure", one.failures), ("error", one.errors)):
+            for live in entry.live.simulators if entry.live is not None else ():
+                labels = [entry.run_id, entry.suite, live.simulator]
+                planned.add_metric(labels, live.planned)
+                done.add_metric(labels, live.done)
+                for outcome, number in (
+                    ("success", live.successes),
+                    ("failure", live.failures),
+                    ("error", live.errors),
+                ):
                     outcomes.add_metric([*labels, outcome], number)
         yield from (planned, done, outcomes)
 
         verdicts = GaugeMetricFamily(
-            "robogauntlet_last_verdict", "1 for the verdict of a suite's last judged run.", labels=["suite", "verdict"]
+            "robogauntlet_last_verdict",
+            "1 for the verdict of the last compared run of a suite.",
+            labels=["suite", "verdict"],
         )
-        for suite, last in queries.last_verdicts(self._desk.history).items():
+        for suite, last in queries.last_verdicts(self._app_state.history).items():
             for verdict in Verdict:
                 verdicts.add_metric([suite, str(verdict)], float(last == str(verdict)))
         yield verdicts
@@ -84,11 +91,7 @@ class _Gauges(Collector):
         due = GaugeMetricFamily(
             "robogauntlet_schedule_next_due_seconds", "When a schedule is due next (Unix time).", labels=["schedule"]
         )
-        for schedule in self._desk.book.schedules():
-            try:
-                moment = schedule.next_due(now)
-            except ScheduleError:
-                continue
-            if moment is not None:
-                due.add_metric([schedule.name], moment)
+        for schedule in self._app_state.schedule_store.schedules():
+            with contextlib.suppress(ScheduleError):
+                due.add_metric([schedule.name], schedule.next_due(now))
         yield due

@@ -1,4 +1,4 @@
-"""The overview, a policy from night to night, the leaderboard, the schedule."""
+"""The pages overview, history, leaderboard and schedule."""
 
 from __future__ import annotations
 
@@ -8,83 +8,82 @@ from dataclasses import dataclass
 from fastapi import APIRouter
 from starlette.responses import Response
 
-from orchestrator.calendar.schedule import Schedule, ScheduleError, State
-from orchestrator.dashboard import queries
-from orchestrator.dashboard.desk import Desk, TheDesk
-from orchestrator.dashboard.runs import running
-from orchestrator.dashboard.views import live_view, shape_of
-from orchestrator.standings import newest_played, newest_runs
-from results.leaderboard import Standing, leaderboard
-from results.report.nights import plot
+from robogauntlet.orchestrator.dashboard import queries
+from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
+from robogauntlet.orchestrator.dashboard.live_view import live_view, shape_of
+from robogauntlet.orchestrator.dashboard.runs import running
+from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, State
+from robogauntlet.results.analysis.leaderboard import LeaderboardRow, latest_results_per_policy, leaderboard
+from robogauntlet.results.report.history_plot import plot
 
 LAST_VERDICTS = 6
-LAST_FIRINGS = 50
-NIGHTS = 200
+LAST_SCHEDULED_RUNS = 50
+MAX_RUNS = 200
 router = APIRouter()
 
 
 @dataclass(frozen=True)
 class Due:
-    """A schedule and when it is due next."""
+    """A schedule and its next due time."""
 
     schedule: Schedule
     at: float | None
     """Seconds since 1970, UTC; None: never."""
-    trouble: str = ""
-    """Why that cannot be said."""
+    problem: str = ""
+    """Why the next time is unknown."""
 
 
 @router.get("/")
-def overview(desk: TheDesk) -> Response:
-    """What runs, what was found last, what is due."""
+def overview(app_state: CurrentAppState) -> Response:
+    """Show running suites, the last verdicts and the next runs."""
     now = time.time()
-    live = [live_view(entry, now) for entry in running(desk)]
-    due = [one for one in _due(desk, now) if one.at is not None]
-    return desk.page(
+    live = [live_view(entry, now) for entry in running(app_state)]
+    due = [schedule for schedule in _due(app_state, now) if schedule.at is not None]
+    return app_state.page(
         "overview.html.jinja",
         here="/",
         live=live,
         shape=shape_of(live),
         poll="/api/live",
-        verdicts=queries.judged(desk.history, LAST_VERDICTS),
-        newest=desk.history.runs(limit=LAST_VERDICTS),
-        due=sorted(due, key=lambda one: one.at or 0.0)[:LAST_VERDICTS],
-        statuses=queries.statuses(desk.history),
+        verdicts=queries.judged(app_state.history, LAST_VERDICTS),
+        newest=app_state.history.runs(limit=LAST_VERDICTS),
+        due=sorted(due, key=lambda due: due.at or 0.0)[:LAST_VERDICTS],
+        statuses=queries.statuses(app_state.history),
     )
 
 
 @router.get("/history")
-def history(desk: TheDesk, policy: str = "", suite: str = "", task: str = "") -> Response:
-    """How a policy did from run to run."""
-    nights = []
+def history(app_state: CurrentAppState, policy: str = "", suite: str = "", task: str = "") -> Response:
+    """Show the success of a policy over its runs."""
+    results = []
     if policy:
-        nights = desk.history.nights(policy, suite=suite or None, task=task or None, limit=NIGHTS)
+        results = app_state.history.policy_history(policy, suite=suite or None, task=task or None, limit=MAX_RUNS)
     title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
-    return desk.page(
+    return app_state.page(
         "history.html.jinja",
         here="/history",
-        nights=nights[::-1],
-        drawn=plot(nights, title, "/runs/{run}") if nights else "",
+        results=results[::-1],
+        plot=plot(results, title, "/runs/{run}") if results else "",
         title=title,
-        limit=NIGHTS,
+        limit=MAX_RUNS,
         wanted={"policy": policy, "suite": suite, "task": task},
-        names=desk.choices(),
-        tasks=queries.tasks(desk.history, policy or None, suite or None),
+        names=app_state.choices(),
+        tasks=queries.tasks(app_state.history, policy or None, suite or None),
     )
 
 
 @router.get("/leaderboard")
-def show_leaderboard(desk: TheDesk, suite: str = "") -> Response:
-    """Each policy's newest run of a suite, side by side."""
-    names = desk.choices()
+def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Response:
+    """Rank the policies of a suite by their newest complete runs."""
+    names = app_state.choices()
     suite = suite or (names.suites[0] if len(names.suites) == 1 else "")
-    standings: list[Standing] = []
+    standings: list[LeaderboardRow] = []
     left_out: list[str] = []
     if suite:
-        newest = newest_runs(desk.history, suite)
-        key = (suite, *((entry.run_id, entry.finished_at, tuple(sorted(own))) for entry, own in newest))
-        standings, left_out = desk.standings.get(key, lambda: _standings(desk, suite))
-    return desk.page(
+        newest = app_state.history.newest_runs(suite)
+        key = (suite, *((entry.run_id, entry.finished_at, tuple(sorted(policies))) for entry, policies in newest))
+        standings, left_out = app_state.standings.get(key, lambda: _standings(app_state, suite))
+    return app_state.page(
         "leaderboard.html.jinja",
         here="/leaderboard",
         suite=suite,
@@ -96,28 +95,28 @@ def show_leaderboard(desk: TheDesk, suite: str = "") -> Response:
 
 
 @router.get("/schedule")
-def schedule(desk: TheDesk) -> Response:
-    """What is due when, and what became of what was."""
-    return desk.page(
+def schedule(app_state: CurrentAppState) -> Response:
+    """Show the schedules and their last runs."""
+    return app_state.page(
         "schedule.html.jinja",
         here="/schedule",
-        due=_due(desk, time.time()),
-        firings=desk.book.firings(limit=LAST_FIRINGS),
+        due=_due(app_state, time.time()),
+        scheduled_runs=app_state.schedule_store.scheduled_runs(limit=LAST_SCHEDULED_RUNS),
         bad=(State.FAILED, State.MISSED),
     )
 
 
-def _standings(desk: Desk, suite: str) -> tuple[list[Standing], list[str]]:
+def _standings(app_state: AppState, suite: str) -> tuple[list[LeaderboardRow], list[str]]:
     left_out: list[str] = []
-    played = list(newest_played(desk.history, suite, left_out.append))
+    played = list(latest_results_per_policy(app_state.history, suite, left_out.append))
     return leaderboard(played) if played else [], left_out
 
 
-def _due(desk: Desk, now: float) -> list[Due]:
-    found = []
-    for one in desk.book.schedules():
+def _due(app_state: AppState, now: float) -> list[Due]:
+    due = []
+    for schedule in app_state.schedule_store.schedules():
         try:
-            found.append(Due(one, one.next_due(now)))
+            due.append(Due(schedule, schedule.next_due(now)))
         except ScheduleError as error:
-            found.append(Due(one, None, str(error)))
-    return found
+            due.append(Due(schedule, None, str(error)))
+    return due

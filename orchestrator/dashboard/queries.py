@@ -1,4 +1,4 @@
-"""What only the dashboard asks a history."""
+"""Queries of the history that only the dashboard needs."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from results.entries import RunEntry
-from results.history import History
-from results.schema import cells, runs
+from robogauntlet.results.store.history_records import RunEntry
+from robogauntlet.results.store.run_history import History
+from robogauntlet.results.store.schema import cells, runs
 
 RECENT = 50
-"""Runs among which the tasks of a policy are looked for."""
+"""Number of runs, the newest, in which the tasks of a policy are searched."""
 
 
 @dataclass(frozen=True)
 class Filter:
-    """Which runs; None is no condition."""
+    """Selection of runs; None means no restriction."""
 
     suite: str | None = None
     status: str | None = None
     policy: str | None = None
 
     def of(self, query: Any) -> Any:
-        """The query with these conditions."""
+        """Add the restrictions to a query."""
         if self.suite is not None:
             query = query.where(runs.c.suite == self.suite)
         if self.status is not None:
@@ -35,38 +35,38 @@ class Filter:
 
 
 def page_of_runs(history: History, wanted: Filter, limit: int, offset: int) -> list[RunEntry]:
-    """Runs, the newest first. Raises StoreError."""
+    """Return runs, the newest first. Raises StoreError."""
     query = wanted.of(sa.select(runs.c.run_id)).order_by(runs.c.started_at.desc(), runs.c.run_id)
     return history.entries(query.limit(limit).offset(offset))
 
 
 def count_runs(history: History, wanted: Filter) -> int:
-    """Number of runs. Raises StoreError."""
+    """Return the number of runs. Raises StoreError."""
     with history.database.reading() as connection:
         return int(connection.scalar(wanted.of(sa.select(sa.func.count()).select_from(runs))) or 0)
 
 
 def run_of(history: History, run_id: str) -> RunEntry | None:
-    """The run with exactly this id. Raises StoreError."""
-    found = history.entries(sa.select(runs.c.run_id).where(runs.c.run_id == run_id))
-    return found[0] if found else None
+    """Return the run with exactly this id, or None. Raises StoreError."""
+    entries = history.entries(sa.select(runs.c.run_id).where(runs.c.run_id == run_id))
+    return entries[0] if entries else None
 
 
 def statuses(history: History) -> dict[str, int]:
-    """Status to its number of runs. Raises StoreError."""
+    """Return the number of runs of each status. Raises StoreError."""
     query = sa.select(runs.c.status, sa.func.count()).where(runs.c.status.is_not(None)).group_by(runs.c.status)
     with history.database.reading() as connection:
         return {row[0]: row[1] for row in connection.execute(query.order_by(runs.c.status))}
 
 
 def judged(history: History, limit: int) -> list[RunEntry]:
-    """Runs that were held against another, the newest first. Raises StoreError."""
+    """Return runs that were compared with a baseline run, the newest first. Raises StoreError."""
     query = sa.select(runs.c.run_id).where(runs.c.verdict.is_not(None))
     return history.entries(query.order_by(runs.c.started_at.desc()).limit(limit))
 
 
 def last_verdicts(history: History) -> dict[str, str]:
-    """Suite to the verdict of its newest run that has one. Raises StoreError."""
+    """Return the verdict of each suite's newest run that has one. Raises StoreError."""
     newest = sa.select(runs.c.suite, sa.func.max(runs.c.started_at).label("at")).where(runs.c.verdict.is_not(None))
     last = newest.group_by(runs.c.suite).subquery()
     query = sa.select(runs.c.suite, runs.c.verdict).join(
@@ -77,7 +77,7 @@ def last_verdicts(history: History) -> dict[str, str]:
 
 
 def tasks(history: History, policy: str | None = None, suite: str | None = None) -> list[str]:
-    """Tasks of the newest runs, or of those with a policy or of a suite. Raises StoreError."""
+    """Return the tasks of the newest runs, or of those with a policy or of a suite. Raises StoreError."""
     newest = Filter(suite=suite, policy=policy).of(sa.select(runs.c.run_id))
     newest = newest.order_by(runs.c.started_at.desc()).limit(RECENT)
     query = sa.select(cells.c.task).distinct().where(cells.c.run_id.in_(newest)).order_by(cells.c.task)
@@ -85,7 +85,7 @@ def tasks(history: History, policy: str | None = None, suite: str | None = None)
         return list(connection.scalars(query))
 
 
-def is_there(history: History) -> None:
-    """Ask for next to nothing. Raises StoreError: the history cannot be read."""
+def check_readable(history: History) -> None:
+    """Read one run id. Raises StoreError if the history cannot be read."""
     with history.database.reading() as connection:
         connection.execute(sa.select(runs.c.run_id).limit(1)).all()

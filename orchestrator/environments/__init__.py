@@ -1,1 +1,1 @@
-"""Python environments beside the running one, for simulators that do not fit into it."""
+"""Separate Python environments, for simulators and policies that conflict with the running one."""

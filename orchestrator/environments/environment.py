@@ -1,4 +1,4 @@
-"""Which Python environment is meant, and where it lies. Looks, and makes nothing."""
+"""Which Python environment a simulator or a policy uses, and its folder. Creates nothing."""
 
 from __future__ import annotations
 
@@ -11,27 +11,42 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
-from adapters import catalog
-from policies import catalog as policies
-from suites.environments import Config, EnvironmentEntry
-from suites.loading import load_config
-from suites.vocabulary import content_hash
+from robogauntlet.adapters import catalog
+from robogauntlet.policies import catalog as policies
+from robogauntlet.suites.environments import Config, EnvironmentEntry
+from robogauntlet.suites.episode import content_hash
+from robogauntlet.suites.loading import load_config
 
 MARKER = "environment.json"
-"""Written last: a folder without it is no environment."""
+"""Written last, so that a folder without it is an unfinished environment."""
 RUNNING = f"{sys.version_info.major}.{sys.version_info.minor}"
+
+WORKER_PACKAGES: Mapping[str, str] = {
+    "numpy": "numpy",
+    "scipy": "scipy",
+    "colour-science": "colour",
+    "pydantic": "pydantic",
+    "pyyaml": "yaml",
+    "psutil": "psutil",
+    "greenlet": "greenlet",
+    "filelock": "filelock",
+    "pillow": "PIL",
+    "imageio-ffmpeg": "imageio_ffmpeg",
+    "pyarrow": "pyarrow",
+}
+"""RoboGauntlet's requirements that workers import, besides Ray, each with its module."""
 
 
 class EnvironmentProblem(Exception):
-    """An environment that cannot be had; the message says why and what to do."""
+    """An environment cannot be created or used; the message says why and what to do."""
 
 
-class Tenant(Protocol):
-    """What may live in an environment of its own: a simulator, or a kind of policy."""
+class EnvironmentUser(Protocol):
+    """A simulator or a kind of policy, which can have its own environment."""
 
     @property
     def name(self) -> str:
-        """Its name, and its environment's."""
+        """Name of the user and of its environment."""
 
     @property
     def modules(self) -> tuple[str, ...]:
@@ -43,28 +58,28 @@ class Tenant(Protocol):
 
     @property
     def requirements(self) -> tuple[str, ...]:
-        """What pip installs for it."""
+        """Requirements that pip installs."""
 
     @property
     def without_dependencies(self) -> tuple[str, ...]:
-        """The same, without what these distributions name as their dependencies."""
+        """Requirements that pip installs without their dependencies."""
 
 
 @dataclass(frozen=True)
 class Environment:
-    """A Python environment, there or to be made."""
+    """A Python environment, which need not exist yet."""
 
     name: str
-    """Of the simulator that lives in it."""
+    """Name of the simulator or kind of policy that uses it."""
     entry: EnvironmentEntry
     origin: str
-    """Who says so: `the suite`, `its adapter`, or the configuration file."""
+    """Where it is declared: `the suite`, `its adapter`, or the path of the configuration file."""
 
     @property
     def folder(self) -> Path:
-        """Where it lies: another for another entry, another Python, and another environment that it inherits from."""
-        made = [self.entry.hash, RUNNING, sys.prefix if self.entry.inherit else None]
-        return root() / f"{self.name}-{content_hash(made, length=12)}"
+        """Its folder, which depends on the entry, the Python version, and the environment that it inherits from."""
+        identity = [self.entry.hash, RUNNING, sys.prefix if self.entry.inherit else None]
+        return root() / f"{self.name}-{content_hash(identity, length=12)}"
 
     @property
     def python(self) -> Path:
@@ -74,8 +89,8 @@ class Environment:
         return self.folder / "bin" / "python"
 
     @property
-    def made(self) -> Mapping[str, Any] | None:
-        """What was written down when it was complete; None if it is not there. Empty for one that we did not make."""
+    def manifest(self) -> Mapping[str, Any] | None:
+        """The content of its `environment.json`; None if it does not exist, empty for the user's own interpreter."""
         if self.entry.interpreter is not None:
             return {} if os.access(self.python, os.X_OK) else None
         try:
@@ -84,24 +99,24 @@ class Environment:
             return None
 
 
-def tenants() -> dict[str, Tenant]:
-    """What may have an environment of its own: simulators, and kinds of policies that ask for one."""
+def environment_users() -> dict[str, EnvironmentUser]:
+    """Simulators and kinds of policies with requirements, by name."""
     kinds = {name: kind for name, kind in policies.kinds().items() if kind.requirements or kind.without_dependencies}
     return {**kinds, **catalog.simulators()}
 
 
 def root() -> Path:
-    """The folder with the environments: GAUNTLET_ENVIRONMENTS, or in the platform's folder for data."""
-    if named := os.environ.get("GAUNTLET_ENVIRONMENTS"):
+    """The folder of the environments: ROBOGAUNTLET_ENVIRONMENTS, or a folder in the platform's data folder."""
+    if named := os.environ.get("ROBOGAUNTLET_ENVIRONMENTS"):
         return Path(named).expanduser().absolute()
-    import platformdirs  # not in environments that inherit nothing, whose processes need not ask
+    import platformdirs  # not installed in environments that inherit nothing
 
     return platformdirs.user_data_path("robogauntlet") / "environments"
 
 
 def config_path() -> Path:
-    """The configuration file: GAUNTLET_CONFIG, or in the platform's folder for configurations."""
-    if named := os.environ.get("GAUNTLET_CONFIG"):
+    """The configuration file: ROBOGAUNTLET_CONFIG, or a file in the platform's configuration folder."""
+    if named := os.environ.get("ROBOGAUNTLET_CONFIG"):
         return Path(named).expanduser()
     import platformdirs
 
@@ -109,48 +124,48 @@ def config_path() -> Path:
 
 
 def read_config() -> Config:
-    """What the user's configuration says; nothing if there is none.
+    """Read the user's configuration, which is empty if there is no file.
 
     Raises:
-        SuiteError: It is wrong, or GAUNTLET_CONFIG names none.
+        SuiteError: The file is invalid, or ROBOGAUNTLET_CONFIG names a missing file.
     """
     path = config_path()
-    if not path.exists() and "GAUNTLET_CONFIG" not in os.environ:
+    if not path.exists() and "ROBOGAUNTLET_CONFIG" not in os.environ:
         return Config()
-    return load_config(path, sorted(tenants()))
+    return load_config(path, sorted(environment_users()))
 
 
 def environment_of(
-    tenant: Tenant, declared: Mapping[str, EnvironmentEntry], config: Config | None = None
+    user: EnvironmentUser, declared: Mapping[str, EnvironmentEntry], config: Config | None = None
 ) -> Environment | None:
-    """The environment that is meant for a simulator, whether or not it is there; None for the running one.
+    """The environment of a simulator or policy, whether or not it exists; None for the running one.
 
     Args:
-        tenant: The simulator.
-        declared: What the suite says.
-        config: What the user's configuration says; read if it is None.
+        user: The simulator or kind of policy.
+        declared: The environments of the suite.
+        config: The user's configuration; read from its file if None.
 
     Raises:
-        SuiteError: The configuration is wrong.
+        SuiteError: The configuration is invalid.
     """
-    if tenant.name in declared:
-        return Environment(tenant.name, declared[tenant.name], "the suite")
+    if user.name in declared:
+        return Environment(user.name, declared[user.name], "the suite")
     configured = (read_config() if config is None else config).environments
-    if tenant.name in configured:
-        return Environment(tenant.name, configured[tenant.name], str(config_path()))
-    return by_default(tenant)
+    if user.name in configured:
+        return Environment(user.name, configured[user.name], str(config_path()))
+    return adapter_environment(user)
 
 
-def by_default(tenant: Tenant, *, anyway: bool = False) -> Environment | None:
-    """The environment that a simulator comes with, where the running one lacks the simulator.
+def adapter_environment(user: EnvironmentUser, *, always: bool = False) -> Environment | None:
+    """The environment that an adapter or policy declares, if the running one lacks its modules.
 
     Args:
-        tenant: The simulator.
-        anyway: Even where the running one has it.
+        user: The simulator or kind of policy.
+        always: Return it even if the running environment has the modules.
     """
-    if not (tenant.requirements or tenant.without_dependencies):
+    if not (user.requirements or user.without_dependencies):
         return None
-    if not anyway and all(find_spec(module) is not None for module in tenant.modules):
+    if not always and all(find_spec(module) is not None for module in user.modules):
         return None
-    entry = EnvironmentEntry(requirements=tenant.requirements, without_dependencies=tenant.without_dependencies)
-    return Environment(tenant.name, entry, "its adapter")
+    entry = EnvironmentEntry(requirements=user.requirements, without_dependencies=user.without_dependencies)
+    return Environment(user.name, entry, "its adapter")

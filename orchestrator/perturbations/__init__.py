@@ -4,47 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from adapters.contract import Simulation, UnsupportedCondition
-from orchestrator.perturbations.actions import Delayed, NoisyActions
-from orchestrator.perturbations.arm import Started
-from orchestrator.perturbations.base import Perturbed, Unperturbed
-from orchestrator.perturbations.cameras import Bumped, Farther, Orbited, Widened
-from orchestrator.perturbations.images import Blind, Blurred, Frozen, Noisy
-from orchestrator.perturbations.lights import Dimmed, Redirected, Tinted
-from orchestrator.perturbations.objects import Altered, Displaced
-from orchestrator.perturbations.references import ReferenceLooks
-from orchestrator.perturbations.stage import Distracted, Painted
-from orchestrator.perturbations.words import Misled, Reworded, Untold
-from suites.axes import axis_of
-from suites.vocabulary import Episode
+from robogauntlet.adapters.contract import Simulation, UnsupportedCondition
+from robogauntlet.orchestrator.perturbations.actions import ActionDelay, ActionNoise
+from robogauntlet.orchestrator.perturbations.arm import RobotStart
+from robogauntlet.orchestrator.perturbations.base import Perturbed, Unperturbed
+from robogauntlet.orchestrator.perturbations.cameras import CameraBump, CameraDistance, CameraOrbit, FieldOfView
+from robogauntlet.orchestrator.perturbations.images import Blind, Blur, FrozenFrames, SensorNoise
+from robogauntlet.orchestrator.perturbations.instructions import BlankInstruction, Instruction, WrongGoal
+from robogauntlet.orchestrator.perturbations.lights import ColourTemperature, Illuminance, LightDirection
+from robogauntlet.orchestrator.perturbations.objects import Dynamics, ObjectPosition
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.table_and_distractors import Distractors, Table
+from robogauntlet.suites.axes import axis_of
+from robogauntlet.suites.episode import Episode
 
 _PERTURBED: Mapping[str, type[Perturbed]] = {
-    "camera-orbit": Orbited,
-    "camera-distance": Farther,
-    "field-of-view": Widened,
-    "camera-bump": Bumped,
-    "illuminance": Dimmed,
-    "light-direction": Redirected,
-    "colour-temperature": Tinted,
-    "table": Painted,
-    "distractors": Distracted,
-    "object-position": Displaced,
-    "robot-start": Started,
-    "dynamics": Altered,
-    "noise": Noisy,
-    "blur": Blurred,
-    "frozen-frames": Frozen,
-    "action-noise": NoisyActions,
-    "action-delay": Delayed,
-    "instruction": Reworded,
+    "camera-orbit": CameraOrbit,
+    "camera-distance": CameraDistance,
+    "field-of-view": FieldOfView,
+    "camera-bump": CameraBump,
+    "illuminance": Illuminance,
+    "light-direction": LightDirection,
+    "colour-temperature": ColourTemperature,
+    "table": Table,
+    "distractors": Distractors,
+    "object-position": ObjectPosition,
+    "robot-start": RobotStart,
+    "dynamics": Dynamics,
+    "noise": SensorNoise,
+    "blur": Blur,
+    "frozen-frames": FrozenFrames,
+    "action-noise": ActionNoise,
+    "action-delay": ActionDelay,
+    "instruction": Instruction,
     "blind": Blind,
-    "blank-instruction": Untold,
-    "wrong-goal": Misled,
+    "blank-instruction": BlankInstruction,
+    "wrong-goal": WrongGoal,
     "again": Unperturbed,
 }
 
 
-def perturbed(simulation: Simulation, episode: Episode, references: ReferenceLooks | None = None) -> Simulation:
+def perturbed(simulation: Simulation, episode: Episode, references: ReferenceImages | None = None) -> Simulation:
     """The simulation as this episode's condition has it: itself, or with something between it and the policy.
 
     Draws depend on the pair alone, so that two policies meet the same disturbance.
@@ -52,7 +52,7 @@ def perturbed(simulation: Simulation, episode: Episode, references: ReferenceLoo
     Args:
         simulation: In the clean world.
         episode: Says what to change, and how much.
-        references: Looks that were kept of this simulation's task.
+        references: ImagePairs that were kept of this simulation's task.
 
     Raises:
         UnsupportedCondition: There is no such axis or severity.

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from adapters.contract import ACTION_NAMES, Delivered, FloatArray, StepOutcome
-from orchestrator.perturbations.base import Perturbed
-from suites.operators import delay_steps, generator_for, step_deviation
-from suites.vocabulary import Condition
+from robogauntlet.adapters.contract import ACTION_NAMES, Delivered, FloatArray, StepOutcome
+from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.orchestrator.perturbations.operators import delay_steps, generator_for, step_deviation
 
 OPEN_GRIPPER = -1.0
 
@@ -17,9 +16,9 @@ OPEN_GRIPPER = -1.0
 class PerturbedActions(Perturbed):
     """Steps are counted from the reset."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode."""
-        super().reset(seed, condition)
+        super().reset(seed)
         self._steps = 0
         self.told: FloatArray | None = None
         """The last action that the policy told."""
@@ -35,12 +34,12 @@ class PerturbedActions(Perturbed):
         raise NotImplementedError
 
 
-class NoisyActions(PerturbedActions):
+class ActionNoise(PerturbedActions):
     """Noise in the executed translation."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode."""
-        super().reset(seed, condition)
+        super().reset(seed)
         self._squares = 0.0
 
     def _executed(self, action: FloatArray) -> FloatArray:
@@ -61,12 +60,12 @@ class NoisyActions(PerturbedActions):
         return Delivered(100 * per_step * math.sqrt(self.action_spec.control_hz))
 
 
-class Delayed(PerturbedActions):
+class ActionDelay(PerturbedActions):
     """Actions that arrive late."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode, with nothing on its way."""
-        super().reset(seed, condition)
+        super().reset(seed)
         still = np.zeros(len(ACTION_NAMES))
         still[ACTION_NAMES.index("gripper")] = 0.0 if "gripper" in self.action_spec.ignored else OPEN_GRIPPER
         self._underway = [still] * delay_steps(self.level, self.action_spec.control_hz)

@@ -7,36 +7,35 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Arm, Unreachable, unit
-from adapters.contract import Delivered, NotDelivered
-from orchestrator.perturbations.base import Perturbed
-from suites.operators import generator_for
-from suites.vocabulary import Condition
+from robogauntlet.adapters.contract import Delivered, NotDelivered
+from robogauntlet.adapters.scene_control import Arm, Unreachable, unit
+from robogauntlet.orchestrator.perturbations.base import Perturbed
 
 LOWEST = 0.03
 """Least height of the tool above the table (m)."""
 DRAWS = 200
 
 
-class Started(Perturbed):
+class RobotStart(Perturbed):
     """The tool at another place, turned where the arm can turn it."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode, then move the arm to the first of many drawn poses that it can reach.
 
         Raises:
             UnsupportedCondition: This simulation's arm cannot be moved.
             NotDelivered: It can reach none of them.
         """
-        super().reset(seed, condition)
-        arm: Arm = self.offered(self.adjusters.arm, "the arm start elsewhere")
+        super().reset(seed)
+        arm: Arm = self.offered(self.scene_controls.arm, "the arm start elsewhere")
         before = self.simulation.privileged_state()
-        floor = self.adjusters.stage.table_height + LOWEST if self.adjusters.stage else -math.inf
+        floor = self.scene_controls.stage.table_height + LOWEST if self.scene_controls.stage else -math.inf
         own = Rotation.from_quat(before["tcp_quaternion"])
-        generator = generator_for(self.episode.pair_id, 0)
         for _ in range(DRAWS):
-            position = before["tcp_position"] + self.level / 100 * unit(generator.standard_normal(3))
-            turn = Rotation.from_rotvec(math.radians(self.also) * arm.turns * unit(generator.standard_normal(3)))
+            position = before["tcp_position"] + self.level / 100 * unit(self.generator.standard_normal(3))
+            turn = Rotation.from_rotvec(
+                math.radians(self.secondary_level) * arm.turns * unit(self.generator.standard_normal(3))
+            )
             if position[2] < floor:
                 continue
             try:

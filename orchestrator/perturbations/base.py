@@ -8,41 +8,36 @@ from typing import TypeVar
 
 import numpy as np
 
-from adapters.catalog import task_cards
-from adapters.contract import (
-    Delivered,
-    Image,
-    NotDelivered,
-    Observation,
-    Simulation,
-    UnsupportedCondition,
-)
-from orchestrator.around import Around
-from orchestrator.perturbations.references import Images, ReferenceLooks
-from suites.axes import Axis, Changes
-from suites.vocabulary import CLEAN, Condition, Episode
+from robogauntlet.adapters.catalog import task_descriptions
+from robogauntlet.adapters.contract import Delivered, Image, NotDelivered, Observation, Simulation, UnsupportedCondition
+from robogauntlet.adapters.wrapper import SimulationWrapper
+from robogauntlet.orchestrator.perturbations.operators import generator_for
+from robogauntlet.orchestrator.perturbations.reference_images import Images, ReferenceImages
+from robogauntlet.suites.axes import Axis, Changes
+from robogauntlet.suites.episode import CLEAN, Episode
 
 Part = TypeVar("Part")
 
 
-class Perturbed(Around):
+class Perturbed(SimulationWrapper):
     """A simulation in the clean world, with something between it and the policy."""
 
     def __init__(
-        self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceLooks | None = None
+        self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceImages | None = None
     ) -> None:
         super().__init__(simulation)
         self.axis, self.episode = axis, episode
-        self.references = references or ReferenceLooks()
+        self.references = references or ReferenceImages()
         self.level = axis.value(episode.condition.severity)
-        self.also = axis.also[episode.condition.severity - 1] if axis.also else 0.0
+        self.secondary_level = axis.secondary_levels[episode.condition.severity - 1] if axis.secondary_levels else 0.0
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode of the seed; a subclass then changes what it changes."""
-        self.simulation.reset(seed, Condition())
+        self.simulation.reset(seed)
         self._clean_start = self.simulation.state_hash()
+        self.generator = generator_for(self.episode.pair_id, 0)
 
-    def glance(self) -> Observation:
+    def preview(self) -> Observation:
         """What a look would show now, without counting as one: the next look shows what it would have shown anyway."""
         twin = copy.copy(self)
         for name, value in vars(self).items():
@@ -62,28 +57,28 @@ class Perturbed(Around):
         if not same and self.axis.changes.starts_clean:
             raise NotDelivered(f"{self.episode.condition}: expected the clean episode's physical state, got another")
 
-    def check_words(self, told: str) -> None:
+    def check_instruction(self, told: str) -> None:
         """Refuse other words than the task's own on axes that change something else.
 
         Raises:
             NotDelivered: They are others.
         """
-        if self.axis.changes is not Changes.INSTRUCTION and told != task_cards()[self.episode.task].instruction:
+        if self.axis.changes is not Changes.INSTRUCTION and told != task_descriptions()[self.episode.task].instruction:
             raise NotDelivered(f"{self.episode.condition}: expected the task's own instruction, got '{told}'")
 
     def delivered(self) -> Delivered | None:
         """What was measured, see the axis."""
         raise NotImplementedError
 
-    def offered(self, adjuster: Part | None, what: str) -> Part:
-        """An adjuster that the simulation must have.
+    def offered(self, control: Part | None, what: str) -> Part:
+        """An control that the simulation must have.
 
         Raises:
             UnsupportedCondition: It has not; `what` completes "this simulation does not let".
         """
-        if adjuster is None:
+        if control is None:
             raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let {what}")
-        return adjuster
+        return control
 
     def checked(self, value: float) -> float:
         """Refuse what is farther from the level than the axis allows.
@@ -106,7 +101,7 @@ class Unperturbed(Perturbed):
         return Delivered(self.level)
 
 
-Looks = Mapping[str, tuple[Image, Image]]
+ImagePairs = Mapping[str, tuple[Image, Image]]
 """Camera to what it sees at the start of the clean episode and of this one."""
 
 
@@ -117,20 +112,20 @@ class PerturbedScene(Perturbed):
     unless a reference was kept. Nothing is rendered for a policy that does not look.
     """
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode; a subclass then changes the scene."""
-        super().reset(seed, condition)
+        super().reset(seed)
         self._found: Delivered | None = None
 
-    def bare(self) -> None:
+    def show_clean(self) -> None:
         """Show the scene as in the clean episode."""
         raise NotImplementedError
 
-    def dressed(self) -> None:
+    def show_perturbed(self) -> None:
         """Show the perturbed scene again."""
         raise NotImplementedError
 
-    def measured(self, looks: Looks) -> tuple[float, dict[str, float]]:
+    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
         """What was delivered, in the unit of the axis, and other numbers by name.
 
         Raises:
@@ -146,8 +141,8 @@ class PerturbedScene(Perturbed):
         """
         if self._found is not None:
             return self.simulation.observe()
-        clean = self.references.of(self.episode.seed, CLEAN, self.clean_look)
-        seen = self.first_look(clean)
+        clean = self.references.get(self.episode.seed, CLEAN, self.clean_images)
+        seen = self.first_observation(clean)
         looks = {camera: (clean[camera], image) for camera, image in seen.images.items()}
         if not self.changed(looks):
             raise NotDelivered(
@@ -156,18 +151,18 @@ class PerturbedScene(Perturbed):
         self._found = Delivered(*self.measured(looks))
         return seen
 
-    def first_look(self, clean: Images) -> Observation:
+    def first_observation(self, clean: Images) -> Observation:
         """The first that the policy sees, beside what the clean episode shows."""
         return self.simulation.observe()
 
-    def clean_look(self) -> Images:
+    def clean_images(self) -> Images:
         """What the clean episode shows first; the scene is perturbed before and after."""
-        self.bare()
+        self.show_clean()
         images = self.simulation.observe().images
-        self.dressed()
+        self.show_perturbed()
         return images
 
-    def changed(self, looks: Looks) -> float:
+    def changed(self, looks: ImagePairs) -> float:
         """Share of the pixels that are not as in the clean episode."""
         return float(np.mean([(clean != seen).any(axis=2).mean() for clean, seen in looks.values()]))
 

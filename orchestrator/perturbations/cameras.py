@@ -7,32 +7,35 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from adapters.adjusting import Cameras, Viewpoint
-from adapters.contract import Delivered, FloatArray, UnsupportedCondition
-from adapters.viewpoints import angle_round, bumped, farther, orbited, seen_at_height, turn_between, widened
-from orchestrator.perturbations.base import Perturbed
-from suites.operators import generator_for
-from suites.vocabulary import Condition
+from robogauntlet.adapters.camera_geometry import (
+    aim_point,
+    azimuth_between,
+    bump,
+    move_away,
+    orbit,
+    rotation_between,
+    widen,
+)
+from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition
+from robogauntlet.adapters.scene_control import Cameras, Viewpoint, unit
+from robogauntlet.orchestrator.perturbations.base import Perturbed
 
 THIRD_PERSON = "third_person"
 BASE_HEIGHT = 0.0
 """What a third-person camera is aimed at lies at the height of the robot's base."""
-DRAW = 0
-"""Key of what is drawn once per episode."""
 
 
 class MovedCameras(Perturbed):
     """Some cameras with other viewpoints from the reset on."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode, then move the cameras.
 
         Raises:
             UnsupportedCondition: This simulation's cameras cannot be moved, or the policy is not shown the camera.
         """
-        super().reset(seed, condition)
-        cameras: Cameras = self.offered(self.adjusters.cameras, "cameras be moved")
-        self.generator = generator_for(self.episode.pair_id, DRAW)
+        super().reset(seed)
+        cameras: Cameras = self.offered(self.scene_controls.cameras, "cameras be moved")
         self._found: dict[str, tuple[Viewpoint, Viewpoint]] = {}
         for camera in self.moved():
             if camera not in self.observation_spec.cameras:
@@ -56,29 +59,29 @@ class MovedCameras(Perturbed):
     def delivered(self) -> Delivered | None:
         """The mean over the cameras, each of which is held to the level."""
         values = [self.checked(self.measured(*found)) for found in self._found.values()]
-        turned = {f"turned_{camera}": math.degrees(turn_between(*found)) for camera, found in self._found.items()}
+        turned = {f"turned_{camera}": math.degrees(rotation_between(*found)) for camera, found in self._found.items()}
         return Delivered(float(np.mean(values)), turned)
 
 
-class Orbited(MovedCameras):
+class CameraOrbit(MovedCameras):
     """The third-person camera carried round what it is aimed at."""
 
     def other(self, own: Viewpoint) -> Viewpoint:
         """To the left or to the right, and a little upwards."""
         azimuth = math.radians(self.level) * self.generator.choice([-1.0, 1.0])
-        return orbited(own, _aim(own), azimuth, math.radians(self.also))
+        return orbit(own, _aim(own), azimuth, math.radians(self.secondary_level))
 
     def measured(self, own: Viewpoint, other: Viewpoint) -> float:
         """The angle about the vertical (deg)."""
-        return math.degrees(angle_round(_aim(own), own, other))
+        return math.degrees(azimuth_between(_aim(own), own, other))
 
 
-class Farther(MovedCameras):
+class CameraDistance(MovedCameras):
     """The third-person camera farther away."""
 
     def other(self, own: Viewpoint) -> Viewpoint:
         """Along its optical axis."""
-        return farther(own, _aim(own), self.level)
+        return move_away(own, _aim(own), self.level)
 
     def measured(self, own: Viewpoint, other: Viewpoint) -> float:
         """The ratio of the distances."""
@@ -86,19 +89,19 @@ class Farther(MovedCameras):
         return float(after / before)
 
 
-class Widened(MovedCameras):
+class FieldOfView(MovedCameras):
     """The third-person camera with another lens."""
 
     def other(self, own: Viewpoint) -> Viewpoint:
         """A wider one."""
-        return widened(own, math.radians(self.level))
+        return widen(own, math.radians(self.level))
 
     def measured(self, own: Viewpoint, other: Viewpoint) -> float:
         """The difference of the vertical fields of view (deg)."""
         return math.degrees(other.fovy - own.fovy)
 
 
-class Bumped(MovedCameras):
+class CameraBump(MovedCameras):
     """All cameras moved and turned at random, each on its own."""
 
     def moved(self) -> Iterable[str]:
@@ -108,16 +111,15 @@ class Bumped(MovedCameras):
     def other(self, own: Viewpoint) -> Viewpoint:
         """By the level's length and angle, in directions drawn evenly over the sphere."""
         offset = self._direction() * self.level / 100
-        return bumped(own, offset, self._direction() * math.radians(self.also))
+        return bump(own, offset, self._direction() * math.radians(self.secondary_level))
 
     def measured(self, own: Viewpoint, other: Viewpoint) -> float:
         """The length of the way (cm)."""
         return float(100 * np.linalg.norm(other.position - own.position))
 
     def _direction(self) -> FloatArray:
-        drawn = self.generator.standard_normal(3)
-        return drawn / np.linalg.norm(drawn)
+        return unit(self.generator.standard_normal(3))
 
 
 def _aim(own: Viewpoint) -> FloatArray:
-    return seen_at_height(own, BASE_HEIGHT)
+    return aim_point(own, BASE_HEIGHT)

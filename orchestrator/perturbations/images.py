@@ -8,10 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from adapters.contract import Delivered, Image, NotDelivered, Observation
-from orchestrator.perturbations.base import Perturbed
-from suites.operators import add_noise, blur, generator_for, is_frozen, noise_deviation, psnr
-from suites.vocabulary import Condition
+from robogauntlet.adapters.contract import Delivered, Image, NotDelivered, Observation
+from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.orchestrator.perturbations.operators import (
+    add_noise,
+    blur,
+    generator_for,
+    is_frozen,
+    noise_deviation,
+    psnr,
+)
 
 SATURATED = 255
 PHASE = 2**32
@@ -19,11 +25,11 @@ PHASE = 2**32
 
 
 class PerturbedImages(Perturbed):
-    """Looks are counted from the reset; the first images are measured against what the cameras saw."""
+    """ImagePairs are counted from the reset; the first images are measured against what the cameras saw."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode."""
-        super().reset(seed, condition)
+        super().reset(seed)
         self._looks = 0
         self._statistics: dict[str, float] = {}
 
@@ -40,12 +46,12 @@ class PerturbedImages(Perturbed):
         raise NotImplementedError
 
 
-class Noisy(PerturbedImages):
+class SensorNoise(PerturbedImages):
     """Sensor noise."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode; deviations are found with the first look."""
-        super().reset(seed, condition)
+        super().reset(seed)
         self._deviations: dict[int, float] = {}
 
     def _image(self, image: Image, camera: int) -> Image:
@@ -65,7 +71,7 @@ class Noisy(PerturbedImages):
         return Delivered(float(np.mean(ratios)), self._statistics)
 
 
-class Blurred(PerturbedImages):
+class Blur(PerturbedImages):
     """A blur."""
 
     def _image(self, image: Image, camera: int) -> Image:
@@ -91,12 +97,12 @@ class Blind(PerturbedImages):
         return Delivered(self.level if self._statistics else None, self._statistics)
 
 
-class Frozen(PerturbedImages):
+class FrozenFrames(PerturbedImages):
     """Frames that do not change."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the episode."""
-        super().reset(seed, condition)
+        super().reset(seed)
         self._phase = float(generator_for(self.episode.pair_id, PHASE).random())
         self._last: dict[int, Image] = {}
         self._repeated = 0

@@ -1,4 +1,4 @@
-"""Dimmed, coloured and moved light. Light is measured in the images, its direction by what the simulator reads back."""
+"""Illuminance, colour temperature and direction of light, measured in images and read back from the simulator."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Light, Lights, unit
-from adapters.contract import FloatArray, NotDelivered
-from orchestrator.perturbations.base import Looks, PerturbedScene
-from suites.operators import generator_for
-from suites.photometry import channel_gains, stops, temperature_gains, temperature_of
-from suites.vocabulary import Condition
+from robogauntlet.adapters.contract import FloatArray, NotDelivered
+from robogauntlet.adapters.photometry import channel_gains, stops, temperature_gains, temperature_of
+from robogauntlet.adapters.scene_control import Light, Lights, unit
+from robogauntlet.orchestrator.perturbations.base import ImagePairs, PerturbedScene
 
 LEAST_LIT = 0.01
 """Share of the pixels that must show a change of light for it to be measured."""
@@ -24,14 +22,14 @@ DRAWS = 1000
 class PerturbedLight(PerturbedScene):
     """Another light from the reset on."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode, then change the light.
 
         Raises:
             UnsupportedCondition: This simulation's light cannot be changed.
         """
-        super().reset(seed, condition)
-        self._lights: Lights = self.offered(self.adjusters.lights, "its light be changed")
+        super().reset(seed)
+        self._lights: Lights = self.offered(self.scene_controls.lights, "its light be changed")
         self._own = self._lights.light()
         self._other = self.other(self._own)
         self._lights.set_light(self._other)
@@ -40,11 +38,11 @@ class PerturbedLight(PerturbedScene):
         """The other light."""
         raise NotImplementedError
 
-    def bare(self) -> None:
+    def show_clean(self) -> None:
         """Give the scene its own light."""
         self._lights.set_light(self._own)
 
-    def dressed(self) -> None:
+    def show_perturbed(self) -> None:
         """And the other again."""
         self._lights.set_light(self._other)
 
@@ -64,7 +62,7 @@ class Relit(PerturbedLight):
         """What factors of the linear light (3,) amount to, in the unit of the axis."""
         raise NotImplementedError
 
-    def measured(self, looks: Looks) -> tuple[float, dict[str, float]]:
+    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
         """From the pixels of all cameras that tell of the light."""
         gains, lit = channel_gains([looks[camera] for camera in sorted(looks)])
         if lit < LEAST_LIT:
@@ -75,7 +73,7 @@ class Relit(PerturbedLight):
         return self.checked(self.value(gains)), named | {"lit": lit}
 
 
-class Dimmed(Relit):
+class Illuminance(Relit):
     """Less light."""
 
     def gain(self) -> FloatArray:
@@ -87,7 +85,7 @@ class Dimmed(Relit):
         return -stops(gains)
 
 
-class Tinted(Relit):
+class ColourTemperature(Relit):
     """Warmer light."""
 
     def gain(self) -> FloatArray:
@@ -99,20 +97,19 @@ class Tinted(Relit):
         return temperature_of(gains)
 
 
-class Redirected(PerturbedLight):
+class LightDirection(PerturbedLight):
     """Light from elsewhere."""
 
     def other(self, own: Light) -> Light:
         """The first of many drawn directions that is high enough."""
-        generator = generator_for(self.episode.pair_id, 0)
         for _ in range(DRAWS):
-            sideways = unit(np.cross(own.direction, generator.standard_normal(3)))
+            sideways = unit(np.cross(own.direction, self.generator.standard_normal(3)))
             turned = Rotation.from_rotvec(math.radians(self.level) * sideways).apply(own.direction)
             if turned[2] >= math.sin(LOWEST):
                 return Light(own.gain, turned)
         raise NotDelivered(f"{self.episode.condition}: expected a direction above the horizon, found none")
 
-    def measured(self, looks: Looks) -> tuple[float, dict[str, float]]:
+    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
         """The angle between the directions (deg), and the share of the pixels that changed."""
         found = self._lights.light().direction
         angle = math.degrees(

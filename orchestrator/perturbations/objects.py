@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from adapters.adjusting import Bodies, Dynamics, Objects, Placeable
-from adapters.contract import Delivered, FloatArray, UnsupportedCondition
-from orchestrator.perturbations.base import Perturbed
-from suites.operators import generator_for
-from suites.vocabulary import Condition
+from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition
+from robogauntlet.adapters.scene_control import BodyDynamics, DynamicsFactors, Objects, PlacementRegion
+from robogauntlet.orchestrator.perturbations.base import Perturbed
 
 CLEAR = 0.06
 """How far a displaced thing must be from the others (m, centre to centre)."""
@@ -17,25 +15,24 @@ FROM_GOAL = 0.15
 POSITION = "_position"
 
 
-class Displaced(Perturbed):
+class ObjectPosition(Perturbed):
     """The thing that the task is about, outside the region of its resets."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode, then move the thing.
 
         Raises:
             UnsupportedCondition: Nothing can be moved here, or there is no free place.
         """
-        super().reset(seed, condition)
-        objects: Objects = self.offered(self.adjusters.objects, "things be moved")
+        super().reset(seed)
+        objects: Objects = self.offered(self.scene_controls.objects, "things be moved")
         self._name, self._box = next(iter(objects.placeable().items()))
         state = self.simulation.privileged_state()
         own = state[self._name + POSITION][:2]
-        others = [
-            where[:2] for name, where in state.items() if name.endswith(POSITION) and name not in self._not_in_way
-        ]
-        generator = generator_for(self.episode.pair_id, 0)
-        for place in generator.permutation(beside(self._box, own, self.level / 100)):
+        # It may be near itself, the goal and the tool.
+        ignored = {name + POSITION for name in (self._name, *self._box.attached, "goal", "tcp")}
+        others = [where[:2] for name, where in state.items() if name.endswith(POSITION) and name not in ignored]
+        for place in self.generator.permutation(beside(self._box, own, self.level / 100)):
             if self._name != "goal" and _is_nearer(place, own, state.get("goal_position")):
                 continue
             if all(np.linalg.norm(place - other) >= CLEAR for other in others):
@@ -44,36 +41,26 @@ class Displaced(Perturbed):
                 return
         raise UnsupportedCondition(f"{self.episode.condition}: something else lies at each place for {self._name}")
 
-    @property
-    def _not_in_way(self) -> tuple[str, ...]:
-        """What a thing may be near: itself, where it is to go, and what is measured on it."""
-        return (
-            self._name + POSITION,
-            "goal_position",
-            "tcp_position",
-            "finger_positions",
-            "handle_position",
-            "latch_position",
-        )
-
     def delivered(self) -> Delivered | None:
         """How far from the region it was put (cm)."""
         return Delivered(self.checked(100 * outside(self._box, self._position)))
 
 
-class Altered(Perturbed):
+class Dynamics(Perturbed):
     """Things of other mass and friction."""
 
-    def reset(self, seed: int, condition: Condition) -> None:
+    def reset(self, seed: int) -> None:
         """Start the clean episode, then change the things.
 
         Raises:
             UnsupportedCondition: This simulation's things cannot be changed.
         """
-        super().reset(seed, condition)
-        self._bodies: Bodies = self.offered(self.adjusters.bodies, "masses and frictions be changed")
-        slippery = generator_for(self.episode.pair_id, 0).random() < 0.5
-        self._bodies.set_dynamics(Dynamics(self.level, 1 / self.also if slippery else self.also))
+        super().reset(seed)
+        self._bodies: BodyDynamics = self.offered(self.scene_controls.bodies, "masses and frictions be changed")
+        slippery = self.generator.random() < 0.5
+        self._bodies.set_dynamics(
+            DynamicsFactors(self.level, 1 / self.secondary_level if slippery else self.secondary_level)
+        )
         self._found = self._bodies.dynamics()
 
     def delivered(self) -> Delivered | None:
@@ -89,7 +76,7 @@ def _is_nearer(place: FloatArray, own: FloatArray, goal: FloatArray | None) -> b
     return distance < min(clean, FROM_GOAL)
 
 
-def beside(box: Placeable, point: FloatArray, distance: float) -> FloatArray:
+def beside(box: PlacementRegion, point: FloatArray, distance: float) -> FloatArray:
     """The four places (4, 2) beyond the sides of a box, straight across from a point (2,) within it."""
     places = np.tile(point, (4, 1))
     for axis in range(2):
@@ -98,6 +85,6 @@ def beside(box: Placeable, point: FloatArray, distance: float) -> FloatArray:
     return places
 
 
-def outside(box: Placeable, point: FloatArray) -> float:
+def outside(box: PlacementRegion, point: FloatArray) -> float:
     """Distance (m) of a point (2,) from a box; 0 within."""
     return float(np.linalg.norm(np.maximum(0.0, np.maximum(box.low - point, point - box.high))))

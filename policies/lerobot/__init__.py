@@ -1,1 +1,1 @@
-"""Checkpoints of LeRobot as a kind of policy, computed by LeRobot itself in an environment that holds it."""
+"""LeRobot checkpoints, computed by LeRobot itself in a Python environment that contains it."""

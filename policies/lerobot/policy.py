@@ -1,16 +1,16 @@
-"""Checkpoints of LeRobot as a kind of policy. Light: what asks them is imported when it is needed."""
+"""The policy kind `lerobot`. Light: the policy's own module is imported when it is needed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
-from policies.lerobot.card import NAME, OPTIONS, files, read_checkpoint
+from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
+from robogauntlet.policies.lerobot.checkpoint import NAME, OPTIONS, files, read_checkpoint
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
-    from policies.lerobot.acting import LeRobotPolicy
+    from robogauntlet.policies.lerobot.lerobot_policy import LeRobotPolicy
 
     return LeRobotPolicy(read_checkpoint(options))
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from policies.contract import Decision, Policy, PolicyError, PolicyKind, PolicySpec, Query, Sees
-from policies.digests import scripted_digest, source_digest
-from policies.oracles import motion
-from policies.oracles.motion import Script
-from policies.oracles.plugins import OraclePlugin, load_oracles
-from suites.plugins import BrokenPlugin
-from suites.vocabulary import Episode
+from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, PolicyKind, PolicySpec, Query
+from robogauntlet.policies.digests import scripted_digest, source_digest
+from robogauntlet.policies.oracles import motion
+from robogauntlet.policies.oracles.motion import Script
+from robogauntlet.policies.oracles.plugins import OraclePlugin, load_oracles
+from robogauntlet.suites.episode import Episode
+from robogauntlet.suites.plugins import BrokenPlugin
 
 _SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "gymnasium", "libero")
 
@@ -44,7 +44,7 @@ def broken_plugins() -> tuple[BrokenPlugin, ...]:
 class OraclePolicy:
     """Plays each episode by its task's script, asked before every control step."""
 
-    spec = PolicySpec(Sees.PRIVILEGED_STATE, chunk_length=1)
+    spec = PolicySpec(PolicyInput.PRIVILEGED_STATE, chunk_length=1)
 
     def __init__(self) -> None:
         self._playing: dict[str, Script] = {}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from policies.oracles.motion import Script
-from policies.oracles.pybullet import PickAndPlace, Reach
+from robogauntlet.policies.oracles.motion import Script
+from robogauntlet.policies.oracles.pybullet import PickAndPlace, Reach
 
 
 class FetchPickAndPlace(PickAndPlace):

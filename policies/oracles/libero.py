@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray
-from policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
 
 MAX_STEP, MAX_TURN = 0.0131, 0.118
 """Longest motion in one step (m, rad): what the controller can do."""

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray
-from policies.oracles.motion import CLOSED, OPEN, Script, State, distance, move, pointing_down, yaw_of
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, move, pointing_down, yaw_of
 
 STEP = 0.03
 """Longest translation in one control step (m)."""

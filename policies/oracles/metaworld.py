@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 
-from adapters.catalog import simulators
-from adapters.contract import FloatArray
-from policies.oracles.motion import Script, State
+from robogauntlet.adapters.catalog import simulators
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.oracles.motion import Script, State
 
 ACTION_SCALE = 0.01
 """What Meta-World makes of a full command (m)."""

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray
+from robogauntlet.adapters.contract import FloatArray
 
 OPEN, CLOSED = -1.0, 1.0
 State = Mapping[str, FloatArray]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from adapters.contract import FloatArray
-from policies.oracles.motion import OPEN, Script, State, move
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.oracles.motion import OPEN, Script, State, move
 
 
 class Reach:

@@ -8,8 +8,8 @@ from functools import cache, partial
 from importlib import import_module, metadata
 from types import ModuleType
 
-from policies.oracles.motion import Script
-from suites.plugins import BrokenPlugin
+from robogauntlet.policies.oracles.motion import Script
+from robogauntlet.suites.plugins import BrokenPlugin
 
 GROUP = "robogauntlet.oracles"
 

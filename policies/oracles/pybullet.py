@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from adapters.contract import FloatArray
-from policies.oracles.motion import CLOSED, OPEN, Script, State, distance, limit, move
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, limit, move
 
 FAST, GENTLE = 0.024, 0.012
 """Longest translation in one step (m): in free space, and beside or with the cube."""

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.contract import FloatArray
-from policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
 
 MAX_STEP, MAX_TURN = 0.0153, 0.153
 """Longest motion in one step (m, rad): what the controller can do."""
@@ -163,8 +163,4 @@ def grasp(state: State, cube: str, yaw: float) -> FloatArray:
     return go(state, target, OPEN, pointing_down(yaw))
 
 
-SCRIPTS: dict[str, Callable[[], Script]] = {
-    "robosuite/Lift": Lift,
-    "robosuite/Stack": Stack,
-    "robosuite/Door": Door,
-}
+SCRIPTS: dict[str, Callable[[], Script]] = {"robosuite/Lift": Lift, "robosuite/Stack": Stack, "robosuite/Door": Door}

@@ -1,1 +1,1 @@
-"""Policies of other people, asked over a websocket in the protocol of openpi."""
+"""Policies behind a policy server, asked over a websocket in openpi's protocol."""

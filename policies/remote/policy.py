@@ -1,7 +1,7 @@
-"""Servers of openpi's protocol as a kind of policy. Light: what talks to them is imported when it is needed.
+"""The policy kind `openpi`. Light: the websocket client is imported when it is needed.
 
 The protocol is that of https://github.com/Physical-Intelligence/openpi (Apache 2.0): the server sends metadata on
-connection, then answers each observation with a chunk, both msgpack; a text frame is an error.
+connection, then answers each observation with a chunk, both as msgpack; a text frame is an error.
 """
 
 from __future__ import annotations
@@ -10,35 +10,31 @@ from collections.abc import Mapping
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from policies.contract import Policy, PolicyError, PolicyKind, PolicySpec
-from policies.remote.card import NAME, OPTIONS, read_card
+from robogauntlet.policies.contract import PolicyKind, PolicyNotInstalled, PolicySpec
+from robogauntlet.policies.remote.server_options import NAME, OPTIONS, read_options
 
 if TYPE_CHECKING:
-    from policies.remote.acting import RemotePolicy
+    from robogauntlet.policies.remote.remote_policy import RemotePolicy
 
 
-def _remote(options: Mapping[str, Any]) -> RemotePolicy:
-    card = read_card(options)
+def _load(options: Mapping[str, Any]) -> RemotePolicy:
+    server_options = read_options(options)
     try:
-        from policies.remote.acting import RemotePolicy
+        from robogauntlet.policies.remote.remote_policy import RemotePolicy
     except ModuleNotFoundError as error:
-        raise PolicyError(
-            f"policy '{NAME}': expected the packages of robogauntlet[remote], found none named {error.name}"
+        raise PolicyNotInstalled(
+            f"policy '{NAME}': not installed (no module {error.name}); install it: pip install \"robogauntlet[remote]\""
         ) from None
-    return RemotePolicy(card)
-
-
-def _load(options: Mapping[str, Any]) -> Policy:
-    return _remote(options)
+    return RemotePolicy(server_options)
 
 
 def _digest(options: Mapping[str, Any]) -> str:
-    with closing(_remote(options)) as policy:
+    with closing(_load(options)) as policy:
         return policy.digest()
 
 
 def _spec(options: Mapping[str, Any]) -> PolicySpec:
-    with closing(_remote(options)) as policy:
+    with closing(_load(options)) as policy:
         return policy.spec
 
 

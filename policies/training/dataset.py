@@ -14,8 +14,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
-from policies.training.lerobot import (
+from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
+from robogauntlet.policies.training.dataset_writer import spec_of
+from robogauntlet.policies.training.lerobot_format import (
     ACTION,
     CODEBASE_VERSION,
     INFO_FILE,
@@ -31,38 +32,37 @@ from policies.training.lerobot import (
     image_key,
     numbers,
 )
-from policies.training.writing import spec_of
-from suites.vocabulary import content_hash
+from robogauntlet.suites.episode import content_hash
+from robogauntlet.support.errors import first_line
 
 CHUNK_LENGTH = 8
 
 
 @dataclass(frozen=True)
 class Batch:
-    """What a policy is trained on: b frames of any episodes."""
+    """Training data: b frames of any episodes."""
 
     images: Mapping[str, NDArray[np.uint8]]
     """Camera name to images (b, size, size, 3)."""
     states: Floats
     """Proprioception, shape (b, 8)."""
     actions: Floats
-    """What was to be done in this step and the next ones, shape (b, chunk, 7). Past the episode's end: no motion, the
-    gripper as last commanded."""
+    """Actions from this step on, shape (b, chunk, 7). Past the episode's end: no motion, the gripper's last command."""
     mask: NDArray[np.bool_]
     """False past the episode's end, shape (b, chunk)."""
     instructions: tuple[str, ...]
     tasks: tuple[str, ...]
-    """The task that each frame shows (`simulator/task`): it decides the normalisation."""
+    """Task of each frame (`simulator/task`), which decides the normalisation."""
 
 
 class Demonstrations:
-    """One dataset, opened. Numbers are in memory; images are read at first use and decoded when they are asked for."""
+    """An open dataset. Numbers are in memory; images are read at first use and decoded on demand."""
 
     def __init__(self, folder: Path) -> None:
         """Open a LeRobot v3 dataset with our state, action and image columns.
 
         Raises:
-            DatasetError: It is none; the message says what was expected.
+            DatasetError: It is not such a dataset.
         """
         self.folder = folder
         info, self.spec = _read_info(folder)
@@ -74,9 +74,10 @@ class Demonstrations:
         episode = self._column(table, "episode_index", 1)[:, 0]
         index = self._column(table, "index", 1)[:, 0]
         if len(index) != info["total_frames"] or not np.array_equal(index, np.arange(len(index))):
-            killed = "; if it was being collected, give the same command to continue" if self._is_ours else ""
-            came = f"got {len(index)}{killed}"
-            raise DatasetError(f"{folder}: expected frames 0 to {info['total_frames'] - 1} in order, {came}")
+            hint = "; if it was being collected, give the same command to continue" if self._is_ours else ""
+            raise DatasetError(
+                f"{folder}: expected frames 0 to {info['total_frames'] - 1} in order, got {len(index)}{hint}"
+            )
         if not len(index):
             raise DatasetError(f"{folder}: expected an episode at least, got none")
         self.starts = np.flatnonzero(np.diff(episode, prepend=-1))
@@ -93,7 +94,7 @@ class Demonstrations:
         self._decoded: dict[str, NDArray[np.uint8]] = {}
 
     def __len__(self) -> int:
-        """Frames."""
+        """Number of frames."""
         return len(self.actions)
 
     @property
@@ -103,11 +104,11 @@ class Demonstrations:
 
     @cached_property
     def task(self) -> str:
-        """The task shown: as we recorded it, else the folder's name."""
+        """The dataset's task, from RoboGauntlet's own metadata or the folder's name."""
         return str(self._source.get("task", self.folder.name))
 
     @property
-    def begins_late(self) -> bool:
+    def starts_midway(self) -> bool:
         """Whether its episodes begin where the oracle took over from a learner, not where the task does."""
         return "learner" in self._source and not self._source.get("whole")
 
@@ -139,7 +140,7 @@ class Demonstrations:
         return self._stack(camera, [encoded[int(frame)].as_py() for frame in frames])
 
     def preload(self) -> None:
-        """Decode every image now: 28 KB a frame and camera at 96 px, for several hundred microseconds less each."""
+        """Decode all images now: takes 28 KB per frame and camera at 96 px, saves several hundred microseconds each."""
         for camera in self.spec.cameras:
             if camera not in self._decoded:
                 self._decoded[camera] = self.images(camera, np.arange(len(self)))
@@ -223,7 +224,7 @@ class Demonstrations:
                     raise DatasetError(f"{path}: expected a column {missing[0]}, there is none")
                 part = file.read(list(columns))
             except (OSError, pa.ArrowException) as error:
-                raise DatasetError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from None
+                raise DatasetError(f"{path}: cannot be read: {first_line(error)}") from None
             first = parts[0].schema if parts else part.schema
             for name in columns:
                 if part.schema.field(name).type != first.field(name).type:
@@ -247,20 +248,20 @@ class Demonstrations:
 
 
 def pooled_hash(datasets: Sequence[Demonstrations]) -> str:
-    """Hash of the content of several datasets taken together; their order does not matter."""
-    return content_hash(sorted(found for dataset in datasets for found in dataset.episode_hashes))
+    """Hash of the pooled content of several datasets, in any order."""
+    return content_hash(sorted(value for dataset in datasets for value in dataset.episode_hashes))
 
 
 def find_datasets(folder: Path) -> list[Path]:
-    """The datasets in a folder, or the folder itself if it is one.
+    """Return the datasets in a folder, or the folder itself if it is one.
 
     Raises:
-        DatasetError: There is none, or a folder may not be read.
+        DatasetError: There is no dataset, or a folder cannot be read.
     """
     try:
         if (folder / INFO_FILE).is_file():
             return [folder]
-        # Not by a glob, which leaves out what it may not look at.
+        # A glob would leave out what it is not permitted to read.
         places = sorted(folder.iterdir()) if folder.is_dir() else []
         found = [place for place in places if (place / INFO_FILE).is_file()]
     except OSError as error:
@@ -271,7 +272,7 @@ def find_datasets(folder: Path) -> list[Path]:
 
 
 def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstrations]:
-    """The datasets of these tasks in folders of any.
+    """Open the datasets of these tasks among all in these folders.
 
     Raises:
         DatasetError: A folder without datasets, or datasets that leave a task out.
@@ -310,4 +311,4 @@ def _read_tasks(folder: Path) -> dict[int, str]:
         tasks = pd.read_parquet(folder / TASKS_FILE)
         return {int(number): str(task) for task, number in tasks["task_index"].items()}
     except (OSError, KeyError, ValueError, pa.ArrowException) as error:
-        raise DatasetError(f"{folder / TASKS_FILE}: cannot be read: {str(error).splitlines()[0]}") from None
+        raise DatasetError(f"{folder / TASKS_FILE}: cannot be read: {first_line(error)}") from None

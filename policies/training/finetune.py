@@ -1,85 +1,105 @@
 """Trains MergeVLA: a base on the pooled demonstrations of all tasks, then one expert per task from it.
 
 The loss is the mean L1 over the normalised action chunk (arXiv 2511.18810), past the episode's end left out. The paper
-starts from a pretrained vision-language model and draws each expert's trunk anew; here the base holds the trunk too, so
+starts from a pretrained vision-language model and initialises each expert's trunk; this base holds the trunk too, so
 that experts share their initialisation and task vectors are defined for all of it.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 import numpy as np
 import torch
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 from torch import nn
 
-from policies.mergevla.card import CARD, Card, check_action_steps
-from policies.mergevla.checkpoint import load_checkpoint, save_checkpoint
-from policies.mergevla.config import Architecture, LoraSettings
-from policies.mergevla.lora import add_lora
-from policies.mergevla.model import MergeVLA, build
-from policies.mergevla.tokens import tokenizer_for
-from policies.training.pool import Pool
-from policies.training.reading import Reader
-from policies.training.schedule import Schedule, rate_at
-from policies.training.state import STATE_FILE, History, TrainingError, load_state, save_state
-from suites.vocabulary import content_hash
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
+from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, CheckpointMetadata, check_action_steps
+from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
+from robogauntlet.policies.mergevla.network.lora import add_lora
+from robogauntlet.policies.mergevla.network.model import MergeVLA, build
+from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
+from robogauntlet.policies.stored import STRICT, Stored
+from robogauntlet.policies.training.batch_loss import BatchLoss
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.training_checkpoint import (
+    STATE_FILE,
+    History,
+    TrainingError,
+    load_state,
+    save_state,
+)
+from robogauntlet.suites.episode import content_hash
 
 CURVE_FILE = "losses.json"
 RECENT = 50
-"""Steps over which the training loss is averaged for show."""
-LARGEST_SEED = 2**63 - 1
+"""Number of steps over which the displayed training loss is averaged."""
 WARMING_S = 1.0
-"""Before this much time, nothing is said about the pace."""
+"""Time after which a pace is reported."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How to train. Everything here but `save_s` and `threads` decides the weights."""
+class Schedule(StrEnum):
+    """Course of the learning rate after the warm-up."""
 
-    steps: int = 2000
-    batch_size: int = 32
-    learning_rate: float = 1e-3
-    warm_up: int = 50
+    COSINE = "cosine"
+    """Half a cosine down to zero (arXiv 1608.03983, without restarts)."""
+    CONSTANT = "constant"
+    """The schedule of the paper's released code, in effect."""
+
+
+def rate_at(step: int, *, steps: int, warm_up: int, schedule: Schedule) -> float:
+    """Share of the full learning rate in a step, counted from 0; the warm-up rises linearly."""
+    if step < warm_up:
+        return (step + 1) / (warm_up + 1)
+    if schedule is Schedule.CONSTANT:
+        return 1.0
+    done = (step - warm_up) / max(steps - warm_up, 1)
+    return 0.5 * (1.0 + math.cos(math.pi * done))
+
+
+@pydantic_dataclass(frozen=True, config=STRICT)
+class Settings(Stored):
+    """Training settings. All but `save_s` and `threads` decide the weights."""
+
+    what: ClassVar = "training settings"
+    refusal: ClassVar = TrainingError
+
+    steps: PositiveInt = 2000
+    batch_size: PositiveInt = 32
+    learning_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
+    warm_up: NonNegativeInt = 50
     """Steps in which the learning rate rises."""
     schedule: Schedule = Schedule.COSINE
     weight_decay: float = 0.01
-    clip: float = 1.0
+    clip: PositiveFloat = 1.0
     """Largest norm of the gradient."""
-    largest_shift: int = 4
-    """Augmentation: images move by up to so many px."""
-    seed: int = 0
-    evaluate_every: int = 250
-    """Steps between looks at the held-out episodes."""
+    largest_shift: NonNegativeInt = 4
+    """Augmentation: largest shift of an image (px)."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    evaluate_every: PositiveInt = 250
+    """Steps between evaluations of the held-out episodes."""
     save_s: float = 60.0
-    """Seconds between two writings of the state file."""
-    threads: int = 1
-
-    def __post_init__(self) -> None:
-        for name, least in (("steps", 1), ("batch_size", 1), ("evaluate_every", 1), ("threads", 1), ("warm_up", 0)):
-            if getattr(self, name) < least:
-                raise TrainingError(f"expected {name.replace('_', ' ')} of {least} or more, got {getattr(self, name)}")
-        if not 0.0 < self.learning_rate < 1.0:
-            raise TrainingError(f"expected a learning rate between 0 and 1, got {self.learning_rate}")
-        if self.largest_shift < 0 or not 0 <= self.seed <= LARGEST_SEED or self.clip <= 0.0:
-            raise TrainingError(
-                f"expected a shift of 0 or more, a seed of 0 to 2^63 - 1 and a clip above 0, "
-                f"got {self.largest_shift}, {self.seed} and {self.clip}"
-            )
+    """Time between two writes of the state file (s)."""
+    threads: PositiveInt = 1
 
     @property
     def decisive(self) -> dict[str, object]:
-        """What decides the weights, as plain JSON."""
+        """The settings that decide the weights, as plain JSON."""
         return {name: value for name, value in asdict(self).items() if name not in ("save_s", "threads")}
 
 
 @dataclass(frozen=True)
-class Pace:
-    """How a training goes."""
+class TrainingStatus:
+    """Progress of a training."""
 
     step: int
     """Steps taken."""
@@ -87,28 +107,28 @@ class Pace:
     loss: float
     """Mean over the last steps."""
     held_out: float | None
-    """L1 on held-out episodes when they were last looked at, if there are any."""
+    """Latest L1 on held-out episodes, if there are any."""
     steps_per_s: float | None
     left_s: float | None
 
 
 @dataclass(frozen=True)
-class Trained:
-    """What came of a training."""
+class TrainingResult:
+    """Result of a training."""
 
-    card: Card | None
+    metadata: CheckpointMetadata | None
     """The checkpoint's, or None if the training was stopped before its end."""
     history: History
 
 
-Listener = Callable[[Pace], None]
-"""Told after every step."""
+Listener = Callable[[TrainingStatus], None]
+"""Called after every step."""
 Stop = Callable[[], bool]
 """Asked after every step whether to stop; the state is saved then."""
 
 
 def pretrain(
-    pool: Pool,
+    mixture: DatasetMixture,
     architecture: Architecture,
     out: Path,
     settings: Settings,
@@ -117,16 +137,16 @@ def pretrain(
     prepare: Callable[[MergeVLA], None] | None = None,
     listener: Listener | None = None,
     stop: Stop | None = None,
-) -> Trained:
+) -> TrainingResult:
     """Train the base that experts start from, all its weights, and save it to `out`.
 
     Args:
-        pool: Demonstrations of all tasks, each normalised by its own statistics: else the task with the widest motions
-            would decide the loss.
+        mixture: Demonstrations of all tasks, each normalised by its own statistics: otherwise the task with the widest
+            motions would dominate the loss.
         architecture: Of the network.
         out: Folder of the checkpoint. A training that was stopped there is continued.
         settings: How to train.
-        action_steps: See `Card.action_steps`; it decides nothing about the training.
+        action_steps: See `CheckpointMetadata.action_steps`; it decides nothing about the training.
         prepare: Loads pretrained weights into the new network.
         listener: See `Listener`.
         stop: See `Stop`.
@@ -135,16 +155,18 @@ def pretrain(
         PolicyError: Data of other images than the architecture's, or a folder that holds something else.
     """
     check_action_steps(action_steps, architecture)
-    check_images(pool, architecture)
+    check_images(mixture, architecture)
     model = build(architecture, settings.seed)
     if prepare is not None:
         prepare(model)
-    card = Card(architecture, pool.statistics, action_steps=action_steps, data_hash=pool.data_hash)
-    return _train(model, card, None, pool, out, settings, listener, stop)
+    metadata = CheckpointMetadata(
+        architecture, mixture.statistics, action_steps=action_steps, data_hash=mixture.data_hash
+    )
+    return _train(model, metadata, None, mixture, out, settings, listener, stop)
 
 
 def finetune(
-    pool: Pool,
+    mixture: DatasetMixture,
     base: str | Path,
     out: Path,
     settings: Settings,
@@ -153,16 +175,16 @@ def finetune(
     action_steps: int | None = None,
     listener: Listener | None = None,
     stop: Stop | None = None,
-) -> Trained:
+) -> TrainingResult:
     """Train an expert from a base: adapters on the backbone, all of the rest; save it to `out`.
 
     Args:
-        pool: Demonstrations of the expert's task; its own statistics normalise, as in the paper.
+        mixture: Demonstrations of the expert's task; its own statistics normalise, as in the paper.
         base: The base's folder or hub id; it must stay where it is.
         out: Folder of the checkpoint. A training that was stopped there is continued.
         settings: How to train.
         lora: The adapters.
-        action_steps: See `Card.action_steps`; it decides nothing about the training.
+        action_steps: See `CheckpointMetadata.action_steps`; it decides nothing about the training.
         listener: See `Listener`.
         stop: See `Stop`.
 
@@ -170,71 +192,71 @@ def finetune(
         PolicyError: A base that is none, data of other images than its own, or a folder that holds something else.
     """
     start = load_checkpoint(base)
-    if start.card.base is not None or start.card.lora is not None:
+    if start.metadata.base is not None or start.metadata.lora is not None:
         raise TrainingError(f"expected a base that stands alone, got '{base}', an expert")
     if isinstance(base, Path) and base.resolve() == out.resolve():
         raise TrainingError(f"expected another folder than the base's for the expert, got '{out}'")
-    check_images(pool, start.model.architecture)
+    check_images(mixture, start.model.architecture)
     check_action_steps(action_steps, start.model.architecture)
     add_lora(start.model, lora, settings.seed)
-    card = Card(
+    metadata = CheckpointMetadata(
         start.model.architecture,
-        pool.statistics,
+        mixture.statistics,
         action_steps=action_steps,
         lora=lora,
-        data_hash=pool.data_hash,
-        base_hash=start.card.tensor_hash,
+        data_hash=mixture.data_hash,
+        base_hash=start.metadata.tensor_hash,
     )
-    return _train(start.model, card, base, pool, out, settings, listener, stop)
+    return _train(start.model, metadata, base, mixture, out, settings, listener, stop)
 
 
-def check_images(pool: Pool, architecture: Architecture) -> None:
+def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
     """Refuse data whose images are not what the network sees.
 
     Raises:
-        TrainingError: With what was expected and what came.
+        TrainingError: A camera is missing, or the images have another size.
     """
-    missing = [camera for camera in architecture.cameras if camera not in pool.cameras]
+    missing = [camera for camera in architecture.cameras if camera not in mixture.cameras]
     if missing:
-        raise TrainingError(f"expected images of camera {missing[0]}, the data has {', '.join(pool.cameras)}")
-    if pool.image_size != architecture.image_size:
+        raise TrainingError(f"expected images of camera {missing[0]}, the data has {', '.join(mixture.cameras)}")
+    if mixture.image_size != architecture.image_size:
         raise TrainingError(
             f"expected {architecture.image_size} px images for architecture '{architecture.name}', "
-            f"the data has {pool.image_size} px"
+            f"the data has {mixture.image_size} px"
         )
 
 
 def _train(
     model: MergeVLA,
-    card: Card,
+    metadata: CheckpointMetadata,
     base: str | Path | None,
-    pool: Pool,
+    mixture: DatasetMixture,
     out: Path,
     settings: Settings,
     listener: Listener | None,
     stop: Stop | None,
-) -> Trained:
-    if (out / CARD).exists():
+) -> TrainingResult:
+    if (out / METADATA_FILE).exists():
         raise TrainingError(f"expected a folder without a checkpoint, '{out}' holds a finished one")
     torch.set_num_threads(settings.threads)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = model.to(device).train()
-    reader = Reader(model.architecture, card.statistics, tokenizer_for(model.architecture), device)
+    batch_loss = BatchLoss(model.architecture, metadata.statistics, tokenizer_for(model.architecture), device)
     weights = {name: weight for name, weight in model.named_parameters() if weight.requires_grad}
     optimiser = torch.optim.AdamW(
         weights.values(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
     )
-    # Batches are drawn from episodes in their order, which the data's hash does not say.
-    order = [dataset.episode_hashes for dataset in pool.datasets]
-    identity = content_hash({"card": card.as_json(), "settings": settings.decisive, "order": order})
+    # Batches depend on the order of episodes, which the data's hash does not include.
+    order = [dataset.episode_hashes for dataset in mixture.datasets]
+    identity = content_hash({"card": metadata.as_json(), "settings": settings.decisive, "order": order})
     history = load_state(out / STATE_FILE, weights, optimiser, identity) or History(identity)
     began, before, saved = time.monotonic(), history.step, time.monotonic()
     seconds_before = history.seconds
     while history.step < settings.steps:
-        history.losses.append(_step(model, reader, pool, weights, optimiser, settings, history.step))
+        history.losses.append(_step(model, batch_loss, mixture, weights, optimiser, settings, history.step))
         history.step += 1
         if history.step % settings.evaluate_every == 0 or history.step == settings.steps:
-            _look_at_held_out(model, reader, pool, settings, history)
+            _look_at_held_out(model, batch_loss, mixture, settings, history)
         now = time.monotonic()
         history.seconds = seconds_before + now - began
         if listener is not None:
@@ -244,18 +266,18 @@ def _train(
             save_state(out / STATE_FILE, weights, optimiser, history)
             saved = now
         if stopping:
-            return Trained(None, history)
-    written = save_checkpoint(out, model, replace(card, metrics=_metrics(settings, pool, history)), base)
+            return TrainingResult(None, history)
+    written = save_checkpoint(out, model, replace(metadata, metrics=_metrics(settings, mixture, history)), base)
     curve = {"train": [round(loss, 5) for loss in history.losses], "held_out": history.held_out}
     (out / CURVE_FILE).write_text(json.dumps(curve) + "\n", encoding="utf-8")
     (out / STATE_FILE).unlink(missing_ok=True)
-    return Trained(written, history)
+    return TrainingResult(written, history)
 
 
 def _step(
     model: MergeVLA,
-    reader: Reader,
-    pool: Pool,
+    batch_loss: BatchLoss,
+    mixture: DatasetMixture,
     weights: dict[str, nn.Parameter],
     optimiser: torch.optim.AdamW,
     settings: Settings,
@@ -264,7 +286,7 @@ def _step(
     share = rate_at(step, steps=settings.steps, warm_up=settings.warm_up, schedule=settings.schedule)
     for group in optimiser.param_groups:
         group["lr"] = settings.learning_rate * share
-    batch = pool.sample(
+    batch = mixture.sample(
         settings.batch_size,
         seed=settings.seed,
         step=step,
@@ -273,7 +295,7 @@ def _step(
     )
     with torch.random.fork_rng(devices=[]):  # the paper's noise in the initial tokens, where it is switched on
         torch.manual_seed(int(np.random.SeedSequence([settings.seed, step]).generate_state(1)[0]))
-        loss = reader.loss(model, batch)
+        loss = batch_loss.loss(model, batch)
     optimiser.zero_grad(set_to_none=True)
     loss.backward()
     nn.utils.clip_grad_norm_(weights.values(), settings.clip)
@@ -285,19 +307,21 @@ def _step(
 
 
 @torch.no_grad()
-def _look_at_held_out(model: MergeVLA, reader: Reader, pool: Pool, settings: Settings, history: History) -> None:
+def _look_at_held_out(
+    model: MergeVLA, batch_loss: BatchLoss, mixture: DatasetMixture, settings: Settings, history: History
+) -> None:
     model.eval()
-    batches = pool.held_out(settings.batch_size, chunk_length=model.architecture.chunk_length)
-    measured = [(float(reader.loss(model, batch)), int(batch.mask.sum())) for batch in batches]
+    batches = mixture.held_out(settings.batch_size, chunk_length=model.architecture.chunk_length)
+    measured = [(float(batch_loss.loss(model, batch)), int(batch.mask.sum())) for batch in batches]
     model.train()
     if measured:
         losses, counts = zip(*measured, strict=True)
         history.held_out.append((history.step, float(np.average(losses, weights=counts))))
 
 
-def _pace(history: History, settings: Settings, taken: int, seconds: float) -> Pace:
+def _pace(history: History, settings: Settings, taken: int, seconds: float) -> TrainingStatus:
     rate = taken / seconds if seconds > WARMING_S else None
-    return Pace(
+    return TrainingStatus(
         history.step,
         settings.steps,
         float(np.mean(history.losses[-RECENT:])),
@@ -307,14 +331,14 @@ def _pace(history: History, settings: Settings, taken: int, seconds: float) -> P
     )
 
 
-def _metrics(settings: Settings, pool: Pool, history: History) -> dict[str, float]:
+def _metrics(settings: Settings, mixture: DatasetMixture, history: History) -> dict[str, float]:
     metrics = {
         "seed": settings.seed,
         "steps": settings.steps,
         "batch_size": settings.batch_size,
         "learning_rate": settings.learning_rate,
         "largest_shift": settings.largest_shift,
-        "frames": pool.frames,
+        "frames": mixture.frames,
         "train_l1": float(np.mean(history.losses[-RECENT:])),
         "seconds": round(history.seconds, 1),
     }

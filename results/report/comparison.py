@@ -8,10 +8,10 @@ from dataclasses import asdict
 from typing import Any
 from xml.etree import ElementTree
 
-from results.comparison import Comparison, Line, PolicyComparison, Verdict
-from results.report.text import NOTHING, TextTable, counted, escape, markdown, percent
-from results.statistics.pairs import Pairs
-from results.statistics.rates import Estimate, rate
+from robogauntlet.results.analysis.comparison import Comparison, Line, PolicyComparison, Verdict
+from robogauntlet.results.report.formatting import NOTHING, TextTable, counted, escape, markdown, percent
+from robogauntlet.results.statistics.pairs import Pairs
+from robogauntlet.results.statistics.rates import Estimate, rate
 
 MARKS = {
     Verdict.REGRESSED: "REGRESSED",

@@ -1,7 +1,4 @@
-"""`explore.html`: the same numbers to turn over by hand, with Plotly inside the file, so that it works offline.
-
-Everything in it stands in the report too, which needs no scripts and prints.
-"""
+"""`explore.html`: interactive plots of the report's numbers. Plotly is inside the file, so that it works offline."""
 
 from __future__ import annotations
 
@@ -10,81 +7,86 @@ from collections.abc import Collection, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from results.report import text
-from results.report.robustness import judged, of_axis, title
-from results.robustness import PolicyCurve, Robustness
-from results.run import RunDocument
-from results.tables import Tables
+from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
+from robogauntlet.results.analysis.tables import Tables
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.robustness import axis_curves, axis_heading, known_rates, severity_text
+from robogauntlet.results.run_document import RunDocument
+from robogauntlet.suites.episode import Condition
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#b88700", "#56748c")
-"""Of policies, as in the report: told apart by the colour-blind."""
+"""Colours of policies, as in the report; distinguishable with colour blindness."""
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross")
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
-"""Of simulators; solid for all together."""
+"""Line styles of simulators; solid for all simulators."""
 BLUES = ((0.0, "#ffffff"), (1.0, "#0072b2"))
 
 
 def render_explorer(document: RunDocument, tables: Tables, robustness: Robustness) -> str:
-    """The page as HTML, about 5 MB, most of it Plotly."""
+    """Return the page as HTML (about 5 MB, mostly Plotly)."""
     from plotly.offline import get_plotlyjs
 
-    name = escape(document.suite_name)
+    name = escape(document.suite.name)
     parts = [
-        _part(
-            "Along an axis",
-            "Choose the axis above the plot; click a name in the legend to hide it, twice to see it alone. Bars are "
-            "95 % intervals. Over several tasks every task weighs the same, and episodes that the gate leaves out do "
-            "not count.",
+        _section(
+            "Success by severity",
+            "Choose the perturbation axis above the plot. Click a name in the legend to hide it; double-click to see "
+            "it alone. Bars are 95 % intervals. Tasks have equal weight. Episodes that the oracle gate rejects do not "
+            "count.",
             along_axes(robustness, tables.policies),
         ),
-        _part(
-            "Every task under every condition",
-            "Choose the policy above the map. All episodes count here, also those that the gate "
-            "leaves out elsewhere; grey is where there are none.",
-            by_task(tables, aside=(robustness.gate, *robustness.floors)),
+        _section(
+            "Success by task and condition",
+            "Choose the policy above the map. All episodes count here, including those that the oracle gate rejects. "
+            "Grey cells have no episodes.",
+            by_task(tables, last=(robustness.oracle_gate, *robustness.no_skill_baselines)),
         ),
     ]
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}: explore</title>'
         f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body>"
-        f'<p><a href="report.html">Report</a></p><h1>{name}</h1>{"".join(parts)}</body></html>\n'
+        f'<p><a href="report.html">Back to the report</a></p><h1>{name}</h1>{"".join(parts)}</body></html>\n'
     )
 
 
 def along_axes(robustness: Robustness, policies: Sequence[str]) -> Figure:
-    """Success by severity, a line per policy and simulator; a menu chooses the axis. Args: policies: All of the run."""
+    """Plot success by severity with a line per policy and simulator; a menu chooses the axis."""
     import plotly.graph_objects as go
 
     figure, axes_of_lines = go.Figure(), []
     places = [None, *sorted({curve.simulator for curve in robustness.curves if curve.simulator is not None})]
     for axis in robustness.axes:
-        for found in of_axis(robustness, axis):
-            looks = policies.index(found.policy) % len(COLOURS), places.index(found.simulator) % len(DASHES)
-            figure.add_trace(_line(found, *looks, shown=axis == robustness.axes[0]))
+        for found in axis_curves(robustness, axis):
+            style = policies.index(found.policy) % len(COLOURS), places.index(found.simulator) % len(DASHES)
+            figure.add_trace(_line(found, *style, shown=axis == robustness.axes[0]))
             axes_of_lines.append(axis)
     buttons = [
         {
-            "label": title(axis),
+            "label": axis_heading(axis),
             "method": "update",
             "args": [
-                {"visible": [_shown(found, axis == own) for found, own in zip(figure.data, axes_of_lines, strict=True)]}
+                {
+                    "visible": [
+                        _visibility(line, axis == of) for line, of in zip(figure.data, axes_of_lines, strict=True)
+                    ]
+                }
             ],
         }
         for axis in robustness.axes
     ]
     figure.update_xaxes(title="severity", dtick=1)
     figure.update_yaxes(title="success", range=[-0.03, 1.03], tickformat=".0%")
-    return _laid_out(figure, buttons, height=560)
+    return _lay_out(figure, buttons, height=560)
 
 
 def _line(found: PolicyCurve, colour: int, dash: int, *, shown: bool) -> Any:
     import plotly.graph_objects as go
 
-    points = judged(found.curve)
+    points = known_rates(found.curve)
     episodes = [n for n, rate in zip(found.episodes, found.curve.rates, strict=True) if not math.isnan(rate.value)]
     low, high = ([abs(_end(rate, end) - rate.value) for _, rate in points] for end in ("low", "high"))
     name = f"{found.policy}, {found.simulator or 'all simulators'}"
@@ -96,33 +98,40 @@ def _line(found: PolicyCurve, colour: int, dash: int, *, shown: bool) -> Any:
         mode="lines+markers",
         line={"color": COLOURS[colour], "dash": DASHES[dash]},
         marker={"symbol": SYMBOLS[colour], "size": 9},
-        customdata=[(text.span(rate.interval), n) for (_, rate), n in zip(points, episodes, strict=True)],
-        hovertemplate=f"{escape(name)}<br>severity %{{x}}: %{{y:.0%}} %{{customdata[0]}}, %{{customdata[1]}} episodes"
-        "<extra></extra>",
+        customdata=[
+            (formatting.span(rate.interval), n, _severity(found.axis, int(level)))
+            for (level, rate), n in zip(points, episodes, strict=True)
+        ],
+        hovertemplate=f"{escape(name)}<br>severity %{{customdata[2]}}<br>"
+        "%{y:.0%} %{customdata[0]}, %{customdata[1]} episodes<extra></extra>",
     )
-    line.visible = _shown(line, shown)
+    line.visible = _visibility(line, shown)
     return line
+
+
+def _severity(axis: str, level: int) -> str:
+    return severity_text(Condition(axis, level)) if level else "clean"
 
 
 def _end(rate: Any, end: str) -> float:
     return rate.value if rate.interval is None else getattr(rate.interval, end)
 
 
-def _shown(line: Any, wanted: bool) -> bool | str:
-    """Single simulators wait in the legend until they are asked for."""
+def _visibility(line: Any, wanted: bool) -> bool | str:
+    """Lines of single simulators are hidden until they are chosen in the legend."""
     if not wanted:
         return False
     return True if line.name.endswith(", all simulators") else "legendonly"
 
 
-def by_task(tables: Tables, aside: Collection[str | None]) -> Figure:
-    """Success of every task under every condition; a menu chooses the policy. Args: aside: policies that come last."""
+def by_task(tables: Tables, last: Collection[str | None]) -> Figure:
+    """Draw a heat map of tasks and conditions; a menu chooses the policy, those of `last` at its end."""
     import plotly.graph_objects as go
 
     tasks = list(dict.fromkeys(cell.task for cell in tables.cells))
     conditions = [str(condition) for condition in tables.conditions]
     found = {(cell.policy, cell.task, str(cell.condition)): cell.tally for cell in tables.cells}
-    figure, policies = go.Figure(), sorted(tables.policies, key=lambda policy: policy in aside)
+    figure, policies = go.Figure(), sorted(tables.policies, key=lambda policy: policy in last)
     for policy in policies:
         rows = [[found.get((policy, task, condition)) for task in tasks] for condition in conditions]
         figure.add_trace(
@@ -131,7 +140,8 @@ def by_task(tables: Tables, aside: Collection[str | None]) -> Figure:
                 y=conditions,
                 z=[[None if one is None else one.rate for one in row] for row in rows],
                 customdata=[
-                    [("", 0) if one is None else (text.span(one.interval), one.verdicts) for one in row] for row in rows
+                    [("", 0) if one is None else (formatting.span(one.interval), one.verdicts) for one in row]
+                    for row in rows
                 ],
                 hovertemplate="%{x}<br>%{y}: %{z:.0%} %{customdata[0]}, %{customdata[1]} episodes<extra></extra>",
                 zmin=0,
@@ -150,10 +160,10 @@ def by_task(tables: Tables, aside: Collection[str | None]) -> Figure:
     figure.update_yaxes(autorange="reversed", automargin=True, showgrid=False)
     figure.update_xaxes(automargin=True, showgrid=False, tickangle=0, tickfont={"size": 11})
     figure.update_layout(plot_bgcolor="#dfe3e6")  # where there is no result
-    return _laid_out(figure, buttons, height=220 + 19 * len(conditions))  # px
+    return _lay_out(figure, buttons, height=220 + 19 * len(conditions))  # px
 
 
-def _laid_out(figure: Figure, buttons: list[dict[str, Any]], *, height: int) -> Figure:
+def _lay_out(figure: Figure, buttons: list[dict[str, Any]], *, height: int) -> Figure:
     menu = {"buttons": buttons, "x": 0, "xanchor": "left", "y": 1, "yanchor": "bottom", "pad": {"b": 12}}
     figure.update_layout(
         updatemenus=[menu], height=height, template="plotly_white", margin={"l": 60, "r": 20, "t": 70, "b": 60}
@@ -161,9 +171,9 @@ def _laid_out(figure: Figure, buttons: list[dict[str, Any]], *, height: int) -> 
     return figure
 
 
-def _part(heading: str, says: str, figure: Figure) -> str:
+def _section(heading: str, description: str, figure: Figure) -> str:
     plot = figure.to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True})
-    return f"<section><h2>{escape(heading)}</h2><p>{escape(says)}</p>{plot}</section>"
+    return f"<section><h2>{escape(heading)}</h2><p>{escape(description)}</p>{plot}</section>"
 
 
 _STYLE = """

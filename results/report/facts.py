@@ -1,89 +1,87 @@
-"""What a report says besides its tables: the verdict, the provenance, and one sentence per term."""
+"""Definitions of terms, the status sentence and the provenance of a report."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from results.judging import LEAST_SOLVED
-from results.report import text
-from results.run import RunDocument, RunStatus
-from results.tables import NotRun, Tables
-from suites.vocabulary import SUCCESS_HOLD
+from robogauntlet.results.analysis.eligible_episodes import LEAST_SOLVED
+from robogauntlet.results.analysis.tables import NotRun, Tables
+from robogauntlet.results.report import formatting
+from robogauntlet.results.run_document import RunDocument, RunStatus
+from robogauntlet.suites.episode import SUCCESS_HOLD
 
-SENTENCES = {
-    "success": f"The task's own predicate held for {SUCCESS_HOLD} control steps in a row within the horizon; if not, "
-    "the episode is a failure. Success once asks for a single step only.",
+DEFINITIONS = {
+    "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps within the horizon; "
+    "otherwise the episode is a failure. Success once requires a single step only.",
     "rate": "Successes / (successes + failures).",
-    "interval": "Wilson's, 95 %, in brackets behind the rate: 19 of 20 such intervals contain the true rate.",
-    "pooled": "Over several tasks, every episode weighs the same; in the mean of tasks, every task weighs the same.",
+    "interval": "95 % Wilson interval, in brackets after the rate: 19 of 20 such intervals contain the true rate.",
+    "pooled": "Rates over several tasks weigh every episode equally; the mean of tasks weighs every task equally.",
     "condition": "Clean, or a perturbation axis at a severity from 1 (mild) to 5 (extreme).",
-    "error": "An episode that could not be played. It is never counted as a failure and is in no rate.",
-    "bounds": "What the rate would be if all errors and missing episodes had failed, or all had succeeded.",
-    "done": "The episode has a row, whether success, failure or error; missing means that it has none.",
+    "error": "An episode that could not be played. It is neither a success nor a failure and is excluded from rates.",
+    "bounds": "The rate if all errors and missing episodes had failed, and if all had succeeded.",
+    "done": "Episodes with a result: success, failure or error. The others are missing.",
     "build": "Importing the simulator and opening the task.",
     "load": "Loading the policy.",
-    "reset": "Putting the scene into the episode's first state.",
+    "reset": "Setting the start state of the episode.",
     "physics": "Control steps.",
-    "render": "Observing: drawing the camera images.",
+    "render": "Observing, including rendering of the camera images.",
     "inference": "Asking the policy.",
-    "rest": "Time of an episode that is in no other phase.",
-    "wait": "A worker with nothing to do.",
-    "busy": "Worker time after start-up spent in simulator or policy: "
+    "rest": "Time of an episode outside the other phases.",
+    "wait": "Idle time of a worker.",
+    "busy": "Share of worker time after start-up in simulator or policy: "
     "(reset + physics + render + inference) / (wall + wait).",
-    "expert": "Each task's own policy, before merging.",
-    "told": "The merged policy, told the true task (oracle-routed).",
-    "routed": "The merged policy, inferring its task from the first observation.",
+    "expert": "The policy fine-tuned on the task, before merging.",
+    "oracle-routed": "The merged policy, given the true task.",
+    "routed": "The merged policy, which infers the task from the first observation.",
     "loss": "Difference of success rates in percentage points, with Newcombe's paired interval (95 %). By merging: "
-    "expert minus told. By routing: told minus routed. Both: their sum.",
-    "pairs": "Episodes of the same task and seed on which all three sides have a verdict; pairs with an error or "
-    "a missing row are left out of the losses and counted.",
+    "expert minus oracle-routed. By routing: oracle-routed minus routed. Both: their sum.",
+    "pairs": "Task and seed combinations in which all three policies succeeded or failed. Pairs with an error or a "
+    "missing episode are excluded from losses and counted as left out.",
     "retention": "Successes of the routed policy per success of the expert; the interval is a bootstrap over pairs "
-    "within tasks, and absent where all pairs agree.",
-    "accuracy": "Episodes whose task was inferred rightly, of those in which one was inferred.",
-    "calibration": "Calibration error: mean distance of accuracy and the probability that the router gave its choice. "
-    "Brier score: mean squared distance of all its probabilities from the truth, 0 to 2. Both where its scores are "
-    "logarithms of probabilities.",
-    "regret": "Success lost on the misrouted pairs: told minus routed, in percentage points.",
+    "within tasks, and absent if all pairs agree.",
+    "accuracy": "Share of episodes in which the task was inferred correctly.",
+    "calibration": "Calibration error: mean difference of accuracy and the probability of the chosen task. "
+    "Brier score: mean squared distance of all probabilities from the truth, 0 to 2. Both only if the scores are "
+    "log-probabilities.",
+    "regret": "Oracle-routed minus routed success on the misrouted pairs, in percentage points.",
     "latency": "Time to infer the task, once per episode.",
-    "severity curve": "Success at each severity with Wilson's interval; over several tasks, all tasks weigh the same. "
+    "severity curve": "Success at each severity with Wilson interval; tasks have equal weight. "
     "Drop: clean rate minus rate on the same seeds, with Newcombe's paired interval (95 %).",
-    "area kept": "Area under the success kept of the clean rate, divided by the range of severities: 1 if nothing is "
-    "lost. Only where the clean rate is shown to exceed 20 %. This interval and the next are a bootstrap of whole "
-    "seeds within tasks, and absent where it shows no spread.",
-    "half lost at": "Severity at which a falling fit loses half of the clean rate; > is beyond the last one played.",
-    "falls": "One-sided p-value against success not falling with severity, given each seed's own successes; not "
-    "adjusted for the number of axes.",
-    "findings": "Made from the tests below: falls by the trend test, adjusted over the axes of a policy (Holm, 5 %); "
-    "differences of policies where the interval for all axes together leaves out 0.",
-    "all axes": "Over all levels of all axes, tasks weighing alike: mean success; mean of the middle half of the "
-    "levels (IQM); mean of the worst fifth (CVaR); and the axis with the lowest mean, with the share of the "
-    "bootstrap's data sets in which it is the lowest too. Intervals by a bootstrap of seeds within tasks, none where "
-    "it shows no spread; that of the worst axis does not know that it was chosen for being the worst.",
-    "agreement": "Axes in the order of what is lost along them in two simulators. Kendall's tau-b: 1 for the same "
-    "order, -1 for the opposite; its interval is that of other seeds for the same axes (a bootstrap; chance pulls it "
-    "towards 0), p is one-sided against unrelated orders. MMRV: success (percentage points of the first simulator) by "
-    "which an axis is misplaced at worst, on average. Tasks differ between simulators too.",
-    "heat map": "Success with Wilson's interval, and the number of episodes that count; over several tasks and "
-    "simulators, all tasks weigh the same.",
-    "lost against": "Baseline minus policy on the same seeds, with Newcombe's paired interval; p by the exact McNemar "
+    "area kept": "Area under success relative to the clean rate, divided by the range of severities: 1 if nothing is "
+    "lost. Only if the clean rate significantly exceeds 20 %. This interval and the next are a bootstrap of seeds "
+    "within tasks, and absent if all bootstrap values are equal.",
+    "half lost at": "Severity at which a monotone fit has lost half of the clean rate; > means beyond the last one.",
+    "trend p": "One-sided p-value of the hypothesis that success does not fall with severity, conditional on the "
+    "successes of each seed; not adjusted for the number of axes.",
+    "findings": "From the tests below: falls by the trend test, adjusted over the axes of a policy (Holm, 5 %), "
+    "and differences of policies if the simultaneous interval for all axes excludes 0.",
+    "all axes": "Over all levels of all axes, with equal weight of tasks: mean; interquartile mean (IQM); mean "
+    "of the worst fifth of the levels (CVaR); and the axis with the lowest mean, with the share of bootstrap samples "
+    "in which it is the lowest as well. Intervals by a bootstrap of seeds within tasks, absent for equal values; "
+    "the interval of the worst axis is not corrected for the selection of that axis.",
+    "agreement": "Whether two simulators order the axes alike by success lost. Kendall's tau-b: 1 for the same order, "
+    "-1 for the opposite; its bootstrap interval covers other seeds for the same axes (noise pulls it towards 0). p "
+    "is one-sided, for independent orders. MMRV: mean over axes of the largest rank violation, in percentage points "
+    "of the first simulator. Tasks differ between simulators, too.",
+    "heat map": "Success with Wilson interval, and the number of episodes that count; tasks have equal weight.",
+    "lost against": "Baseline minus policy on the same seeds, with Newcombe's paired interval; p of the exact McNemar "
     "test, adjusted over all levels of the policy (Benjamini-Hochberg): exploratory.",
-    "lost beyond clean": "Mean loss over the severities of an axis minus the loss in the clean world: whether the "
-    "policy loses more when the world changes. Intervals by a bootstrap of seeds within tasks, each alone (95 %) and "
-    "for all axes together (Bonferroni).",
-    "gave way first": "At the first level at which success is below the clean rate beyond chance (intervals apart): "
-    "the router, if more than half of what was lost there was lost on misrouted episodes, else the policy.",
-    "control": "A condition in which a policy that sees and listens should fail: what it still does there needs no "
-    "eyes, no instruction, or not this one. Lost: clean rate minus rate, on the same seeds.",
-    "gate": "An oracle must solve a seed under the clean condition and at every level of an axis for it to count "
-    f"there; a level at which it solves less than {100 * LEAST_SOLVED:.0f} % of a task's seeds says nothing about that "
-    "task and is left out.",
-    "delivered": "Mean over the episodes in which it was measured, with the least and the greatest of an episode; "
-    "apart: distance of the simulators' means as a share of what was asked for.",
-    "skipped": "The simulator could not run on this machine; its episodes count as missing.",
+    "lost beyond clean": "Mean loss over the severities of an axis minus the loss under the clean condition. "
+    "Intervals by a bootstrap of seeds within tasks, for each axis (95 %) and simultaneous for all axes (Bonferroni).",
+    "failed first": "At the first level with success significantly below the clean rate (disjoint intervals): the "
+    "router if more than half of the loss is on misrouted episodes, else the policy.",
+    "control": "A condition in which a policy that uses images and instruction should fail: remaining success does not "
+    "depend on them. Lost: clean rate minus rate, on the same seeds.",
+    "oracle gate": "A seed counts along an axis only if the oracle solves it under the clean condition and at every "
+    f"level. A level at which the oracle solves less than {100 * LEAST_SOLVED:.0f} % of a task's seeds is left out for "
+    "this task.",
+    "delivered": "Mean measured strength of the perturbation, with minimum and maximum over episodes. Spread: range of "
+    "the simulators' means relative to the requested value.",
+    "skipped": "The simulator cannot run on this machine; its episodes count as missing.",
 }
-"""One explanation per term, shown where it first appears."""
-MERGING_TERMS = ("expert", "told", "routed", "loss", "pairs", "retention")
-ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "falls")
+"""Definition per term, shown where the term first appears."""
+MERGING_TERMS = ("expert", "oracle-routed", "routed", "loss", "pairs", "retention")
+ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
@@ -96,55 +94,60 @@ _STATUS = {
 
 
 def status_word(document: RunDocument) -> str:
-    """How far the run came, in a word or two."""
+    """Return the status of the run in one or two words."""
     return _STATUS[document.status]
 
 
 def verdict(document: RunDocument, tables: Tables) -> str:
-    """The run in one sentence: episodes done of planned, errors, time, and why it ended early, if it did."""
+    """Return the run in one sentence: episodes, errors, time, and the reason for an early end."""
     total = tables.total
-    parts = [f"{total.done:,} of {text.counted(total.planned, 'episode')} done"]
-    parts.append(text.counted(total.errors, "error") if total.errors else "no errors")
-    parts.append(text.counted(len(tables.skipped), "simulator") + " skipped" if tables.skipped else "")
-    parts.append(f"in {text.seconds(document.elapsed_s)}" if document.elapsed_s else "")
+    parts = [f"{total.done:,} of {formatting.counted(total.planned, 'episode')} done"]
+    parts.append(formatting.counted(total.errors, "error") if total.errors else "no errors")
+    parts.append(formatting.counted(len(tables.skipped), "simulator") + " skipped" if tables.skipped else "")
+    parts.append(f"in {formatting.seconds(document.elapsed_s)}" if document.elapsed_s else "")
     return ", ".join(filter(None, parts)) + (f"; {document.reason}" if document.reason else "")
 
 
-def provenance(document: RunDocument, tables: Tables) -> list[tuple[str, str]]:
-    """With what, where and when the run was made, as (name, value)."""
-    made = document.provenance
-    dirty = {None: "", True: " with uncommitted changes", False: " (clean)"}[made.git_dirty]
+def provenance(document: RunDocument) -> list[tuple[str, str]]:
+    """Return suite, policies, software and hardware of the run as (name, value)."""
+    software = document.provenance
+    dirty = {None: "", True: " with uncommitted changes", False: " (clean)"}[software.git_dirty]
     facts = [
         ("run", document.run_id),
-        ("suite", f"{document.suite_name} ({document.suite_path})"),
+        ("suite", f"{document.suite.name} ({document.suite_path})"),
         ("suite hash", document.suite_hash),
         ("rows hash", document.rows_hash or "not computed"),
-        *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in tables.cells}.items()),
-        ("git commit", f"{made.git_commit}{dirty}" if made.git_commit else "unknown"),
+        *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in document.plan}.items()),
+        ("git commit", f"{software.git_commit}{dirty}" if software.git_commit else "unknown"),
         ("started", _moment(document.started_at)),
         ("ended", _moment(document.finished_at)),
-        ("time running", text.seconds(document.elapsed_s)),
+        ("time running", formatting.seconds(document.elapsed_s)),
         ("store", document.store_url or "file in the run folder"),
-        *((f"{name} drawn by", device) for name, device in document.render_devices.items()),
+        *((f"{name} render device", device) for name, device in document.render_devices.items()),
         *((f"{name} workers", str(count)) for name, count in document.workers.items()),
-        *([("policies", "computed in processes of their own, in batches")] if document.inference == "served" else []),
+        *([("workers for all simulators", str(document.shared_workers))] if document.shared_workers else []),
+        *([("policies", "in separate inference processes, batched")] if document.inference == "served" else []),
         (
             "machine",
-            ", ".join(filter(None, (made.processor, f"{made.cores} cores" if made.cores else "", made.platform))),
+            ", ".join(
+                filter(
+                    None, (software.processor, f"{software.cores} cores" if software.cores else "", software.platform)
+                )
+            ),
         ),
-        ("Python", made.python),
+        ("Python", software.python),
     ]
     return [(name, value or "unknown") for name, value in facts]
 
 
 def gaps(tables: Tables) -> tuple[NotRun, ...]:
-    """Cells with missing episodes, those of skipped simulators aside."""
+    """Return cells with missing episodes, without those of skipped simulators."""
     skipped = {simulator for simulator, _ in tables.skipped}
     return tuple(gap for gap in tables.not_run if gap.simulator not in skipped)
 
 
 def skipped_episodes(tables: Tables) -> dict[str, int]:
-    """Skipped simulator to its missing episodes."""
+    """Return the number of missing episodes by skipped simulator."""
     return {
         simulator: sum(gap.missing for gap in tables.not_run if gap.simulator == simulator)
         for simulator, _ in tables.skipped

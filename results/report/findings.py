@@ -1,121 +1,127 @@
-"""What a run has shown, in sentences made from its tests and never stronger than they are."""
+"""Findings of a run as sentences, derived from its statistical tests."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from results.report import text
-from results.report.merging import points
-from results.report.overall import agreement_findings
-from results.report.robustness import judged, over_all, rate, short_title
-from results.report.shift import level, worst_level
-from results.robustness import PolicyCurve, Robustness
-from results.shift import Shift, broke_first
-from results.statistics.multiplicity import ALPHA, holm
-from suites.axes import AXES
+from robogauntlet.results.analysis.policy_shift import PolicyShift, first_to_fail
+from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.formatting import points, rate
+from robogauntlet.results.report.policy_shift import condition_text, worst_level
+from robogauntlet.results.report.robustness import agreement_findings, known_rates, overall_curves
+from robogauntlet.results.statistics.multiplicity import ALPHA, holm
+from robogauntlet.suites.axes import AXES
 
-MOST_NAMED = 3
-"""Axes that are named with their figures in one sentence."""
-SEES_NOTHING, TOLD_OTHERWISE = "blind", "wrong-goal"
+MAX_NAMED = 3
+"""Axes that are named with their rates in one sentence."""
+BLIND, WRONG_GOAL = "blind", "wrong-goal"
 
 
 def findings(robustness: Robustness) -> tuple[str, ...]:
-    """Sentences, the most important first. What was tested and not shown is said to be just that."""
-    policies = dict.fromkeys(curve.policy for curve in robustness.curves if curve.policy not in robustness.floors)
-    said = [sentence for policy in policies for sentence in _falls(robustness, policy)]
-    if robustness.shift is not None:
-        said += _merging(robustness.shift)
-        said += _routers(robustness.shift)
-    if robustness.overall is not None:
-        said += agreement_findings(robustness.overall)
-    said += _controls(robustness)
-    left_out = [row for row in robustness.gated if row.capped]
+    """Return sentences, the most important first. Absence of evidence is stated as such."""
+    policies = dict.fromkeys(
+        curve.policy for curve in robustness.curves if curve.policy not in robustness.no_skill_baselines
+    )
+    sentences = [sentence for policy in policies for sentence in _falls(robustness, policy)]
+    if robustness.policy_shift is not None:
+        sentences += _merging(robustness.policy_shift)
+        sentences += _routers(robustness.policy_shift)
+    if robustness.summary is not None:
+        sentences += agreement_findings(robustness.summary)
+    sentences += _controls(robustness)
+    left_out = [row for row in robustness.gate_rows if row.capped]
     if left_out:
-        levels = ", ".join(dict.fromkeys(level(row.axis, row.severity).partition(":")[0] for row in left_out))
-        said.append(
-            f"{text.counted(len(left_out), 'condition')} of a task left out because {robustness.gate} solved less than "
-            f"95 % of the seeds there ({levels})."
+        levels = ", ".join(dict.fromkeys(condition_text(row.axis, row.severity).partition(":")[0] for row in left_out))
+        sentences.append(
+            f"{formatting.counted(len(left_out), 'level')} of a task left out because the oracle gate "
+            f"{robustness.oracle_gate} solved less than 95 % of the seeds ({levels})."
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _falls(robustness: Robustness, policy: str) -> list[str]:
-    """Along which axes success falls, all axes of the policy taken together (Holm)."""
-    curves = [c for axis in robustness.axes for c in over_all(robustness, axis) if c.policy == policy]
+    """Axes along which success falls, adjusted over all axes of the policy (Holm)."""
+    curves = [c for axis in robustness.axes for c in overall_curves(robustness, axis) if c.policy == policy]
     tested = [(curve, curve.curve.trend) for curve in curves if curve.curve.trend is not None]
     adjusted = holm([p for _, p in tested if p is not None]) if tested else ()
     fallen = [curve for (curve, _), p in zip(tested, adjusted, strict=True) if p <= ALPHA]
-    said = []
+    sentences = []
     if fallen:
-        worst = sorted(fallen, key=lambda curve: judged(curve.curve)[-1][1].value)
-        along = _listed([_fall(curve) for curve in worst[:MOST_NAMED]])
-        where = along if len(worst) <= MOST_NAMED else f"{len(worst)} of {len(curves)} axes, lowest along {along}"
-        said.append(f"{policy}: success falls with severity along {where}.")
+        worst = sorted(fallen, key=lambda curve: known_rates(curve.curve)[-1][1].value)
+        along = _listed([_fall(curve) for curve in worst[:MAX_NAMED]])
+        where = (
+            along
+            if len(worst) <= MAX_NAMED
+            else f"{len(worst)} of {len(curves)} axes, to the lowest rates along {along}"
+        )
+        sentences.append(f"{policy}: success falls with severity along {where}.")
     rest = [curve for curve in curves if curve not in fallen]
     if rest:
-        names = _listed([short_title(curve.axis) for curve in rest])
-        said.append(f"{policy}: no fall was shown along {names}, which is no proof that there is none.")
+        names = _listed([curve.axis for curve in rest])
+        sentences.append(f"{policy}: a fall was not shown along {names}; this does not show that there is none.")
     lowest = worst_level(robustness, policy)
     if lowest is not None:
         curve, severity = lowest
         found = curve.curve.rates[curve.curve.levels.index(severity)]
-        said.append(f"{policy}: lowest at {level(curve.axis, severity)}, {rate(found)}.")
-    return said
+        sentences.append(f"{policy}: lowest at {condition_text(curve.axis, severity)}, {rate(found)}.")
+    return sentences
 
 
 def _fall(found: PolicyCurve) -> str:
-    shown = judged(found.curve)
+    shown = known_rates(found.curve)
     (_, clean), (severity, last) = shown[0], shown[-1]
-    value = f"{AXES[found.axis].value(int(severity)):g} {AXES[found.axis].unit}"
-    return f"{short_title(found.axis)} ({text.percent(clean.value)} to {text.percent(last.value)} at {value})"
+    level = AXES[found.axis].describe(int(severity))
+    return f"{found.axis} ({formatting.percent(clean.value)} to {formatting.percent(last.value)} at {level})"
 
 
-def _merging(shift: Shift) -> list[str]:
-    said = []
+def _merging(shift: PolicyShift) -> list[str]:
+    sentences = []
     for policy in shift.others:
         rows = [row for row in shift.interactions if row.policy == policy]
         if not rows:
             continue
-        clean = next((row for row in shift.taxes if row.policy == policy and not row.severity), None)
+        clean = next((row for row in shift.losses if row.policy == policy and not row.severity), None)
         if clean is not None:
-            said.append(f"{policy} against {shift.baseline}, clean: {points(clean.loss)} percentage points lost.")
+            sentences.append(f"{policy}: {points(clean.loss)} percentage points lost against {shift.baseline}, clean.")
         more = [row for row in rows if row.is_shown and row.extra.value > 0]
         less = [row for row in rows if row.is_shown and row.extra.value < 0]
         for found, word in ((more, "more"), (less, "less")):
             if found:
-                parts = [f"{short_title(row.axis)} ({points(row.extra)})" for row in found]
-                said.append(f"{policy} loses {word} against {shift.baseline} than clean under {_listed(parts)}.")
+                parts = [f"{row.axis} ({points(row.extra)})" for row in found]
+                sentences.append(f"{policy} loses {word} against {shift.baseline} than clean along {_listed(parts)}.")
         if not more and not less:
-            said.append(
-                f"{policy}: no axis was shown to make it lose more, or less, against {shift.baseline} than clean "
-                f"({text.counted(len(rows), 'axis').replace('axiss', 'axes')} tested together)."
+            sentences.append(
+                f"{policy}: no axis was shown to change its loss against {shift.baseline} from the clean loss "
+                f"({formatting.counted(len(rows), 'axis').replace('axiss', 'axes')} tested together)."
             )
-    return said
+    return sentences
 
 
-def _routers(shift: Shift) -> list[str]:
-    said = []
+def _routers(shift: PolicyShift) -> list[str]:
+    sentences = []
     for policy in shift.others:
         axes = dict.fromkeys(row.axis for row in shift.routers if row.policy == policy)
-        first = {axis: broke_first([r for r in shift.routers if (r.policy, r.axis) == (policy, axis)]) for axis in axes}
+        first = {
+            axis: first_to_fail([r for r in shift.routers if (r.policy, r.axis) == (policy, axis)]) for axis in axes
+        }
         for what in ("router", "policy"):
-            names = [short_title(axis) for axis, gave_way in first.items() if gave_way == what]
+            names = [axis for axis, failed in first.items() if failed == what]
             if names:
-                under = _listed(names) if len(names) <= 2 * MOST_NAMED else f"{len(names)} of {len(first)} axes"
-                said.append(f"{policy}: the {what} gave way first under {under}.")
-    return said
+                under = _listed(names) if len(names) <= 2 * MAX_NAMED else f"{len(names)} of {len(first)} axes"
+                sentences.append(f"{policy}: the {what} failed first under {under}.")
+    return sentences
 
 
 def _controls(robustness: Robustness) -> list[str]:
-    said = []
-    for row in (row for row in robustness.controls if row.policy not in robustness.floors):
+    sentences = []
+    for row in (row for row in robustness.controls if row.policy not in robustness.no_skill_baselines):
         whole = row.simulator is None or not any(r.simulator is None for r in robustness.controls)
-        if not whole or row.control not in (SEES_NOTHING, TOLD_OTHERWISE):
+        if not whole or row.control not in (BLIND, WRONG_GOAL):
             continue
-        how = "with black images" if row.control == SEES_NOTHING else "told another goal"
-        goal = "" if row.control == SEES_NOTHING else " still at the task's own"
-        said.append(f"{row.policy} {how}: success{goal} {rate(row.rate)}, clean {rate(row.clean)}.")
-    return said
+        how = "with black images" if row.control == BLIND else "at the task's goal when instructed to reach another one"
+        sentences.append(f"{row.policy}: success {how} {rate(row.rate)}, clean {rate(row.clean)}.")
+    return sentences
 
 
 def _listed(parts: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Pictures and videos of a run, chosen, and made into data URIs so that the report is one file."""
+"""Selects images and videos of a run and encodes them as data URIs, so that the report is one file."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from results.media import look_path, picture_path, videos_folder
-from results.record import Status
-from results.run import RunDocument
-from suites.vocabulary import CLEAN, CONTROLS, Condition
+from robogauntlet.results.media_paths import picture_path, snapshot_path, videos_folder
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunDocument
+from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 
 if TYPE_CHECKING:
     import pandas as pd
 
 VIDEO_BUDGET = 9_000_000
-"""Bytes of video in one report, which holds them as text that is a third longer."""
+"""Maximum size of the videos in one report, before base64 encoding (bytes)."""
 POSTER_SIZE = 256
-"""Greatest width and height of a still (px)."""
+"""Maximum width and height of a still image (px)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Video:
-    """A recorded episode that stands for a policy's successes or failures, on a task or along an axis."""
+    """The video of an episode."""
 
     episode_id: str
     policy: str
@@ -38,16 +38,16 @@ class Video:
     condition: Condition
     path: Path
     size: int
-    """Of the file (bytes)."""
+    """Size of the file (bytes)."""
     source: str | None = None
-    """Data URI, or None where it was left out for its size."""
+    """Data URI, or None if left out because of its size."""
     poster: str | None = None
-    """Data URI of the last frame, which shows how the episode ended."""
+    """Data URI of the last frame."""
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """What policies see first under a condition, cameras side by side."""
+class Snapshot:
+    """The first observation under a condition, cameras side by side."""
 
     condition: Condition
     source: str
@@ -56,65 +56,73 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """Looks at one task: the clean one, then one for each severity of an axis."""
+    """Snapshots of one task: clean, then one per severity of an axis."""
 
     task: str
-    looks: tuple[Look, ...]
+    snapshots: tuple[Snapshot, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """What a report shows beside its numbers."""
+    """The images and videos of a report."""
 
-    typical: tuple[Video, ...] = ()
-    """Per policy and task the first success and the first failure: clean ones first, then by seed."""
-    fallen: tuple[Video, ...] = ()
-    """Per axis, simulator and policy a failure whose clean episode succeeded: the mildest, by seed."""
+    representative: tuple[Video, ...] = ()
+    """Per policy and task the first success and failure, in order of condition (clean first) and seed."""
+    new_failures: tuple[Video, ...] = ()
+    """Per axis, simulator and policy the mildest recorded failure whose clean episode succeeded."""
     strips: Mapping[str, tuple[Strip, ...]] = field(default_factory=dict)
-    """Axis to what it looks like; axes that show nothing in the first look are left out."""
+    """Axis to its strips; axes without a visible effect on the first observation are left out."""
 
     @property
     def left_out(self) -> int:
-        """Videos that are not embedded."""
-        return len({video.episode_id for video in (*self.typical, *self.fallen) if video.source is None})
+        """Number of videos that are not embedded."""
+        return len({video.episode_id for video in (*self.representative, *self.new_failures) if video.source is None})
 
 
 def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budget: int = VIDEO_BUDGET) -> Media:
-    """What was filmed and pictured of a run.
+    """Collect images and videos of a run.
 
     Args:
         folder: The run folder.
         document: The run.
         frame: Rows with the columns `episode_id`, `policy_digest`, `task`, `axis`, `severity`, `seed` and `status`.
-        budget: Bytes to embed. If the files are larger together, typical ones come first, of each kind the smallest.
+        budget: Bytes to embed. Beyond it, representative videos have priority, then smaller files.
     """
     names = {cell.policy_digest: cell.policy for cell in document.plan}
     files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if path.is_file()}
-    filmed = frame.loc[frame["episode_id"].isin(list(files))]
-    filmed = filmed.loc[filmed["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
-    filmed = filmed.assign(perturbed=filmed["axis"].astype(str) != CLEAN)
-    filmed = filmed.sort_values(["perturbed", "severity", "axis", "seed", "task"], kind="stable")
-    aside = {cell.policy_digest for cell in document.plan if cell.policy in (document.gate, *document.floors)}
+    recorded = frame.loc[frame["episode_id"].isin(list(files))]
+    recorded = recorded.loc[recorded["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
+    recorded = recorded.assign(perturbed=recorded["axis"].astype(str) != CLEAN)
+    recorded = recorded.sort_values(["perturbed", "severity", "axis", "seed", "task"], kind="stable")
+    excluded = {
+        cell.policy_digest
+        for cell in document.plan
+        if cell.policy in (document.suite.oracle_gate, *document.suite.no_skill_baselines)
+    }
 
     def videos(chosen: pd.DataFrame) -> list[Video]:
         found = [_video(row, names, files) for row in chosen.itertuples(index=False)]
         return [video for video in found if video.size]
 
-    typical, left = _embed(videos(_typical(filmed)), budget)
-    fallen, _ = _embed(videos(_fallen(filmed, frame, aside)), left)
-    return Media(typical, fallen, _strips(folder, document))
+    representative, left = _embed(videos(_representative(recorded)), budget)
+    new_failures, _ = _embed(videos(_new_failures(recorded, frame, excluded)), left)
+    return Media(representative, new_failures, _strips(folder, document))
 
 
-def _typical(filmed: pd.DataFrame) -> pd.DataFrame:
-    return filmed.drop_duplicates(["policy_digest", "task", "status"])
+def _representative(recorded: pd.DataFrame) -> pd.DataFrame:
+    return recorded.drop_duplicates(["policy_digest", "task", "status"])
 
 
-def _fallen(filmed: pd.DataFrame, frame: pd.DataFrame, aside: Collection[str]) -> pd.DataFrame:
+def _new_failures(recorded: pd.DataFrame, frame: pd.DataFrame, excluded: Collection[str]) -> pd.DataFrame:
     pair = ["policy_digest", "task", "seed"]
-    stood = frame.loc[(frame["axis"].astype(str) == CLEAN) & (frame["status"].astype(str) == Status.SUCCESS), pair]
-    failures = filmed.loc[(filmed["status"].astype(str) == Status.FAILURE) & ~filmed["axis"].isin([CLEAN, *CONTROLS])]
-    failures = failures.loc[~failures["policy_digest"].isin(list(aside))]
-    both = failures.merge(stood.drop_duplicates(), on=pair)
+    clean_successes = frame.loc[
+        (frame["axis"].astype(str) == CLEAN) & (frame["status"].astype(str) == Status.SUCCESS), pair
+    ]
+    failures = recorded.loc[
+        (recorded["status"].astype(str) == Status.FAILURE) & ~recorded["axis"].isin([CLEAN, *CONTROLS])
+    ]
+    failures = failures.loc[~failures["policy_digest"].isin(list(excluded))]
+    both = failures.merge(clean_successes.drop_duplicates(), on=pair)
     simulator = both["task"].astype(str).str.split("/").str[0]
     return both.loc[~both.assign(simulator=simulator).duplicated(["axis", "simulator", "policy_digest"])]
 
@@ -133,19 +141,19 @@ def _strips(folder: Path, document: RunDocument) -> dict[str, tuple[Strip, ...]]
 
 
 def _strip(folder: Path, task: str, axis: str, severities: Sequence[int]) -> Strip | None:
-    """The looks that were kept; None if there are none, or none that differs from the clean one."""
+    """The stored snapshots; None if none differs from the clean one."""
     files = {}
     for condition in (Condition(), *(Condition(axis, severity) for severity in severities)):
         with contextlib.suppress(OSError):
-            files[condition] = look_path(folder, task, condition).read_bytes()
+            files[condition] = snapshot_path(folder, task, condition).read_bytes()
     if Condition() not in files or len(set(files.values())) < 2:
         return None
-    looks = (Look(condition, source) for condition, file in files.items() if (source := _still(file)))
-    return Strip(task, tuple(looks))
+    snapshots = (Snapshot(condition, source) for condition, file in files.items() if (source := _still(file)))
+    return Strip(task, tuple(snapshots))
 
 
 def task_picture(folder: Path, task: str) -> str | None:
-    """Data URI of a task's picture, or None if there is none that can be read."""
+    """Return the image of a task as data URI, or None if it cannot be read."""
     try:
         return _still(picture_path(folder, task).read_bytes())
     except OSError:
@@ -169,7 +177,7 @@ def _video(row: object, names: Mapping[str, str], files: Mapping[str, Path]) -> 
 
 
 def _embed(videos: Sequence[Video], budget: int) -> tuple[tuple[Video, ...], int]:
-    """The videos, the smallest of them embedded as far as the budget goes, and what is left of it."""
+    """Embed the smallest videos within the budget; return all videos and the remaining budget."""
     fitting: set[str] = set()
     for video in sorted(videos, key=lambda video: (video.size, video.episode_id)):
         if video.size > budget:
@@ -189,7 +197,7 @@ def _embedded(video: Video) -> Video:
 
 
 def last_frame(path: Path) -> bytes | None:
-    """The last frame of a video as PNG, or None if it cannot be had."""
+    """Return the last frame of a video as PNG, or None if it cannot be decoded."""
     import imageio_ffmpeg
 
     try:
@@ -197,15 +205,15 @@ def last_frame(path: Path) -> bytes | None:
         # Decodes the last half second and lets each frame overwrite the one before it.
         command = [ffmpeg, "-v", "error", "-sseof", "-0.5", "-i", str(path.resolve())]
         command += ["-update", "1", "-c:v", "png", "-f", "image2pipe", "-"]
-        made = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=20, check=True).stdout
+        output = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=20, check=True).stdout
     except (OSError, RuntimeError, subprocess.SubprocessError):
         return None
-    _, signature, frame = made.rpartition(b"\x89PNG\r\n\x1a\n")
+    _, signature, frame = output.rpartition(b"\x89PNG\r\n\x1a\n")
     return signature + frame if signature else None
 
 
 def _still(image: bytes) -> str | None:
-    """A PNG as small JPEG in a data URI, or None if it cannot be read."""
+    """Return a PNG as small JPEG data URI, or None if it cannot be read."""
     from PIL import Image
 
     out = io.BytesIO()

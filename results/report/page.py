@@ -1,4 +1,4 @@
-"""`report.html`: one file that opens anywhere, without a network and without JavaScript."""
+"""`report.html`: one file that needs neither a network nor JavaScript."""
 
 from __future__ import annotations
 
@@ -7,24 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from results.merging import Merging
-from results.record import Status
-from results.report import facts, overall, text
-from results.report import merging as words
-from results.report import robustness as stress
-from results.report import shift as against
-from results.report.findings import findings
-from results.report.media import Media, Video, task_picture
-from results.report.summary import ERROR_GROUPS
-from results.robustness import Robustness
-from results.run import RunDocument
-from results.tables import Aggregate, CellRow, Tables
-from results.timing import PHASES
-from suites.vocabulary import Condition
+from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables
+from robogauntlet.results.analysis.timing import PHASES
+from robogauntlet.results.record import Status
+from robogauntlet.results.report import facts, formatting
+from robogauntlet.results.report import merging_cost as merging_text
+from robogauntlet.results.report import policy_shift as shift_text
+from robogauntlet.results.report import robustness as robustness_text
+from robogauntlet.results.report.media import Media, Video, task_picture
+from robogauntlet.results.report.summary import ERROR_GROUPS, Report
+from robogauntlet.results.run_document import RunDocument
+from robogauntlet.suites.episode import Condition
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 SERIES = 6
-"""Colours and marker shapes before they repeat."""
+"""Number of colours and marker shapes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +34,7 @@ class MatrixRow:
 
 @dataclass(frozen=True, slots=True)
 class ForestTask:
-    """One task's cells under the condition shown."""
+    """Cells of one task under the shown condition."""
 
     task: str
     cells: tuple[CellRow, ...]
@@ -62,68 +59,64 @@ class Card:
     lines: tuple[CardLine, ...]
 
 
-def render_page(
-    folder: Path,
-    document: RunDocument,
-    tables: Tables,
-    media: Media,
-    merging: Merging | None = None,
-    robustness: Robustness | None = None,
-) -> str:
-    """The whole page as HTML.
+def render_page(folder: Path, report: Report, media: Media) -> str:
+    """Return the page as HTML.
 
     Args:
-        folder: The run folder, named in the commands that replay an episode.
-        document: The run.
-        tables: Its numbers.
-        media: Videos and pictures.
-        merging: What merging and routing cost, if the suite asks for it.
-        robustness: How success falls with severity, if anything was perturbed.
+        folder: The run folder; commands that replay an episode name it.
+        report: The contents.
+        media: Videos and images.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    document, tables = report.document, report.tables
     series = {policy: place % SERIES for place, policy in enumerate(tables.policies)}
     return environment.get_template("report.html.jinja").render(
         document=document,
         tables=tables,
-        text=text,
-        says=facts.SENTENCES,
+        text=formatting,
+        definitions=facts.DEFINITIONS,
         status=facts.status_word(document),
         verdict=facts.verdict(document, tables),
-        provenance=facts.provenance(document, tables),
+        provenance=facts.provenance(document),
         gaps=facts.gaps(tables),
         skipped_episodes=facts.skipped_episodes(tables),
         error_groups=tables.errors[:ERROR_GROUPS],
         series=series,
-        matrix=[row for row in _matrix(tables) if robustness is None or row.total.condition == _shown(tables)],
+        matrix=[row for row in _matrix(tables) if report.robustness is None or row.total.condition == _shown(tables)],
         several=len(tables.conditions) > 1,
         shown=_shown(tables),
         forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},
-        judged={cell.simulator for cell in tables.cells if cell.tally.verdicts and cell.condition == _shown(tables)},
-        cards=_cards(folder, document, tables, media.typical),
+        simulators_with_results={
+            cell.simulator for cell in tables.cells if cell.tally.verdicts and cell.condition == _shown(tables)
+        },
+        cards=_cards(folder, document, tables, media.representative),
         media=media,
         phases=PHASES,
-        merging=merging,
-        words=words,
-        robustness=robustness,
-        stress=stress,
-        against=against,
-        overall=overall,
-        findings=findings(robustness) if robustness else (),
+        merging=report.merging,
+        merging_text=merging_text,
+        robustness=report.robustness,
+        robustness_text=robustness_text,
+        shift_text=shift_text,
+        findings=report.findings,
         shift_terms=list(facts.SHIFT_TERMS),
         robustness_terms=list(facts.ROBUSTNESS_TERMS),
         merging_terms=list(facts.MERGING_TERMS),
         router_terms=list(facts.ROUTER_TERMS),
         run=shlex.quote(str(folder)),
-        style=(HERE / "report.css").read_text(encoding="utf-8"),
+        style=(FOLDER / "report.css").read_text(encoding="utf-8"),
     )
 
 
 def _shown(tables: Tables) -> Condition:
-    """The condition of the forest and the gallery: clean, or the first that was planned."""
+    """The condition of task plots and gallery: clean, or the first of the plan."""
     return tables.conditions[0] if tables.conditions else Condition()
 
 
@@ -132,7 +125,7 @@ def _matrix(tables: Tables) -> list[MatrixRow]:
         MatrixRow(
             total,
             tuple(
-                text.aggregate_of(tables, total.policy, simulator, total.axis, total.severity)
+                formatting.aggregate_of(tables, total.policy, simulator, total.axis, total.severity)
                 for simulator in tables.simulators
             ),
         )

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from results.record import FIELDS, describe_fields
-from results.run import RunDocument
-from results.store import Store
-from results.tables import CATEGORIES, COLUMNS
+from robogauntlet.results.analysis.tables import CATEGORIES, COLUMNS
+from robogauntlet.results.record import FIELDS, describe_fields
+from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.store.episode_store import Store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,7 +28,7 @@ def schema(document: RunDocument) -> pa.Schema:
         pa.field(name, types[kind], nullable=nullable, metadata={"description": sentence})
         for name, (kind, nullable, sentence) in describe_fields().items()
     ]
-    about = {"run_id": document.run_id, "suite_name": document.suite_name, "suite_hash": document.suite_hash}
+    about = {"run_id": document.run_id, "suite_name": document.suite.name, "suite_hash": document.suite_hash}
     return pa.schema(fields, metadata=about)
 
 

@@ -1,69 +1,60 @@
-"""Severity curves and delivered values as words: tables for `report.md` and `report.html`."""
+"""Tables and sentences about robustness for `report.md` and `report.html`."""
 
 from __future__ import annotations
 
 import math
 
-from results.report import text
-from results.report.merging import points
-from results.report.text import NOTHING, TextTable
-from results.robustness import DeliveredCell, PolicyCurve, Robustness
-from results.statistics.rates import Estimate
-from results.statistics.severity import SeverityCurve
-from suites.axes import AXES
-from suites.vocabulary import Condition
+from robogauntlet.results.analysis.robustness import DeliveredCell, PolicyCurve, Robustness
+from robogauntlet.results.analysis.robustness_summary import AgreementRow, RobustnessSummary, SummaryRow
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.formatting import NOTHING, TextTable, number, p_value, points, rate
+from robogauntlet.results.statistics.multiplicity import ALPHA, holm
+from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.results.statistics.severity import SeverityCurve
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import Condition
 
 
-def title(axis: str) -> str:
-    """`noise (N1): sensor noise, dB PSNR`."""
-    known = AXES.get(axis)
-    return axis if known is None else f"{axis} ({known.code}): {known.title}, {known.unit}"
+def axis_heading(axis: str) -> str:
+    """An axis with its unit, `noise (dB PSNR)`."""
+    return f"{axis} ({AXES[axis].unit})" if axis in AXES else axis
 
 
-def short_title(axis: str) -> str:
-    """`sensor noise (N1)`."""
-    known = AXES.get(axis)
-    return axis if known is None else f"{known.title} ({known.code})"
+def axis_summary(axis: str) -> str:
+    """Explain an axis in a sentence or two."""
+    return AXES[axis].summary if axis in AXES else ""
 
 
-def summary(axis: str) -> str:
-    """What the axis does, in a sentence or two."""
-    known = AXES.get(axis)
-    return "" if known is None else known.summary
+def severity_text(condition: Condition) -> str:
+    """A severity with its level, `4: 18.4 dB PSNR`, or `clean`."""
+    axis = AXES.get(condition.axis)
+    return str(condition) if axis is None else f"{condition.severity}: {axis.describe(condition.severity)}"
 
 
-def level(condition: Condition) -> str:
-    """`4: 16 dB PSNR`, or `clean`."""
-    known = AXES.get(condition.axis)
-    if known is None:
-        return str(condition)
-    return f"{condition.severity}: {known.value(condition.severity):g} {known.unit}"
-
-
-def judged(curve: SeverityCurve) -> tuple[tuple[float, Estimate], ...]:
-    """Levels with their rates, those without any verdict left out."""
+def known_rates(curve: SeverityCurve) -> tuple[tuple[float, Estimate], ...]:
+    """Severities with their rates; those without a verdict are left out."""
     return tuple((s, r) for s, r in zip(curve.levels, curve.rates, strict=True) if not math.isnan(r.value))
 
 
-def of_axis(robustness: Robustness, axis: str) -> tuple[PolicyCurve, ...]:
-    """The axis' curves."""
+def axis_curves(robustness: Robustness, axis: str) -> tuple[PolicyCurve, ...]:
+    """The curves along an axis."""
     return tuple(curve for curve in robustness.curves if curve.axis == axis)
 
 
-def over_all(robustness: Robustness, axis: str) -> tuple[PolicyCurve, ...]:
-    """One curve per policy, over all simulators of the run."""
+def overall_curves(robustness: Robustness, axis: str) -> tuple[PolicyCurve, ...]:
+    """One curve per policy along an axis, over all simulators of the run."""
     first: dict[str, PolicyCurve] = {}
-    for curve in of_axis(robustness, axis):
+    for curve in axis_curves(robustness, axis):
         first.setdefault(curve.policy, curve)
     return tuple(first.values())
 
 
 def curves_table(robustness: Robustness, axis: str) -> TextTable:
-    """Success at each severity with its interval, and what the curve amounts to."""
-    curves = of_axis(robustness, axis)
+    """Success at each severity with its interval, and the statistics of each curve."""
+    curves = axis_curves(robustness, axis)
     levels = sorted({level for found in curves for level in found.curve.levels})
     shown = ("clean" if level == 0 else _level(axis, int(level)) for level in levels)
-    header = ("policy", "simulator", *shown, "drop at the last", "area kept", "half lost at", "falls, p")
+    header = ("policy", "simulator", *shown, "drop at the last severity", "area kept", "half lost at", "trend p")
     return TextTable(header, tuple(_line(found, levels) for found in curves), 2)
 
 
@@ -76,8 +67,8 @@ def _line(found: PolicyCurve, levels: list[float]) -> tuple[str, ...]:
         *(rate(rates.get(level)) for level in levels),
         NOTHING if math.isnan(curve.drops[-1].value) else points(curve.drops[-1]),
         number(curve.area),
-        severity(curve.half, curve.levels[-1]),
-        NOTHING if curve.trend is None else ("<0.001" if curve.trend < 0.001 else f"{curve.trend:.3f}"),
+        half_lost_text(curve.half, curve.levels[-1]),
+        NOTHING if curve.trend is None else p_value(curve.trend),
     )
 
 
@@ -85,27 +76,8 @@ def _level(axis: str, severity: int) -> str:
     return f"{severity}: {AXES[axis].value(severity):g}" if axis in AXES else str(severity)
 
 
-def rate(estimate: Estimate | None) -> str:
-    """`82 % [74, 89]`."""
-    if estimate is None or math.isnan(estimate.value):
-        return NOTHING
-    return (
-        f"{text.percent(estimate.value)} {text.span(estimate.interval)}"
-        if estimate.interval
-        else text.percent(estimate.value)
-    )
-
-
-def number(estimate: Estimate | None) -> str:
-    """`0.82 [0.74, 0.89]`."""
-    if estimate is None or math.isnan(estimate.value):
-        return NOTHING
-    ends = estimate.interval
-    return f"{estimate.value:.2f}" + (f" [{ends.low:.2f}, {ends.high:.2f}]" if ends else "")
-
-
-def severity(estimate: Estimate | None, last: float) -> str:
-    """`3.1 [2.6, >5]`: what is infinite is beyond the last level."""
+def half_lost_text(estimate: Estimate | None, last: float) -> str:
+    """A severity such as `3.1 [2.6, >5]`; infinity is beyond the last level."""
     if estimate is None or math.isnan(estimate.value):
         return NOTHING
     ends = () if estimate.interval is None else (estimate.interval.low, estimate.interval.high)
@@ -114,15 +86,15 @@ def severity(estimate: Estimate | None, last: float) -> str:
 
 
 def delivered_table(robustness: Robustness) -> TextTable:
-    """Per axis and severity: what was asked for, what each simulator delivered, and how far they are apart."""
+    """Requested and delivered value per axis and severity, and the spread of simulators."""
     simulators = sorted({cell.simulator for row in robustness.delivered for cell in row.simulators})
-    header = ("axis", "severity", "asked", *simulators, "apart")
+    header = ("axis", "severity", "requested", *simulators, "spread")
     lines = []
     for row in robustness.delivered:
         cells = {cell.simulator: cell for cell in row.simulators}
-        spread = NOTHING if row.spread is None else text.percent(row.spread)
+        spread = NOTHING if row.spread is None else formatting.percent(row.spread)
         values = (_value(cells.get(name)) for name in simulators)
-        lines.append((row.axis, str(row.severity), f"{row.asked:g} {row.unit}", *values, spread))
+        lines.append((row.axis, str(row.severity), AXES[row.axis].describe(row.severity), *values, spread))
     return TextTable(header, tuple(lines), 1)
 
 
@@ -132,23 +104,23 @@ def _value(cell: DeliveredCell | None) -> str:
     return f"{cell.mean:.4g}" if cell.low == cell.high else f"{cell.mean:.4g} [{cell.low:.4g}, {cell.high:.4g}]"
 
 
-def worlds(robustness: Robustness) -> str:
-    """Whether perturbed episodes started from the clean world, in a sentence."""
-    found = robustness.worlds
-    compared = text.counted(found.compared, "episode") + " on axes that move nothing"
+def start_states_sentence(robustness: Robustness) -> str:
+    """A sentence on whether perturbed episodes started from the state of the clean ones."""
+    found = robustness.start_states
+    compared = formatting.counted(found.compared, "episode") + " on axes that keep the start state"
     if not found.compared:
-        return "No episode on an axis that moves nothing has a clean one of its task and seed to be compared with."
+        return "Start states were not compared: no perturbed episode has a clean episode of the same task and seed."
     if found.differing:
         return f"{found.differing:,} of {compared} started from another physical state than the clean episode."
-    return f"All of {compared} started from the physical state of the clean episode."
+    return f"All {compared} started from the physical state of the clean episode."
 
 
 def controls_table(robustness: Robustness) -> TextTable:
-    """Per policy and simulator: success clean and under each control, and what is lost there."""
+    """Success under the clean condition and each control, and the difference, per policy and simulator."""
     names = tuple(dict.fromkeys(row.control for row in robustness.controls))
     header = ["policy", "simulator", "clean"]
     for name in names:
-        header += [AXES[name].title, "lost"]
+        header += [name, "lost"]
     found = {(row.policy, row.simulator, row.control): row for row in robustness.controls}
     lines = []
     for policy, simulator in dict.fromkeys((row.policy, row.simulator) for row in robustness.controls):
@@ -161,30 +133,79 @@ def controls_table(robustness: Robustness) -> TextTable:
 
 
 def unsupported_table(robustness: Robustness) -> TextTable:
-    """Axes that tasks of the suite cannot have."""
-    lines = tuple((short_title(gap.axis), gap.task, gap.reason) for gap in robustness.unsupported)
-    return TextTable(("axis", "task", "why not"), lines, 3)
+    """Axes that tasks of the suite do not support."""
+    lines = tuple((gap.axis, gap.task, gap.reason) for gap in robustness.unsupported)
+    return TextTable(("axis", "task", "reason"), lines, 3)
 
 
 def gate_table(robustness: Robustness) -> TextTable:
-    """Conditions in which the gate did not solve every seed."""
+    """Conditions in which the oracle gate did not solve every seed."""
     lines = tuple(
         (
             row.task,
             "clean" if not row.severity else f"{row.axis}@{row.severity}",
-            text.count(row.seeds),
-            text.count(row.seeds - row.passed),
+            formatting.count(row.seeds),
+            formatting.count(row.seeds - row.passed),
             "level left out" if row.capped else "seeds left out",
         )
-        for row in robustness.gated
+        for row in robustness.gate_rows
     )
-    return TextTable(("task", "condition", "seeds", "not solved", "so"), lines, 2)
+    return TextTable(("task", "condition", "seeds", "not solved", "consequence"), lines, 2)
 
 
-def gate(robustness: Robustness) -> str:
-    """What the gate did, in a sentence."""
-    if robustness.gate is None:
-        return "No oracle gates these numbers: whether a perturbed episode can be solved at all was not tested."
-    if not robustness.gated:
-        return f"{robustness.gate} solved every seed under every condition."
-    return f"Seeds that {robustness.gate} did not solve are left out for all policies and levels alike."
+def oracle_gate_sentence(robustness: Robustness) -> str:
+    """A sentence on the oracle gate."""
+    if robustness.oracle_gate is None:
+        return "There is no oracle gate: it was not tested whether the perturbed episodes can be solved."
+    if not robustness.gate_rows:
+        return f"The oracle gate {robustness.oracle_gate} solved every seed under every condition."
+    return (
+        f"Seeds that the oracle gate {robustness.oracle_gate} did not solve are left out for all policies and levels."
+    )
+
+
+def summary_table(summary: RobustnessSummary) -> TextTable:
+    """Mean success, interquartile mean and worst fifth of all levels, per policy and simulator."""
+    header = ("policy", "simulator", "mean", "IQM", "worst fifth", "worst axis", "its rate", "worst in")
+    return TextTable((*header, "levels"), tuple(_summary_line(row) for row in summary.rows), 2)
+
+
+def _summary_line(row: SummaryRow) -> tuple[str, ...]:
+    worst = row.worst
+    return (
+        row.policy,
+        row.simulator or "all",
+        *(rate(estimate) for estimate in (row.mean, row.middle, row.tail)),
+        worst.axis,
+        rate(worst.rate),
+        formatting.percent(worst.certainty),
+        formatting.count(row.conditions),
+    )
+
+
+def agreement_table(summary: RobustnessSummary) -> TextTable:
+    """Agreement of simulators on the order of axes by loss."""
+    header = ("policy", "simulators", "Kendall's tau", "p", "MMRV", "axes")
+    return TextTable(header, tuple(_agreement(row) for row in summary.agreement), 2)
+
+
+def _agreement(row: AgreementRow) -> tuple[str, ...]:
+    tau = NOTHING if row.tau is None else number(row.tau)
+    p = NOTHING if row.p is None else p_value(row.p)
+    return (row.policy, f"{row.one}, {row.other}", tau, p, f"{100 * row.violation:.1f}", formatting.count(row.axes))
+
+
+def agreement_findings(summary: RobustnessSummary) -> list[str]:
+    """One or two sentences per policy: simulators whose orders of axes agree significantly, and the others."""
+    sentences = []
+    for policy in dict.fromkeys(row.policy for row in summary.agreement):
+        rows = [row for row in summary.agreement if row.policy == policy]
+        adjusted = holm([1.0 if row.p is None else row.p for row in rows])
+        shown = [row for row, p in zip(rows, adjusted, strict=True) if p <= ALPHA]
+        if shown:
+            parts = [f"{row.one} and {row.other} (tau {number(row.tau)})" for row in shown]
+            sentences.append(f"{policy}: {', '.join(parts)} order the axes alike by success lost.")
+        if len(shown) < len(rows):
+            pairs = ", ".join(f"{row.one} and {row.other}" for row in rows if row not in shown)
+            sentences.append(f"{policy}: agreement on the order of axes was not shown between {pairs}.")
+    return sentences

@@ -1,24 +1,78 @@
-"""`summary.json`: a run's tables for programs. The model below is its documentation and its schema."""
+"""The contents of a report, and its files for programs: `summary.json` and `cells.csv`."""
 
 from __future__ import annotations
 
+import csv
+import io
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
 from pydantic import BaseModel, ConfigDict, Field
 
-from results.merging import Merging
-from results.report.findings import findings
-from results.robustness import Robustness
-from results.run import Provenance, RunDocument, RunStatus
-from results.statistics.rates import CONFIDENCE
-from results.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
-from results.timing import AnswerTiming, PhaseTiming
+from robogauntlet.results.analysis.merging_cost import Merging
+from robogauntlet.results.analysis.robustness import Robustness
+from robogauntlet.results.analysis.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
+from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
+from robogauntlet.results.report.findings import findings
+from robogauntlet.results.run_document import Provenance, RunDocument, RunStatus
+from robogauntlet.results.statistics.rates import CONFIDENCE
+from robogauntlet.suites.axes import AXES
 
 SUMMARY_FORMAT = 1
 ERROR_GROUPS = 50
-"""Error messages listed, most frequent first."""
+"""Maximum number of error messages that are listed."""
+CSV_HEADER = (
+    *("simulator", "task", "policy", "policy_digest", "axis", "severity", "level", "unit"),
+    *("planned", "done", "successes", "failures", "errors", "missing", "rate", "low", "high"),
+    *("success_once", "mean_steps", "mean_seconds"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPaths:
+    """The files of a report, in the run folder."""
+
+    html: Path
+    """The page with images and videos inside."""
+    markdown: Path
+    """The same numbers as text."""
+    summary: Path
+    """The same numbers for programs: `Summary` as JSON."""
+    episodes: Path
+    """All rows, Parquet."""
+    cells: Path
+    """A line per policy, task and condition, CSV."""
+    explorer: Path
+    """Interactive plots, HTML with scripts; only of perturbed runs."""
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> ReportPaths:
+        """Return the paths of the report of a run folder."""
+        names = ("report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv", "explore.html")
+        return cls(*(folder / name for name in names))
+
+
+@dataclass(frozen=True)
+class Report:
+    """The contents of all files of a report."""
+
+    paths: ReportPaths
+    document: RunDocument
+    tables: Tables
+    merging: Merging | None
+    """Success lost by merging and routing, if the suite asks for it."""
+    robustness: Robustness | None
+    """Results under perturbations, if there are any."""
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences derived from the tests of `robustness`."""
+        return findings(self.robustness) if self.robustness else ()
 
 
 class Summary(BaseModel):
-    """What `summary.json` says. Fields are only added while `format` stays the same; rates are shares in [0, 1]."""
+    """The content of `summary.json`. A `format` only gains fields. Rates are shares in [0, 1]."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
 
@@ -26,9 +80,9 @@ class Summary(BaseModel):
     run_id: str
     suite_name: str
     suite_hash: str
-    """Hash of what was evaluated; equal for suites that plan the same episodes."""
+    """Hash of the planned episodes; equal for suites that plan the same ones."""
     rows_hash: str | None
-    """Hash of all rows, timing aside, if the run got so far."""
+    """Hash of all rows without timing, if the run has computed it."""
     status: RunStatus
     reason: str | None
     """Why the run ended early, if it did."""
@@ -38,7 +92,7 @@ class Summary(BaseModel):
     elapsed_s: float
     """Time spent running, over all sessions (s)."""
     confidence: float = CONFIDENCE
-    """Of every interval."""
+    """Confidence of all intervals."""
     total: Tally
     episodes_per_hour: float | None
     policies: tuple[Aggregate, ...]
@@ -50,36 +104,36 @@ class Summary(BaseModel):
     timing: tuple[PhaseTiming, ...]
     """Worker time per simulator."""
     answers: tuple[AnswerTiming, ...] = ()
-    """How long policies took to answer."""
+    """Answer times of policies."""
     skipped: dict[str, str]
     """Simulator to the reason why it could not run."""
     not_run: tuple[NotRun, ...]
     """Cells with planned episodes that have no row."""
     errors: tuple[ErrorGroup, ...] = Field(max_length=ERROR_GROUPS)
     error_messages: int
-    """Different error messages, of which `errors` lists the most frequent."""
+    """Number of distinct error messages; `errors` lists the most frequent."""
     render_devices: dict[str, str]
-    """Simulator to what drew its images."""
+    """Simulator to its render device."""
     workers: dict[str, int]
-    """Simulator to its number of workers in the last session."""
+    """Simulator to its number of workers in the last session; empty if all simulators shared `shared_workers`."""
+    shared_workers: int | None = None
     policy_digests: dict[str, str]
     """Policy to the hash of its content."""
     provenance: Provenance
     merging: Merging | None = None
-    """What merging and routing cost, if the suite asks for it."""
+    """Success lost by merging and routing, if the suite asks for it."""
     robustness: Robustness | None = None
-    """How success falls with severity, if anything was perturbed. Numbers beyond every level are "Infinity"."""
+    """Results under perturbations, if there are any. Severities beyond the last level are "Infinity"."""
     findings: tuple[str, ...] = ()
-    """What the tests of `robustness` show, in sentences."""
+    """Sentences derived from the tests of `robustness`."""
 
 
-def build_summary(
-    document: RunDocument, tables: Tables, merging: Merging | None = None, robustness: Robustness | None = None
-) -> Summary:
-    """The summary of a run."""
+def build_summary(report: Report) -> Summary:
+    """Return the summary of a report."""
+    document, tables = report.document, report.tables
     return Summary(
         run_id=document.run_id,
-        suite_name=document.suite_name,
+        suite_name=document.suite.name,
         suite_hash=document.suite_hash,
         rows_hash=document.rows_hash,
         status=document.status,
@@ -100,9 +154,31 @@ def build_summary(
         error_messages=len(tables.errors),
         render_devices=document.render_devices,
         workers=document.workers,
+        shared_workers=document.shared_workers,
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
         provenance=document.provenance,
-        merging=merging,
-        robustness=robustness,
-        findings=findings(robustness) if robustness else (),
+        merging=report.merging,
+        robustness=report.robustness,
+        findings=report.findings,
+    )
+
+
+def render_csv(tables: Tables) -> str:
+    """Return `cells.csv`: a line per cell, rates with their 95 % Wilson intervals as shares, missing values empty."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(CSV_HEADER)
+    writer.writerows(_csv_line(cell) for cell in tables.cells)
+    return file.getvalue()
+
+
+def _csv_line(cell: CellRow) -> tuple[object, ...]:
+    tally, axis = cell.tally, AXES.get(cell.axis)
+    level = axis.value(cell.severity) if axis is not None and 0 < cell.severity <= len(axis.levels) else None
+    interval = (tally.interval.low, tally.interval.high) if tally.interval else (None, None)
+    return (
+        *(cell.simulator, cell.task, cell.policy, cell.policy_digest, cell.axis, cell.severity),
+        *(level, axis.unit if axis else None),
+        *(tally.planned, tally.done, tally.successes, tally.failures, tally.errors, tally.missing),
+        *(tally.rate, *interval, tally.success_once, tally.mean_steps, tally.mean_seconds),
     )

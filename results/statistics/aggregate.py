@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence
 
 DRAWS = 2000
 WORST_SHARE = 0.2
@@ -19,8 +19,6 @@ MISSING = -1e300
 
 Outcomes = NDArray[np.floating]
 """Shape (trials, arms): the outcome of each arm on the same trial, NaN where it has no verdict."""
-Statistic = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Mean outcomes, shape (draws, strata, arms), to numbers, shape (draws, ...)."""
 
 
 def interquartile_mean(values: NDArray[np.floating], axis: int = -1) -> NDArray[np.float64]:
@@ -89,40 +87,13 @@ def mean_outcomes(strata: Sequence[Outcomes]) -> NDArray[np.float64]:
     return np.array(sums, dtype=float)
 
 
-def bootstrap(
-    strata: Sequence[Outcomes],
-    statistic: Statistic,
-    generator: np.random.Generator,
-    confidence: float = CONFIDENCE,
-    draws: int = DRAWS,
-) -> list[Estimate]:
-    """Statistics of the strata's mean outcomes, with percentile intervals of a stratified paired bootstrap.
-
-    B. Efron and R. J. Tibshirani, "An Introduction to the Bootstrap" (1993), chapters 8 and 13. It knows the spread of
-    trials only: that of training is not in it unless checkpoints are strata of their own.
-
-    Args:
-        strata: See `resampled_means`.
-        statistic: See `Statistic`; what follows the first axis is flattened.
-        generator: Draws; the same state gives the same intervals.
-        confidence: Between 0 and 1, exclusive.
-        draws: Data sets drawn.
-
-    Returns:
-        One estimate per number, see `percentile_estimates`.
-
-    Raises:
-        ValueError: The confidence is outside (0, 1).
-    """
-    values = statistic(mean_outcomes(strata)[None]).reshape(-1)
-    drawn = statistic(resampled_means(strata, generator, draws)).reshape(draws, -1)
-    return percentile_estimates(values, drawn, confidence)
-
-
 def percentile_estimates(
     values: NDArray[np.float64], drawn: NDArray[np.float64], confidence: float = CONFIDENCE
 ) -> list[Estimate]:
-    """Numbers with the percentile intervals of a bootstrap.
+    """Numbers with the percentile intervals of a stratified paired bootstrap, see `resampled_means`.
+
+    B. Efron and R. J. Tibshirani, "An Introduction to the Bootstrap" (1993), chapters 8 and 13. It knows the spread of
+    trials only: that of training is not in it unless checkpoints are strata of their own.
 
     Args:
         values: Of the data, shape (numbers,).

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_intervals
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_intervals
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,7 +30,7 @@ class Pairs:
             raise ValueError(f"expected counts, got {self}")
 
     @classmethod
-    def of(cls, first: NDArray[np.floating], second: NDArray[np.floating]) -> Pairs:
+    def from_outcomes(cls, first: NDArray[np.floating], second: NDArray[np.floating]) -> Pairs:
         """Count trials by two arrays of outcomes, 1 or 0, shape (trials,); those with a NaN on a side are left out."""
         import numpy as np
 
@@ -137,33 +137,6 @@ def detectable_drop(pairs: Pairs, alpha: float, power: float = POWER) -> float |
         return float(needed - pairs.trials)
 
     return None if lacking(1.0) > 0 else float(brentq(lacking, 1e-9, 1.0))
-
-
-def heterogeneity(strata: Sequence[Pairs], generator: np.random.Generator, draws: int = 4000) -> float | None:
-    """p-value against the difference having one direction and strength in all strata.
-
-    Pearson's chi-square of the pairs that disagree, strata by sides, with its distribution by permutation, since counts
-    are small.
-
-    Args:
-        strata: One per task, say.
-        generator: Permutes; the same state gives the same p-value.
-        draws: Permutations.
-
-    Returns:
-        The p-value, or None where there is nothing to compare: fewer than two strata with pairs that disagree, or all
-        in favour of one side.
-    """
-    import numpy as np
-    from scipy import stats
-
-    table = np.array(
-        [[pairs.first_only, pairs.second_only] for pairs in strata if pairs.first_only + pairs.second_only]
-    )
-    if len(table) < 2 or not table.sum(axis=0).all():
-        return None
-    method = stats.PermutationMethod(n_resamples=draws, rng=generator)
-    return float(stats.chi2_contingency(table, correction=False, method=method).pvalue)
 
 
 def is_no_worse(pairs: Pairs, margin: float = MARGIN, confidence: float = CONFIDENCE) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
 
 CONFIDENCE = 0.95
 """Probability with which an interval covers the true rate, unless another is asked for."""
@@ -66,7 +67,6 @@ def wilson_intervals(
 ) -> list[Interval | None]:
     """`wilson_interval` for many rates at once: two sequences of counts of one length, one interval (or None) each."""
     import numpy as np
-    from statsmodels.stats.proportion import proportion_confint
 
     check_confidence(confidence)
     k, n = np.asarray(successes, dtype=float), np.asarray(trials, dtype=float)
@@ -74,42 +74,15 @@ def wilson_intervals(
         raise ValueError(f"expected as many successes as trials, got shapes {k.shape} and {n.shape}")
     if not np.all((k >= 0) & (k <= n)):
         raise ValueError("expected 0 <= successes <= trials")
-    some = n > 0
-    low, high = np.zeros_like(k), np.ones_like(k)
-    if some.any():
-        low[some], high[some] = proportion_confint(k[some], n[some], alpha=1 - confidence, method="wilson")
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    trials_or_one = np.maximum(n, 1.0)
+    p, shrinkage = k / trials_or_one, z**2 / trials_or_one
+    centre = (p + shrinkage / 2) / (1 + shrinkage)
+    half = np.sqrt(p * (1 - p) * shrinkage + shrinkage**2 / 4) / (1 + shrinkage)
     # The formula gives exactly 0 and 1 at the extremes, floating point arithmetic does not.
-    low, high = np.where(k == 0, 0.0, np.maximum(low, 0.0)), np.where(k == n, 1.0, np.minimum(high, 1.0))
-    return [Interval(float(a), float(b)) if present else None for a, b, present in zip(low, high, some, strict=True)]
-
-
-def clopper_pearson_interval(successes: int, trials: int, confidence: float = CONFIDENCE) -> Interval | None:
-    """Interval of a rate that never covers with less than the confidence, for claims of "at least p".
-
-    Its ends are those rates under which as many successes or more, and as few or fewer, have a probability of
-    (1 - confidence) / 2 each: C. J. Clopper and E. S. Pearson, Biometrika 26 (1934) 404-413. Wider than Wilson's, whose
-    coverage is right on average only. Each end alone is a bound with a confidence of (1 + confidence) / 2.
-
-    Args:
-        successes: Between 0 and `trials`.
-        trials: Episodes with a verdict.
-        confidence: Between 0 and 1, exclusive.
-
-    Returns:
-        The interval, or None without trials.
-
-    Raises:
-        ValueError: The counts are not 0 <= successes <= trials, or the confidence is outside (0, 1).
-    """
-    from statsmodels.stats.proportion import proportion_confint
-
-    check_confidence(confidence)
-    if not 0 <= successes <= trials:
-        raise ValueError("expected 0 <= successes <= trials")
-    if not trials:
-        return None
-    low, high = proportion_confint(successes, trials, alpha=1 - confidence, method="beta")
-    return Interval(float(low) if successes else 0.0, float(high) if successes < trials else 1.0)
+    low = np.where(k == 0, 0.0, np.maximum(centre - half, 0.0)).tolist()
+    high = np.where(k == n, 1.0, np.minimum(centre + half, 1.0)).tolist()
+    return [Interval(*ends) if some else None for *ends, some in zip(low, high, n > 0, strict=True)]
 
 
 def rate(successes: int, trials: int) -> float | None:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
-from results.statistics.aggregate import DRAWS, Outcomes, mean_outcomes, resampled_means
-from results.statistics.pairs import Pairs, paired_difference, pooled
-from results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_interval
+from robogauntlet.results.statistics.aggregate import DRAWS, Outcomes, mean_outcomes, resampled_means
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference, pooled
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_interval
 
 LEAST_CLEAN = 0.2
 """A policy whose clean rate is not shown to exceed this has nothing to retain."""
@@ -115,7 +116,7 @@ def retention(rates: NDArray[np.float64], floors: NDArray[np.float64]) -> NDArra
 
 def area(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Area under the retention along the last axis by trapezoids, divided by the range of levels."""
-    found: NDArray[np.float64] = np.trapz(kept, levels, axis=-1) / (levels[-1] - levels[0])
+    found: NDArray[np.float64] = trapezoid(kept, levels, axis=-1) / (levels[-1] - levels[0])
     return found
 
 
@@ -193,7 +194,9 @@ def _rate(strata: Sequence[Outcomes], level: int, means: NDArray[np.float64], co
 
 
 def _drop(strata: Sequence[Outcomes], level: int, confidence: float) -> Estimate:
-    found = paired_difference(pooled(Pairs.of(outcomes[:, 0], outcomes[:, level]) for outcomes in strata), confidence)
+    found = paired_difference(
+        pooled(Pairs.from_outcomes(outcomes[:, 0], outcomes[:, level]) for outcomes in strata), confidence
+    )
     if found is None:
         return Estimate(math.nan, None)
     return found if level else Estimate(0.0, None)

@@ -1,4 +1,4 @@
-"""Small drawings as SVG: plain shapes with the classes of docs/assets/drawing.css, alike alone and within a page."""
+"""Small SVG drawings: plain shapes with the classes of docs/assets/drawing.css, for files and for pages."""
 
 from __future__ import annotations
 
@@ -11,45 +11,45 @@ Point = tuple[float, float]
 
 
 class Drawing:
-    """Shapes on a sheet, units are px."""
+    """Shapes on a canvas; units are px."""
 
     def __init__(self, width: float, height: float) -> None:
         self.width, self.height = width, height
         self._shapes: list[str] = []
 
     def rect(self, x: float, y: float, width: float, height: float, kind: str, *, round_: float = 0) -> None:
-        """A rectangle by its upper left corner."""
+        """Add a rectangle by its upper left corner."""
         corner = f' rx="{round_:g}"' if round_ else ""
         self._shapes.append(
             f'<rect class="{kind}" x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"{corner}/>'
         )
 
     def line(self, points: Iterable[Point], kind: str) -> None:
-        """A line through points."""
+        """Add a line through points."""
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         self._shapes.append(f'<polyline class="{kind}" points="{path}"/>')
 
     def dot(self, x: float, y: float, kind: str, radius: float = 4) -> None:
-        """A filled circle."""
+        """Add a filled circle."""
         self._shapes.append(f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>')
 
-    def text(self, x: float, y: float, said: str, kind: str = "", *, anchor: str = "start") -> None:
-        """Words on a base line."""
+    def text(self, x: float, y: float, content: str, kind: str = "", *, anchor: str = "start") -> None:
+        """Add text on a base line."""
         named = f' class="{kind}"' if kind else ""
         place = f' text-anchor="{anchor}"' if anchor != "start" else ""
-        self._shapes.append(f'<text{named} x="{x:.1f}" y="{y:.1f}"{place}>{escape(said)}</text>')
+        self._shapes.append(f'<text{named} x="{x:.1f}" y="{y:.1f}"{place}>{escape(content)}</text>')
 
     def box(
         self, x: float, y: float, width: float, height: float, lines: Sequence[tuple[str, str]], kind: str = "box"
     ) -> None:
-        """A box with lines of text in its middle, each with its class."""
+        """Add a box with centred lines of text, each with its class."""
         self.rect(x, y, width, height, kind, round_=7)
         top = y + height / 2 - 8.5 * (len(lines) - 1) + 4.5
-        for number, (said, words) in enumerate(lines):
-            self.text(x + width / 2, top + 17 * number, said, words, anchor="middle")
+        for number, (content, words) in enumerate(lines):
+            self.text(x + width / 2, top + 17 * number, content, words, anchor="middle")
 
     def arrow(self, points: Sequence[Point], kind: str = "arrow") -> None:
-        """A line with a head at its end."""
+        """Add a line with an arrowhead at its end."""
         (x0, y0), (x1, y1) = points[-2:]
         length = ((x1 - x0) ** 2 + (y1 - y0) ** 2) ** 0.5
         ux, uy = (x1 - x0) / length, (y1 - y0) / length
@@ -59,7 +59,7 @@ class Drawing:
         self._shapes.append(f'<polygon class="head" points="{path}"/>')
 
     def svg(self) -> str:
-        """The file."""
+        """Return the drawing as an SVG file."""
         style = (DOCS / "assets" / "drawing.css").read_text(encoding="utf-8")
         return "\n".join(
             [
@@ -72,18 +72,18 @@ class Drawing:
 
 
 class Axes:
-    """A drawing's coordinates from numbers."""
+    """Scale from numbers to a drawing's coordinates."""
 
     def __init__(self, drawing: Drawing, left: float, right: float, low: float, high: float) -> None:
-        """Args: left, right: of the sheet; low, high: the numbers there."""
+        """Map `low` to the coordinate `left` and `high` to `right`."""
         self.drawing, self.left, self.right, self.low, self.high = drawing, left, right, low, high
 
     def __call__(self, value: float) -> float:
-        """Where a number lies."""
+        """Return a number's coordinate."""
         return self.left + (value - self.low) / (self.high - self.low) * (self.right - self.left)
 
     def ticks(self, values: Iterable[float], top: float, bottom: float) -> None:
-        """Vertical lines with their numbers below."""
+        """Add vertical lines with their numbers below."""
         for value in values:
             self.drawing.line([(self(value), top), (self(value), bottom)], "rule")
             self.drawing.text(self(value), bottom + 15, f"{value:g}", "soft small", anchor="middle")

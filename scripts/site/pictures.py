@@ -1,7 +1,7 @@
-"""Draws the pictures of docs/statistics.md and prints the numbers that stand there: `python -m scripts.site.pictures`.
+"""Draws the documentation's pictures and prints the numbers of docs/statistics.md: `python -m scripts.site.pictures`.
 
-Every number comes from `results.statistics`, on counts that are given here or taken from the screening that the
-repository keeps (docs/reports/screening/episodes.parquet).
+Every number comes from `robogauntlet.results.statistics`, on counts that are given below or taken from the screening
+that the repository keeps (docs/reports/screening/episodes.parquet).
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ from pathlib import Path
 
 import numpy as np
 
-from results.statistics.multiplicity import ALPHA
-from results.statistics.pairs import Pairs, detectable_drop, mcnemar, paired_difference
-from results.statistics.rates import Interval, rate_bounds, wilson_interval
-from results.statistics.sequential import log_evidence
+from robogauntlet.results.statistics.multiplicity import ALPHA
+from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar, paired_difference
+from robogauntlet.results.statistics.rates import Interval, rate_bounds, wilson_interval
+from robogauntlet.results.statistics.sequential import log_evidence
 from scripts.site.concepts import CONCEPTS
 from scripts.site.drawing import DOCS, Axes, Drawing
 
 COUNTS = ((9, 10), (18, 20), (45, 50), (90, 100), (900, 1000))
 UNRELATED, RELATED = Pairs(76, 14, 9, 1), Pairs(83, 7, 2, 8)
-"""Both 90 against 85 of 100: outcomes that have nothing to do with each other, and such that go together."""
+"""Both 90 against 85 of 100: independent outcomes, and correlated ones."""
 SHARE = 0.2
-"""Of pairs that disagree, in the power of the gate."""
+"""Share of pairs that disagree, for the power of the regression check."""
 RUNS, PAIRS, EVERY, SEED = 4000, 400, 10, 0
-"""Simulated comparisons without a difference, pairs of each, how often they are looked at, and the generator's seed."""
+"""Simulated comparisons of equal policies, pairs of each, pairs between two tests, and the generator's seed."""
 MARGIN = 0.05
 CASES = (
     ("shown to be no worse", Pairs(1860, 30, 34, 76)),
@@ -34,13 +34,13 @@ CASES = (
 
 
 def percent(interval: Interval | None, digits: int = 0) -> str:
-    """An interval as the page has it: `[60, 98]`."""
+    """Format an interval as the page does: `[60, 98]`."""
     assert interval is not None
     return f"[{100 * interval.low:.{digits}f}, {100 * interval.high:.{digits}f}]".replace("[-0,", "[0,")
 
 
 def screening() -> Pairs:
-    """Experts against the merged model in the clean episodes of the screening."""
+    """Return the pairs of experts and merged policy in the clean episodes of the screening."""
     import pandas as pd
 
     rows = pd.read_parquet(DOCS / "reports/screening/episodes.parquet", columns=["pair_id", "policy", "axis", "status"])
@@ -48,13 +48,13 @@ def screening() -> Pairs:
     sides = clean.assign(ok=(clean["status"] == "success").astype(float)).pivot(
         index="pair_id", columns="policy", values="ok"
     )
-    return Pairs.of(sides["experts"].to_numpy(), sides["merged"].to_numpy())
+    return Pairs.from_outcomes(sides["experts"].to_numpy(), sides["merged"].to_numpy())
 
 
 def false_alarms() -> tuple[np.ndarray, np.ndarray]:
-    """Share of comparisons without a difference that McNemar's test, and the e-value, have called one after each look.
+    """Return the cumulative false-alarm rates of McNemar's test and of the e-value after each test.
 
-    A fifth of the pairs disagrees, each way with equal chances.
+    A fifth of the pairs disagree, in either direction with equal probability.
     """
     from scipy.stats import binom
 
@@ -68,7 +68,7 @@ def false_alarms() -> tuple[np.ndarray, np.ndarray]:
 
 
 def drops() -> list[tuple[int, float]]:
-    """Pairs of a night, and the drop that they show in four of five nights."""
+    """Return numbers of pairs, each with the drop that the regression check detects with power 0.8."""
     found = []
     for n in (*range(40, 100, 5), *range(100, 1001, 20)):
         odd = round(SHARE * n)
@@ -79,7 +79,7 @@ def drops() -> list[tuple[int, float]]:
 
 
 def numbers() -> Mapping[str, str]:
-    """What the page says, by what it is."""
+    """Return the numbers of the page by their names."""
     real = screening()
     unrelated, related, lost = (paired_difference(pairs) for pairs in (UNRELATED, RELATED, real))
     bounds = rate_bounds(90, 5, 5)
@@ -113,7 +113,7 @@ def numbers() -> Mapping[str, str]:
 
 
 def intervals() -> Drawing:
-    """The same rate, from more and more episodes."""
+    """Intervals of one rate for growing numbers of episodes."""
     sheet = Drawing(480, 216)
     axes = Axes(sheet, 112, 440, 50, 100)
     axes.ticks((50, 60, 70, 80, 90, 100), 22, 178)
@@ -128,15 +128,15 @@ def intervals() -> Drawing:
 
 
 def paired() -> Drawing:
-    """One difference, from outcomes that go together and from such that do not."""
+    """Intervals of one difference, from correlated and from independent outcomes."""
     sheet = Drawing(480, 158)
     axes = Axes(sheet, 150, 450, -10, 20)
     axes.ticks((-10, 0, 10, 20), 14, 118)
     sheet.line([(axes(0), 8), (axes(0), 118)], "dash")
     sheet.text(300, 152, "90 of 100 against 85 of 100: difference (points)", "soft small", anchor="middle")
     for y, name, more, pairs, kind in (
-        (42, "other worlds", "23 pairs disagree", UNRELATED, "two"),
-        (92, "the same worlds", "9 pairs disagree", RELATED, "one"),
+        (42, "unpaired", "23 pairs disagree", UNRELATED, "two"),
+        (92, "paired", "9 pairs disagree", RELATED, "one"),
     ):
         found = paired_difference(pairs)
         assert found is not None
@@ -149,7 +149,7 @@ def paired() -> Drawing:
 
 
 def disagreeing() -> Drawing:
-    """The pairs of the screening, a square each."""
+    """The pairs of the screening, one square each."""
     real = screening()
     sheet = Drawing(480, 176)
     order = [
@@ -173,7 +173,7 @@ def disagreeing() -> Drawing:
 
 
 def margins() -> Drawing:
-    """What an interval says about a margin."""
+    """Three intervals and the non-inferiority margin."""
     sheet = Drawing(480, 206)
     axes = Axes(sheet, 40, 450, -20, 10)
     sheet.rect(axes(-20), 14, axes(-100 * MARGIN) - axes(-20), 152, "shade")
@@ -193,7 +193,7 @@ def margins() -> Drawing:
 
 
 def curves(
-    lines: list[tuple[str, str, list[tuple[float, float]]]],
+    lines: list[tuple[str, list[tuple[float, float]]]],
     *,
     right: float,
     top: float,
@@ -203,7 +203,7 @@ def curves(
     above: str,
     labels: list[tuple[float, float, str, str]],
 ) -> Drawing:
-    """Lines over two axes, each with its class and name."""
+    """Draw lines over two axes, each with its class."""
     sheet = Drawing(480, 250)
     x, y = Axes(sheet, 52, 460, 0, right), Axes(sheet, 204, 34, 0, top)
     for tick in y_ticks:
@@ -213,7 +213,7 @@ def curves(
         sheet.text(x(tick), 222, f"{tick:g}", "soft small", anchor="middle")
     sheet.text(256, 244, below, "soft small", anchor="middle")
     sheet.text(16, 16, above, "soft small")
-    for kind, _, points in lines:
+    for kind, points in lines:
         sheet.line([(x(a), y(b)) for a, b in points], kind)
     for a, b, said, kind in labels:
         sheet.text(x(a), y(b), said, f"{kind} bold small")
@@ -221,57 +221,57 @@ def curves(
 
 
 def many() -> Drawing:
-    """The chance of a false alarm among many tests."""
+    """The probability of a false alarm by number of tests."""
     alone = [(float(n), 100 * (1 - (1 - ALPHA) ** n)) for n in range(1, 41)]
     together = [(float(n), 100 * (1 - (1 - ALPHA / n) ** n)) for n in range(1, 41)]
     return curves(
-        [("line-two", "", alone), ("line-one", "", together)],
+        [("line-two", alone), ("line-one", together)],
         right=40,
         top=100,
         x_ticks=(1, 10, 20, 30, 40),
         y_ticks=(0, 25, 50, 75, 100),
-        below="tests of one night, nothing has changed",
-        above="chance of at least one alarm (%)",
-        labels=[(2, 84, "each by itself at 5 %", "two"), (22, 10, "together, by Holm", "one")],
+        below="tests in one run, nothing has changed",
+        above="probability of at least one alarm (%)",
+        labels=[(2, 84, "each at 5 %, unadjusted", "two"), (19, 10, "adjusted by Holm's method", "one")],
     )
 
 
 def peeking() -> Drawing:
-    """The chance of a false alarm when one looks again and again."""
+    """The probability of a false alarm when a test is repeated as data arrive."""
     plain, evidence = false_alarms()
     looks = np.arange(EVERY, PAIRS + 1, EVERY)
     return curves(
         [
-            ("dash", "", [(0.0, 5.0), (float(PAIRS), 5.0)]),
-            ("line-two", "", list(zip(looks.tolist(), (100 * plain).tolist(), strict=True))),
-            ("line-one", "", list(zip(looks.tolist(), (100 * evidence).tolist(), strict=True))),
+            ("dash", [(0.0, 5.0), (float(PAIRS), 5.0)]),
+            ("line-two", list(zip(looks.tolist(), (100 * plain).tolist(), strict=True))),
+            ("line-one", list(zip(looks.tolist(), (100 * evidence).tolist(), strict=True))),
         ],
         right=PAIRS,
         top=30,
         x_ticks=(0, 100, 200, 300, 400),
         y_ticks=(0, 10, 20, 30),
-        below="pairs so far, looked at every ten; nothing differs",
-        above="comparisons that were called different by then (%)",
-        labels=[(150, 15.5, "McNemar's test", "two"), (255, 7, "evidence (e-value)", "one")],
+        below="pairs so far, tested after every ten; no true difference",
+        above="comparisons declared different so far (%)",
+        labels=[(150, 15.5, "McNemar's test", "two"), (255, 7, "e-value", "one")],
     )
 
 
 def power() -> Drawing:
-    """What drop a night of so many pairs shows."""
+    """The drop that is detected, by number of pairs."""
     return curves(
-        [("line-one", "", [(float(n), 100 * drop) for n, drop in drops()])],
+        [("line-one", [(float(n), 100 * drop) for n, drop in drops()])],
         right=1000,
         top=25,
         x_ticks=(0, 200, 400, 600, 800, 1000),
         y_ticks=(0, 5, 10, 15, 20, 25),
-        below="pairs in the night, a fifth of which disagree",
-        above="drop that is caught in four nights of five (points)",
-        labels=[(120, 1.2, "smaller drops mostly pass", "one")],
+        below="pairs in the run, a fifth of which disagree",
+        above="drop detected in four of five runs (points)",
+        labels=[(120, 1.2, "smaller drops are mostly missed", "one")],
     )
 
 
 def bounds() -> Drawing:
-    """What errors leave open."""
+    """Bounds of a rate with errors."""
     sheet = Drawing(480, 126)
     axes = Axes(sheet, 20, 460, 80, 100)
     found = rate_bounds(90, 5, 5)
@@ -300,7 +300,7 @@ STATISTICS: Mapping[str, Callable[[], Drawing]] = {
 
 
 def drawings() -> dict[Path, str]:
-    """Every file and what it is to hold."""
+    """Return every drawing by its file."""
     images = DOCS / "images"
     return {
         images / folder / f"{name}.svg": draw().svg()

@@ -2,9 +2,9 @@
 
 import pytest
 
-from adapters import catalog
-from adapters.contract import UnknownTask
-from suites.vocabulary import View
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import UnknownTask
+from robogauntlet.suites.episode import View
 
 
 @pytest.mark.parametrize("name", [s.name for s in catalog.simulators().values() if not s.internal])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import yaml
 
-from adapters.contract import AdapterError
-from adapters.gymnasium import mapping as mappings
-from adapters.gymnasium import simulation as adapter
-from adapters.gymnasium.expressions import check_expression, value_of
-from suites.vocabulary import CAMERAS, Condition, View
+from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.gymnasium import mapping as mappings
+from robogauntlet.adapters.gymnasium import simulation as adapter
+from robogauntlet.adapters.gymnasium.expressions import check_expression, value_of
+from robogauntlet.suites.episode import CAMERAS, View
 
 VIEW = View(CAMERAS[:1], 32)
 REACHER = {
@@ -110,9 +110,11 @@ def test_what_is_no_mapping_is_refused_in_a_line(tmp_path, text):
 def test_a_folder_of_ones_own_adds_tasks_and_a_broken_file_among_them_takes_no_other_along(tmp_path):
     written(tmp_path)
     (tmp_path / "Broken.yaml").write_text("horizon: 3")
-    code = (
-        "from adapters.catalog import task_cards\nfor task, card in task_cards().items(): print(task, card.instruction)"
-    )
+    code = """
+from robogauntlet.adapters.catalog import task_descriptions
+for name, task in task_descriptions().items():
+    print(name, task.instruction)
+"""
     environment = {**os.environ, mappings.FOLDERS: str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert "gymnasium/Mine move the tip to the red dot" in done.stdout
@@ -190,7 +192,7 @@ def test_numbers_reach_the_environment_scaled_and_its_poses_come_back_in_the_bas
 def test_orbits_draw_the_present_round_a_point_and_along_with_a_body(open_mine):
     wrist = {"at": 'unwrapped.data.body("fingertip").xpos', "distance": 0.2, "azimuth": 0, "elevation": -80}
     simulation = open_mine({"cameras": {**REACHER["cameras"], "wrist": wrist}}, View(CAMERAS, 48))
-    simulation.reset(0, Condition())
+    simulation.reset(0)
     before = simulation.state_hash()
     images = simulation.observe().images
     assert simulation.state_hash() == before
@@ -209,7 +211,7 @@ def test_an_environment_that_ends_stays_as_it_ended(open_mine):
     changes = {"env": "Blind-v0", "make": {"render_mode": "rgb_array", "length": 3}, "state": state, "cameras": {}}
     changes |= {"action": {"dx": {"index": 0, "scale": 1}}, "success": "reward > 0", "terminates": True}
     simulation = open_mine(changes)
-    simulation.reset(0, Condition())
+    simulation.reset(0)
     outcomes = [simulation.step(np.full(7, 0.01)) for _ in range(6)]
     assert [outcome.success for outcome in outcomes] == [False, False, True, True, True, True]
     assert not any(outcome.terminated for outcome in outcomes)

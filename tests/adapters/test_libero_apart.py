@@ -1,4 +1,4 @@
-"""LIBERO in the environment that `gauntlet env create` makes for it, on a machine that has only the pack of assets."""
+"""LIBERO in the environment of `robogauntlet env create`, on a machine that has only the archive of assets."""
 
 import json
 import os
@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from adapters.libero.assets import VARIABLE, package_folder, unpack
-from results.opening import open_run
+from robogauntlet.adapters.libero.assets import VARIABLE, package_folder, unpack
+from robogauntlet.results.api import open_run
+from tests import ROOT
 
-ROOT = Path(__file__).parents[2]
 PACK = ROOT / "tests" / "data" / "libero-assets.tar.xz"
 SUITE = """
 name: both
@@ -33,12 +33,12 @@ def surroundings(request: pytest.FixtureRequest) -> Mapping[str, str]:
     """Environment variables under which LIBERO is found: its Python environment and its assets, kept between runs."""
     kept = Path(request.config.cache.mkdir("libero"))
     assets = unpack(PACK, kept / "assets")
-    named = {"GAUNTLET_ENVIRONMENTS": str(kept / "environments"), VARIABLE: str(assets.folder)}
+    named = {"ROBOGAUNTLET_ENVIRONMENTS": str(kept / "environments"), VARIABLE: str(assets.folder)}
     return os.environ | named
 
 
-def gauntlet(surroundings: Mapping[str, str], *arguments: str) -> str:
-    code = "from orchestrator.cli import main; main()"
+def run_command(surroundings: Mapping[str, str], *arguments: str) -> str:
+    code = "from robogauntlet.orchestrator.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],
         capture_output=True,
@@ -55,8 +55,8 @@ def gauntlet(surroundings: Mapping[str, str], *arguments: str) -> str:
 @pytest.fixture(scope="module")
 def python(surroundings: Mapping[str, str]) -> Iterator[str]:
     """The Python of LIBERO's environment."""
-    gauntlet(surroundings, "env", "create", "libero")
-    (found,) = Path(surroundings["GAUNTLET_ENVIRONMENTS"]).glob("libero-*/bin/python")
+    run_command(surroundings, "env", "create", "libero")
+    (found,) = Path(surroundings["ROBOGAUNTLET_ENVIRONMENTS"]).glob("libero-*/bin/python")
     return str(found)
 
 
@@ -86,7 +86,7 @@ def test_robosuite_1_5_and_libero_are_played_in_one_run(
 ) -> None:
     suite, folder = tmp_path / "both.yaml", tmp_path / "run"
     suite.write_text(SUITE)
-    gauntlet(surroundings, "run", str(suite), "--out", str(folder), "--no-media")
+    run_command(surroundings, "run", str(suite), "--out", str(folder), "--no-media")
     run = open_run(folder)
     document = run.document
     assert document.provenance.packages["robosuite"] == "1.5.2"

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adapters.contract import AdapterError, SimulatorUnavailable
-from adapters.libero import assets
-from adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets, unpack
-from adapters.libero.package import check_versions, configured, read_states
-from adapters.libero.simulation import SIMULATOR
-from adapters.libero.tasks import HORIZONS, libero_tasks
+from robogauntlet.adapters.contract import AdapterError, SimulatorUnavailable
+from robogauntlet.adapters.libero import assets
+from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets, unpack
+from robogauntlet.adapters.libero.libero_import import check_versions, configured, read_states
+from robogauntlet.adapters.libero.simulation import SIMULATOR
+from robogauntlet.adapters.libero.tasks import HORIZONS, libero_tasks
 
 
 @pytest.fixture
@@ -51,22 +51,24 @@ def test_horizons_and_instructions_are_those_of_the_protocol() -> None:
 
 
 def test_a_task_says_what_cannot_be_adjusted_in_it() -> None:
-    assert libero_tasks()["goal-7-turn-on-stove"].card.fixed.keys() == {"objects", "bodies"}
-    assert libero_tasks()["spatial-3-on-cookie-box"].card.fixed.keys() == {"objects"}
-    assert libero_tasks()["object-0-alphabet-soup"].card.fixed.keys() == {"objects", "stage"}
-    assert not libero_tasks()["goal-8-put-bowl-on-plate"].card.fixed
+    assert libero_tasks()["goal-7-turn-on-stove"].description.fixed.keys() == {"objects", "bodies"}
+    assert libero_tasks()["spatial-3-on-cookie-box"].description.fixed.keys() == {"objects"}
+    assert libero_tasks()["object-0-alphabet-soup"].description.fixed.keys() == {"objects", "stage"}
+    assert not libero_tasks()["goal-8-put-bowl-on-plate"].description.fixed
 
 
 @pytest.mark.parametrize("mujoco", ["3.4.0", "3.8.1", "4.0.0"])
 def test_a_mujoco_under_which_stored_states_jump_is_refused(mujoco: str) -> None:
     with pytest.raises(
-        SimulatorUnavailable, match=f"needs mujoco below 3.4, found {mujoco}.*gauntlet env create libero"
+        SimulatorUnavailable, match=f"needs mujoco below 3.4, found {mujoco}.*robogauntlet env create libero"
     ):
         check_versions("1.4.0", mujoco)
 
 
 def test_another_robosuite_is_refused() -> None:
-    with pytest.raises(SimulatorUnavailable, match=r"needs robosuite 1.4.0, found 1.5.2; .*gauntlet env create libero"):
+    with pytest.raises(
+        SimulatorUnavailable, match=r"needs robosuite 1.4.0, found 1.5.2; .*robogauntlet env create libero"
+    ):
         check_versions("1.5.2", "3.3.7")
 
 
@@ -76,7 +78,7 @@ def test_missing_assets_are_one_line_with_what_to_do(nowhere: Path) -> None:
     message = str(caught.value)
     assert "\n" not in message
     assert VARIABLE in message
-    assert "--download" in message
+    assert "download_assets" in message
     assert str(nowhere / ".cache" / "libero" / "assets") in message
 
 
@@ -148,7 +150,7 @@ class Attack:
 
 def test_stored_states_that_would_run_something_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(AdapterError, match="expected LIBERO's stored states, an array of numbers; it asks for"):
+    with pytest.raises(AdapterError, match="expected LIBERO's stored states, an array of numbers; it needs"):
         read_states(stored(tmp_path / "x.pruned_init", Attack()))
     assert not Path("harm").exists()
 

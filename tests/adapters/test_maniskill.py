@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from adapters.maniskill.simulation import SIMULATOR, _device_name, _euler_xyz
-from suites.vocabulary import Condition, RenderProfile, View
-
-CLEAN = Condition()
+from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _device_name, _euler_xyz
+from robogauntlet.suites.episode import RenderProfile, View
 
 
 def test_euler_angles_are_those_of_the_axis_angle_vector():
@@ -44,7 +42,7 @@ def push():
 
 def squeeze(simulation, seed):
     """Closes the gripper about the cube and opens it: two contacts at once, whose order PhysX has to choose."""
-    simulation.reset(seed, CLEAN)
+    simulation.reset(seed)
     rng = np.random.default_rng(seed)
     states = []
     for step in range(40):
@@ -68,7 +66,7 @@ def test_contacts_of_earlier_episodes_leave_no_trace(push):
 
 def shove(simulation, steps):
     """Goes behind the cube, then pushes it for what is left of the steps."""
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     for step in range(steps):
         state = simulation.privileged_state()
         behind = 0.5 * (state["cube_position"] + [-0.08, 0.0, 0.0] - state["tcp_position"])
@@ -78,7 +76,7 @@ def shove(simulation, steps):
 
 def rest(simulation):
     """State after state of an arm and a cube at rest, for longer than PhysX takes to let the cube sleep."""
-    simulation.reset(1, CLEAN)
+    simulation.reset(1)
     states = []
     for _ in range(16):
         simulation.step(np.zeros(7))
@@ -97,7 +95,7 @@ def test_a_cube_falls_asleep_at_the_same_step_whether_or_not_it_moved_when_the_l
 @pytest.mark.simulator
 @pytest.mark.parametrize("axis", range(6))
 def test_the_tool_centre_point_moves_by_what_is_commanded(push, axis):
-    push.reset(1, CLEAN)
+    push.reset(1)
     before = push.privileged_state()
     action = np.zeros(7)
     action[6] = -1.0
@@ -117,20 +115,20 @@ def test_the_tool_centre_point_moves_by_what_is_commanded(push, axis):
 
 @pytest.mark.simulator
 def test_episodes_outlast_maniskills_own_limit(push):
-    push.reset(0, CLEAN)
+    push.reset(0)
     assert not any(push.step(np.array([0, 0, 0, 0, 0, 0, -1.0])).terminated for _ in range(60))
 
 
 @pytest.mark.simulator
 def test_the_target_is_drawn_for_policies_and_the_profiles_draw_the_same(push):
-    push.reset(0, CLEAN)
+    push.reset(0)
     images = push.observe().images
     for name in ("third_person", "wrist"):
         red, green, blue = images[name].astype(int).transpose(2, 0, 1)
         assert ((red > 180) & (green < 100) & (blue < 110)).sum() > 40, f"no red rings in {name}"
         assert ((red < 100) & (blue > red + 50)).sum() > 10, f"no blue cube in {name}"
     fast = SIMULATOR.open("PushCube-v1", View(image_size=96, render_profile=RenderProfile.FAST))
-    fast.reset(0, CLEAN)
+    fast.reset(0)
     for name, image in fast.observe().images.items():
         np.testing.assert_array_equal(image, images[name])
     fast.close()
@@ -138,7 +136,7 @@ def test_the_target_is_drawn_for_policies_and_the_profiles_draw_the_same(push):
 
 @pytest.mark.simulator
 def test_without_a_vulkan_driver_the_reason_and_the_fix_are_told():
-    code = "from adapters.maniskill.simulation import *; open_task('PushCube-v1', View())"
+    code = "from robogauntlet.adapters.maniskill.simulation import *; open_task('PushCube-v1', View())"
     nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)
     assert "SimulatorUnavailable" in run.stderr.splitlines()[-1]

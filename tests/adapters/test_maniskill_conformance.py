@@ -2,8 +2,8 @@
 
 import pytest
 
-from orchestrator.conformance import gauntlet_conformance
+from robogauntlet.orchestrator.adapter_kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
 
-test_maniskill_keeps_the_contract = gauntlet_conformance("maniskill", may_skip=())
+test_maniskill_keeps_the_contract = conformance_tests("maniskill", may_skip=())

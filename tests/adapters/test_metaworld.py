@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from adapters.metaworld import SIMULATOR
-from policies.oracles.metaworld import SCRIPTS, in_base, in_world, observation
-from suites.vocabulary import SUCCESS_HOLD, Condition, RenderProfile, View
+from robogauntlet.adapters.metaworld import SIMULATOR
+from robogauntlet.policies.oracles.metaworld import SCRIPTS, in_base, in_world, observation
+from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
 
 VIEW = View(image_size=32, render_profile=RenderProfile.FAST)
 
@@ -36,7 +36,7 @@ def test_the_declared_tasks_are_those_that_meta_world_has():
 
 @pytest.mark.simulator
 def test_its_policies_are_given_what_its_observation_holds(opened):
-    opened.reset(4, Condition())
+    opened.reset(4)
     for _ in range(5):
         opened.step(np.array([0.005, 0.005, -0.01, 0.0, 0.0, 0.0, 1.0]))
     seen, own = observation(opened.privileged_state()), opened._env._get_obs()
@@ -46,18 +46,18 @@ def test_its_policies_are_given_what_its_observation_holds(opened):
 
 @pytest.mark.simulator
 def test_resets_draw_from_no_global_generator(opened):
-    opened.reset(1, Condition())
+    opened.reset(1)
     expected = opened.state_hash()
     np.random.seed(7)
     before = np.random.get_state()[1].tolist()
-    opened.reset(1, Condition())
+    opened.reset(1)
     assert opened.state_hash() == expected
     assert np.random.get_state()[1].tolist() == before
 
 
 @pytest.mark.simulator
 def test_an_episode_may_go_on_after_as_many_steps_as_meta_world_allows(opened):
-    opened.reset(0, Condition())
+    opened.reset(0)
     opened._env.curr_path_length = 500
     opened.step(np.zeros(7))
 
@@ -68,7 +68,7 @@ def test_the_oracle_succeeds_within_the_horizon(task):
     pytest.importorskip("metaworld")
     simulation = SIMULATOR.open(task, VIEW)
     for seed in range(2):
-        simulation.reset(seed, Condition())
+        simulation.reset(seed)
         script, held = SCRIPTS[f"metaworld/{task}"](), 0
         for _ in range(SIMULATOR.tasks[task].horizon):
             held = held + 1 if simulation.step(script(simulation.privileged_state())).success else 0

@@ -2,10 +2,10 @@
 
 import pytest
 
-from adapters import catalog
-from orchestrator.conformance import gauntlet_conformance
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.adapter_kit import conformance_tests
 
 missing = catalog.missing_reason(catalog.find("metaworld"))
 pytestmark = [pytest.mark.simulator, pytest.mark.skipif(missing is not None, reason=str(missing))]
 
-test_metaworld_keeps_the_contract = gauntlet_conformance("metaworld")
+test_metaworld_keeps_the_contract = conformance_tests("metaworld")

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from adapters.adjusting import Dynamics, Form, Light, Prop, Unreachable, unit
-from adapters.contract import ACTION_NAMES
-from adapters.pybullet import simulation as adapter
-from suites.vocabulary import Condition, RenderProfile, View
+from robogauntlet.adapters.contract import ACTION_NAMES
+from robogauntlet.adapters.pybullet import simulation as adapter
+from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, Unreachable, unit
+from robogauntlet.suites.episode import RenderProfile, View
 
 pytestmark = pytest.mark.simulator
-CLEAN = Condition()
 PUSH, PICK, REACH = "PandaPush-v3", "PandaPickAndPlace-v3", "PandaReach-v3"
 
 
@@ -28,7 +27,7 @@ def opened():
 
 def press(simulation, seed, *, steps=40, adjust=lambda simulation: None):
     """Random actions drawn towards the cube, so that there are contacts to remember."""
-    simulation.reset(seed, CLEAN)
+    simulation.reset(seed)
     adjust(simulation)
     generator = np.random.default_rng(seed)
     for _ in range(steps):
@@ -51,8 +50,8 @@ def test_contacts_of_earlier_episodes_leave_no_trace_in_the_last_bit(opened, tas
 
 def dress(simulation):
     """Another light, props at the tool and a painted table."""
-    stage, height = simulation.adjusters.stage, 0.3
-    simulation.adjusters.lights.set_light(Light(np.array([0.5, 0.2, 1.0]), unit(np.array([0.3, 0.3, 1.0]))))
+    stage, height = simulation.scene_controls.stage, 0.3
+    simulation.scene_controls.lights.set_light(Light(np.array([0.5, 0.2, 1.0]), unit(np.array([0.3, 0.3, 1.0]))))
     stage.show([Prop(form, np.array([0.64, 0.0, height / 2]), height, 0.3, (0.9, 0.7, 0.1)) for form in Form])
     stage.paint_table(np.arange(192, dtype=np.uint8).reshape(8, 8, 3))
     simulation.observe()
@@ -62,21 +61,21 @@ def fail_to_place(simulation):
     tool = simulation.privileged_state()["tcp_quaternion"]
     for position in ([2.0, 0.0, 0.5], [0.6, 0.0, -0.1]):
         with pytest.raises(Unreachable):
-            simulation.adjusters.arm.place_tool(np.array(position), tool)
+            simulation.scene_controls.arm.place_tool(np.array(position), tool)
 
 
 def place(simulation):
     state = simulation.privileged_state()
-    simulation.adjusters.arm.place_tool(state["tcp_position"] + [0.03, 0.05, 0.03], state["tcp_quaternion"])
+    simulation.scene_controls.arm.place_tool(state["tcp_position"] + [0.03, 0.05, 0.03], state["tcp_quaternion"])
 
 
 def move(simulation):
-    for name in simulation.adjusters.objects.placeable():
-        simulation.adjusters.objects.move(name, np.array([0.03, -0.02]))
+    for name in simulation.scene_controls.objects.placeable():
+        simulation.scene_controls.objects.move(name, np.array([0.03, -0.02]))
 
 
 def weigh_down(simulation):
-    simulation.adjusters.bodies.set_dynamics(Dynamics(mass=3.0, friction=0.4))
+    simulation.scene_controls.bodies.set_dynamics(DynamicsFactors(mass=3.0, friction=0.4))
 
 
 @pytest.mark.parametrize("adjust", [dress, fail_to_place])
@@ -97,25 +96,25 @@ def test_what_was_adjusted_leaves_no_trace_in_the_last_bit(opened, adjust):
 
 def test_moving_the_cube_leaves_the_goal_where_it_is(opened):
     simulation = opened(PUSH)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     before = simulation.privileged_state()
-    simulation.adjusters.objects.move("cube", np.array([0.03, -0.02]))
+    simulation.scene_controls.objects.move("cube", np.array([0.03, -0.02]))
     assert np.array_equal(simulation.privileged_state()["goal_position"], before["goal_position"])
 
 
 def test_a_turned_tool_is_refused(opened):
     simulation = opened(REACH)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     with pytest.raises(Unreachable, match="cannot turn"):
-        simulation.adjusters.arm.place_tool(simulation.privileged_state()["tcp_position"], np.array([0, 1, 0, 0]))
+        simulation.scene_controls.arm.place_tool(simulation.privileged_state()["tcp_position"], np.array([0, 1, 0, 0]))
 
 
 def test_the_first_row_of_a_texture_is_at_the_left_of_the_robot(opened):
     simulation = opened(REACH)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     texture = np.zeros((2, 2, 3), dtype=np.uint8)
     texture[0, 1] = 255
-    simulation.adjusters.stage.paint_table(texture)
+    simulation.scene_controls.stage.paint_table(texture)
     bright = np.argwhere(simulation.picture()[128:].min(axis=2) > 200)
     assert bright[:, 1].mean() > 128
 
@@ -123,7 +122,7 @@ def test_the_first_row_of_a_texture_is_at_the_left_of_the_robot(opened):
 def test_looking_does_not_change_what_follows(opened):
     simulation = opened(PUSH)
     blind = press(simulation, 2)
-    simulation.reset(2, CLEAN)
+    simulation.reset(2)
     generator = np.random.default_rng(2)
     for step in range(40):
         state = simulation.privileged_state()
@@ -140,7 +139,7 @@ def test_looking_does_not_change_what_follows(opened):
 def test_two_clients_do_not_disturb_each_other(opened):
     first, second = opened(PUSH), opened(PICK)
     expected = press(first, 1)
-    first.reset(1, CLEAN)
+    first.reset(1)
     press(second, 7)
     assert np.array_equal(press(first, 1), expected)
     third = opened(REACH)
@@ -148,13 +147,13 @@ def test_two_clients_do_not_disturb_each_other(opened):
     fourth = opened(REACH)  # may be given the number of the client just closed
     second.close()
     for simulation in (third, fourth):
-        simulation.reset(0, CLEAN)
+        simulation.reset(0)
         simulation.step(np.zeros(7))
 
 
 def test_the_light_of_one_rendering_does_not_stick_to_the_next(opened):
     simulation = opened(PUSH, cameras=("third_person",))
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     before = simulation.picture()
     client = simulation._client
     client.getCameraImage(32, 32, lightColor=(0.2, 0, 0), lightAmbientCoeff=0.1, lightDirection=(1, 0, 0), shadow=0)
@@ -163,7 +162,7 @@ def test_the_light_of_one_rendering_does_not_stick_to_the_next(opened):
 
 def test_the_goal_is_red_and_the_cube_is_green(opened):
     simulation = opened(PUSH, cameras=("third_person",), image_size=96)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     red, green, blue = np.moveaxis(simulation.observe().images["third_person"].astype(int), -1, 0)
     assert ((red > 2 * green) & (red > 2 * blue)).sum() > 20
     assert ((green > 2 * red) & (green > 2 * blue)).sum() > 20
@@ -173,7 +172,7 @@ def test_the_fast_profile_differs_by_its_shadows_only(opened):
     images = []
     for profile in (RenderProfile.STANDARD, RenderProfile.FAST):
         simulation = opened(PUSH, cameras=("third_person",), image_size=128, render_profile=profile)
-        simulation.reset(0, CLEAN)
+        simulation.reset(0)
         images.append(simulation.observe().images["third_person"].astype(int))
     brighter = images[1] - images[0]
     assert brighter.min() >= 0
@@ -184,7 +183,7 @@ def test_the_fast_profile_differs_by_its_shadows_only(opened):
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_a_translation_moves_the_tool_along_its_axis(opened, axis, sign):
     simulation = opened(PICK)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     action = np.zeros(7)
     action[axis] = sign * 0.02
     start = simulation.privileged_state()["tcp_position"]
@@ -199,7 +198,7 @@ def test_a_translation_moves_the_tool_along_its_axis(opened, axis, sign):
 
 def test_the_gripper_goes_to_the_commanded_width(opened):
     simulation = opened(PICK)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     for command, width in ((-1.0, 0.08), (0.0, 0.04), (1.0, 0.0)):
         for _ in range(10):
             simulation.step(np.array([0, 0, 0, 0, 0, 0, command]))
@@ -211,7 +210,7 @@ def test_ignored_numbers_have_no_effect(opened, task):
     simulation = opened(task)
     ends = []
     for value in (0.0, 1.0):
-        simulation.reset(1, CLEAN)
+        simulation.reset(1)
         for _ in range(5):
             action = np.array([0.01, 0.02, -0.01, 0, 0, 0, 0.5])
             for name in simulation.action_spec.ignored:
@@ -224,7 +223,7 @@ def test_ignored_numbers_have_no_effect(opened, task):
 
 def test_success_does_not_end_the_world(opened):
     simulation = opened(REACH)
-    simulation.reset(0, CLEAN)
+    simulation.reset(0)
     outcomes = []
     for _ in range(25):
         state = simulation.privileged_state()

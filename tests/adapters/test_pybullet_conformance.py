@@ -2,7 +2,7 @@
 
 import pytest
 
-from orchestrator.conformance import gauntlet_conformance
+from robogauntlet.orchestrator.adapter_kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
 MAY_SKIP = {
@@ -13,4 +13,4 @@ MAY_SKIP = {
     "PandaReach-v3:stage-height",
 }
 
-test_pybullet_keeps_the_contract = gauntlet_conformance("pybullet", may_skip=MAY_SKIP)
+test_pybullet_keeps_the_contract = conformance_tests("pybullet", may_skip=MAY_SKIP)

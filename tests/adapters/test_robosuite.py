@@ -6,14 +6,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from adapters.adjusting import Dynamics, Form, Light, Prop, unit
-from adapters.contract import FloatArray, SimulatorUnavailable
-from adapters.mujoco_parts.lights import development
-from adapters.robosuite.simulation import SIMULATOR, RobosuiteSimulation, import_simulator
-from suites.vocabulary import Condition, RenderProfile, View
+from robogauntlet.adapters.contract import FloatArray, SimulatorUnavailable
+from robogauntlet.adapters.mujoco_parts.lights import development
+from robogauntlet.adapters.mujoco_parts.simulation import import_with_mujoco
+from robogauntlet.adapters.robosuite.simulation import SIMULATOR, RobosuiteSimulation
+from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, unit
+from robogauntlet.suites.episode import RenderProfile, View
 
 pytestmark = pytest.mark.simulator
-CLEAN = Condition()
 
 
 @pytest.fixture(scope="module")
@@ -29,18 +29,18 @@ def exact_state(simulation: RobosuiteSimulation) -> FloatArray:
 
 
 def test_the_door_of_an_earlier_episode_leaves_nothing_in_the_solver(door: RobosuiteSimulation) -> None:
-    door.reset(1, CLEAN)
+    door.reset(1)
     before = exact_state(door)
-    door.reset(2, CLEAN)
+    door.reset(2)
     for _ in range(5):
         door.step(np.full(7, 0.05))
     door.observe()
-    door.reset(1, CLEAN)
+    door.reset(1)
     assert np.array_equal(before, exact_state(door))
 
 
 def test_the_door_s_placement_is_part_of_the_state_hash(door: RobosuiteSimulation) -> None:
-    door.reset(1, CLEAN)
+    door.reset(1)
     before = door.state_hash()
     door._model.body("Door_main").pos[0] += 0.001
     assert door.state_hash() != before
@@ -51,7 +51,7 @@ def test_stepping_updates_no_observables(door: RobosuiteSimulation) -> None:
 
 
 def test_poses_are_those_of_the_current_joint_positions(door: RobosuiteSimulation) -> None:
-    door.reset(0, CLEAN)
+    door.reset(0)
     for _ in range(5):
         door.step(np.array([0.05, 0, 0, 0, 0, 0, 0]))
     shown = door.privileged_state()["tcp_position"]
@@ -60,30 +60,30 @@ def test_poses_are_those_of_the_current_joint_positions(door: RobosuiteSimulatio
 
 
 def test_the_placement_uses_one_generator_for_objects_and_arm(door: RobosuiteSimulation) -> None:
-    door.reset(5, CLEAN)
+    door.reset(5)
     assert door._env.placement_initializer.rng is door._env.rng
 
 
 def adjust_everything(simulation: RobosuiteSimulation) -> None:
-    adjusters, before = simulation.adjusters, simulation.privileged_state()
-    adjusters.lights.set_light(Light(np.full(3, 0.5), unit(np.array([0.8, -0.5, 0.4]))))
-    adjusters.arm.place_tool(before["tcp_position"] + [0.0, 0.05, 0.03], before["tcp_quaternion"])
-    adjusters.objects.move(next(iter(adjusters.objects.placeable())), np.array([0.02, -0.02]))
-    adjusters.bodies.set_dynamics(Dynamics(mass=2.0, friction=3.0))
-    adjusters.stage.show([Prop(Form.BOX, np.array([0.5, 0.0, 0.0]), 0.05, 0.3, (1.0, 0.0, 0.0))])
-    adjusters.stage.paint_table(np.zeros((8, 8, 3), np.uint8))
+    scene_controls, before = simulation.scene_controls, simulation.privileged_state()
+    scene_controls.lights.set_light(Light(np.full(3, 0.5), unit(np.array([0.8, -0.5, 0.4]))))
+    scene_controls.arm.place_tool(before["tcp_position"] + [0.0, 0.05, 0.03], before["tcp_quaternion"])
+    scene_controls.objects.move(next(iter(scene_controls.objects.placeable())), np.array([0.02, -0.02]))
+    scene_controls.bodies.set_dynamics(DynamicsFactors(mass=2.0, friction=3.0))
+    scene_controls.stage.show([Prop(Form.BOX, np.array([0.5, 0.0, 0.0]), 0.05, 0.3, (1.0, 0.0, 0.0))])
+    scene_controls.stage.paint_table(np.zeros((8, 8, 3), np.uint8))
 
 
 def test_what_was_adjusted_leaves_nothing_in_solver_and_controllers(door: RobosuiteSimulation) -> None:
     played = []
     for adjusted in (False, True):
         if adjusted:
-            door.reset(1, CLEAN)
+            door.reset(1)
             adjust_everything(door)
             for _ in range(5):
                 door.step(np.full(7, 0.05))
             door.observe()
-        door.reset(1, CLEAN)
+        door.reset(1)
         for _ in range(10):
             door.step(np.full(7, 0.05))
         played.append(exact_state(door))
@@ -91,8 +91,8 @@ def test_what_was_adjusted_leaves_nothing_in_solver_and_controllers(door: Robosu
 
 
 def test_masses_that_are_set_are_those_of_a_model_built_with_them(door: RobosuiteSimulation) -> None:
-    door.reset(1, CLEAN)
-    door.adjusters.bodies.set_dynamics(Dynamics(mass=2.0))
+    door.reset(1)
+    door.scene_controls.bodies.set_dynamics(DynamicsFactors(mass=2.0))
     built = copy.copy(door._model)
     door._mujoco.mj_setConst(built, door._mujoco.MjData(built))
     for name in ("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"):
@@ -107,12 +107,12 @@ def test_half_the_light_is_half_of_what_is_drawn_once_decoded() -> None:
 
 
 def test_the_first_row_of_the_table_s_texture_is_the_farthest_from_the_robot(door: RobosuiteSimulation) -> None:
-    door.reset(1, CLEAN)
+    door.reset(1)
     drawn = []
     for darker in (slice(0, 4), slice(4, 8)):
         texture = np.full((8, 8, 3), 255, np.uint8)
         texture[darker] = 0
-        door.adjusters.stage.paint_table(texture)
+        door.scene_controls.stage.paint_table(texture)
         drawn.append(door.picture().astype(int).mean(axis=2))
     rows, _ = np.nonzero(drawn[0] < drawn[1] - 50)
     others, _ = np.nonzero(drawn[0] > drawn[1] + 50)
@@ -123,7 +123,7 @@ def test_fast_draws_neither_shadows_nor_multisampling() -> None:
     pixels = {}
     for profile in RenderProfile:
         simulation = SIMULATOR.open("Lift", View(cameras=("third_person",), image_size=48, render_profile=profile))
-        simulation.reset(0, CLEAN)
+        simulation.reset(0)
         pixels[profile] = simulation.observe().images["third_person"]
         flags = simulation._scene.renderers[48].scene.flags
         drawn = bool(flags[simulation._mujoco.mjtRndFlag.mjRND_SHADOW])
@@ -134,5 +134,5 @@ def test_fast_draws_neither_shadows_nor_multisampling() -> None:
 
 def test_a_missing_robosuite_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "robosuite", None)
-    with pytest.raises(SimulatorUnavailable, match=r"pip install robogauntlet\[robosuite\]"):
-        import_simulator()
+    with pytest.raises(SimulatorUnavailable, match=r'pip install "robogauntlet\[robosuite\]"'):
+        import_with_mujoco("robosuite", "robosuite")

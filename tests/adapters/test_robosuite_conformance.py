@@ -2,9 +2,9 @@
 
 import pytest
 
-from orchestrator.conformance import gauntlet_conformance
+from robogauntlet.orchestrator.adapter_kit import conformance_tests
 
 pytestmark = pytest.mark.simulator
 MAY_SKIP = {"Door:stage-height"}  # the door is as tall as the arm's reach
 
-test_robosuite_keeps_the_contract = gauntlet_conformance("robosuite", may_skip=MAY_SKIP)
+test_robosuite_keeps_the_contract = conformance_tests("robosuite", may_skip=MAY_SKIP)

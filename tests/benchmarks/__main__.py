@@ -9,7 +9,6 @@ from pathlib import Path
 BENCHMARKS = (
     "rendering",
     "bare_loop",
-    "busy_share",
     "throughput",
     "oracles",
     "inference",

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from adapters.contract import FloatArray, Simulation
-from orchestrator.rollout import rollout
-from policies.contract import Decision, PolicySpec, Query, Sees, StatelessPolicy
-from suites.vocabulary import View
+from robogauntlet.adapters.contract import FloatArray, Simulation
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec, Query, StatelessPolicy
+from robogauntlet.suites.episode import View
 from tests.benchmarks.shared import TASKS, episodes, open_task, table
 
 PAIRS = 12
@@ -20,7 +20,7 @@ STEPS, CHUNK = 40, 8
 class Fixed(StatelessPolicy):
     """Looks, and answers with a fixed chunk at no cost."""
 
-    spec = PolicySpec(Sees.OBSERVATION, CHUNK)
+    spec = PolicySpec(PolicyInput.OBSERVATION, CHUNK)
 
     def __init__(self, chunk: FloatArray) -> None:
         self.chunk = chunk

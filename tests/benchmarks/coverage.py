@@ -13,18 +13,18 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from results.shift import interaction
-from results.statistics.pairs import Pairs, mcnemar, paired_difference
-from results.statistics.rates import Interval, clopper_pearson_interval, wilson_interval
-from results.statistics.sequential import anytime_mean, log_evidence
-from results.statistics.severity import falling_trend, severity_curve
+from robogauntlet.results.analysis.policy_shift import interaction
+from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference
+from robogauntlet.results.statistics.rates import Interval, wilson_interval
+from robogauntlet.results.statistics.sequential import log_evidence
+from robogauntlet.results.statistics.severity import falling_trend, severity_curve
 from tests.benchmarks.shared import table
 
 EXPERIMENTS = 10_000
 SIZES = (25, 100, 400)
 RATES = tuple(round(0.05 * step, 2) for step in range(1, 20))
 BOOTSTRAPS = 2_000
-"""Experiments with an interval that is drawn; and with the anytime one, which is found step by step."""
+"""Experiments with an interval that is drawn."""
 DRAWS = 400
 """Of a bootstrap here; reports draw 2,000."""
 SEED = 20261121
@@ -36,11 +36,9 @@ def measure() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name, simulate in (
         ("Wilson", lambda n: _of_counts(n, wilson_interval)),
-        ("Clopper-Pearson", lambda n: _of_counts(n, clopper_pearson_interval)),
         ("Newcombe, paired", _newcombe),
         ("area kept, bootstrap", _area),
         ("lost beyond clean, bootstrap", _interaction),
-        ("anytime mean, at every moment", _anytime),
     ):
         for n in SIZES:
             cells = simulate(n)
@@ -147,19 +145,6 @@ def _interaction(n: int) -> dict[str, float]:
             if ends is not None:
                 inside.append(ends.low <= truth <= ends.high)
         cells[f"p {rates}"] = float(np.mean(inside))
-    return cells
-
-
-def _anytime(n: int) -> dict[str, float]:
-    """The running intersection contains the mean at the end only if it did at every moment before."""
-    generator = np.random.default_rng([SEED, n, 4])
-    cells = {}
-    for rate in (0.05, 0.5, 0.9):
-        inside = []
-        for _ in range(BOOTSTRAPS):
-            ends = anytime_mean((generator.random(n) < rate).astype(float).tolist())
-            inside.append(ends.low <= rate <= ends.high)
-        cells[f"p {rate}"] = float(np.mean(inside))
     return cells
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from tests.benchmarks.shared import table
 
 RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0
-POLICIES, SUITES = ("experts", "merged", "merged-blind"), ("nightly", "screening", "smoke")
+POLICIES, SUITES = ("experts", "merged", "merged-instruction-hidden"), ("nightly", "screening", "smoke")
 
 
 def measure() -> list[dict[str, object]]:
@@ -72,15 +72,16 @@ def _page(client: Any, path: str) -> dict[str, object]:
 
 def _fill(root: Path) -> str:
     """Runs of three policies and nine tasks in three suites; the newest has rows. Returns its id."""
-    from results.entries import Counts
-    from results.history import History
-    from results.run import RunStatus
+    from robogauntlet.results.run_document import RunStatus
+    from robogauntlet.results.store.database import file_url
+    from robogauntlet.results.store.history_records import Counts
+    from robogauntlet.results.store.run_history import History
     from tests.orchestrator.dashboard.filled import PROVENANCE, said
     from tests.results.synthetic import cells, document, row, run_folder
 
     tasks = tuple(f"{name}/Task{number}" for name in ("maniskill", "pybullet", "robosuite") for number in range(3))
     of = cells(POLICIES, tasks)
-    history = History.open_file(root / "history.sqlite")
+    history = History.open(file_url(root / "history.sqlite"))
     with history.database.engine.connect() as connection:
         connection.exec_driver_sql("PRAGMA synchronous=OFF")
     packages = {f"package-{number}": "1.2.3" for number in range(40)}
@@ -92,7 +93,7 @@ def _fill(root: Path) -> str:
             10,
             of=of,
             run_id=run_id,
-            suite_name=SUITES[number % 3],
+            name=SUITES[number % 3],
             suite_text="# as long as a suite is\n" * 40,
             started_at=begun + 3600 * number,
             finished_at=begun + 3600 * number + 900,
@@ -100,17 +101,17 @@ def _fill(root: Path) -> str:
             provenance=PROVENANCE.model_copy(update={"packages": packages}),
         )
         counted = {(c.policy_digest, c.task, "clean", 0): Counts(10, 6 + (number + i) % 4, 3) for i, c in enumerate(of)}
-        folder = root / f"{run.suite_name}-{number:05}"
+        folder = root / f"{run.suite.name}-{number:05}"
         if number >= RUNS - 3:
             run_folder(
                 folder, run, [row(c, seed, "failure" if seed > 6 else "success") for c in of for seed in range(10)]
             )
         history.record(run, folder, counted)
         if number % 2 and number > 3:
-            history.judge(
+            history.write_verdict(
                 run_id, "regressed" if number % 31 == 0 else "no evidence", f"{number - 3:032x}", ["a reason"]
             )
-    history.tell(f"{RUNS - 4:032x}", said(120))
+    history.write_live_status(f"{RUNS - 4:032x}", said(120))
     history.close()
     return run_id
 
@@ -119,16 +120,17 @@ def _serve(root: Path) -> tuple[str, Callable[[], None]]:
     """Address, and what ends it."""
     import uvicorn
 
-    from orchestrator.calendar.book import Book
-    from orchestrator.cli.serve import listen
-    from orchestrator.dashboard.app import create_app
-    from orchestrator.dashboard.desk import Settings
-    from results.history import History
+    from robogauntlet.orchestrator.cli.serve import listen
+    from robogauntlet.orchestrator.dashboard.app import create_app
+    from robogauntlet.orchestrator.dashboard.app_state import Settings
+    from robogauntlet.orchestrator.schedules.store import ScheduleStore
+    from robogauntlet.results.store.database import file_url
+    from robogauntlet.results.store.run_history import History
 
-    history = History.open_file(root / "history.sqlite")
-    book = Book.open(history.url)
+    history = History.open(file_url(root / "history.sqlite"))
+    schedule_store = ScheduleStore.open(history.url)
     listening = listen("127.0.0.1", 0)
-    app = create_app(history, book, Settings(root / "none"))
+    app = create_app(history, schedule_store, Settings(root / "none"))
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, ws="none"))
     thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
     thread.start()
@@ -139,6 +141,6 @@ def _serve(root: Path) -> tuple[str, Callable[[], None]]:
         server.should_exit = True
         thread.join(10)
         history.close()
-        book.close()
+        schedule_store.close()
 
     return f"http://127.0.0.1:{listening.getsockname()[1]}", stop

@@ -14,23 +14,23 @@ TIMES = 5
 
 def measure() -> list[dict[str, object]]:
     """Start a worker, have it open a task and begin an episode, so often; the slowest start counts as well."""
-    from orchestrator.cluster import ray_session
-    from orchestrator.environments.creating import create
-    from orchestrator.environments.environment import Environment
-    from orchestrator.environments.homes import Homes
-    from suites.environments import EnvironmentEntry
+    from robogauntlet.orchestrator.environments.environment import Environment
+    from robogauntlet.orchestrator.environments.installer import create
+    from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+    from robogauntlet.orchestrator.ray_runtime.session import ray_session
+    from robogauntlet.suites.environments import EnvironmentEntry
 
-    os.environ["GAUNTLET_CONFIG"] = os.devnull
+    os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
     found: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as folder, ray_session(address=None, workers=2):
-        os.environ["GAUNTLET_ENVIRONMENTS"] = folder
+        os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = folder
         for task in TASKS:
             simulator, entry = task.partition("/")[0], EnvironmentEntry()
             began = time.perf_counter()
             create(Environment(simulator, entry, "the benchmark"), lambda line: None)
             making = time.perf_counter() - began
             for place, declared in (("running", {}), ("its own", {simulator: entry})):
-                seconds = [_first_reset(task, Homes(declared)) for _ in range(TIMES)]
+                seconds = [_first_reset(task, EnvironmentResolver(declared)) for _ in range(TIMES)]
                 found.append(
                     {
                         "task": task,
@@ -49,23 +49,23 @@ def measure() -> list[dict[str, object]]:
 
 def _first_reset(task: str, homes: Any) -> float:
     """Seconds from the check of the environment and the start of a worker to the beginning of its first episode."""
-    from adapters import catalog
-    from orchestrator.ray_crew import RayCrew
-    from orchestrator.runner import Lease
-    from orchestrator.sources import PolicySource
-    from suites.vocabulary import Cell, Protocol, View
+    from robogauntlet.adapters import catalog
+    from robogauntlet.orchestrator.episodes.lease import Lease
+    from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+    from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
+    from robogauntlet.suites.episode import Cell, Protocol, View
 
     cell = Cell("random", "random", task, Protocol(1, 1, View(("third_person",), 32)))
     began = time.time()
     assert homes.missing_reason(catalog.find(cell.simulator)) is None
-    crew = RayCrew({"random": PolicySource("random")}, homes=homes)
-    worker = crew.start("worker", cell.simulator, cell)
-    heard = [worker.hear(), worker.hear()]
+    pool = RayWorkerPool({"random": PolicySource("random")}, environments=homes)
+    worker = pool.start("worker", cell.simulator, cell)
+    heard = [worker.next_event(), worker.next_event()]
     assert worker.pending is None, heard
     worker.play(Lease(cell, (0,)))
-    returned = worker.hear()
+    returned = worker.next_event()
     (result,) = returned.results
     assert result.error is None, result.error
-    crew.end(worker)
-    crew.close()
+    pool.end(worker)
+    pool.close()
     return result.started_at - began

@@ -14,11 +14,11 @@ SECONDS = 4.0
 
 def measure() -> list[dict[str, object]]:
     """Ask a told merged policy of the `tiny` size for chunks, with episodes of one expert and of all by turns."""
-    from policies.contract import Query
-    from policies.mergevla.acting_merged import MergedPolicy
-    from policies.mergevla.config import TINY
-    from policies.mergevla.merged_model import MergedModel
-    from policies.mergevla.routing.catalog import router
+    from robogauntlet.policies.contract import Query
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.network.config import TINY
+    from robogauntlet.policies.mergevla.policies.merged_policy import MergedPolicy
+    from robogauntlet.policies.mergevla.routing.catalog import router
     from tests.policies.mergevla.experts import merging, save_experts
     from tests.policies.mergevla.shared import query
 

@@ -47,24 +47,24 @@ def measure() -> list[dict[str, object]]:
     """Merge the zoo's experts in each way, lambda chosen task by task, and score each task's held-out episodes."""
     import torch
 
-    from policies.mergevla.checkpoint import load_checkpoint
-    from policies.mergevla.merged_model import MergedModel
-    from policies.mergevla.merged_policy import expert_folders
-    from policies.mergevla.merging.recipe import MaskRule, Recipe
-    from policies.mergevla.merging_experts import merge_parts, read_experts
-    from policies.training.dataset import Demonstrations, find_datasets
-    from policies.training.pool import Pool
-    from policies.training.selection import choose_lambdas, experts_l1, held_out_l1
-    from policies.zoo import shipped
+    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+    from robogauntlet.policies.mergevla.options import expert_folders
+    from robogauntlet.policies.training.dataset import Demonstrations, find_datasets
+    from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+    from robogauntlet.policies.training.lambda_selection import choose_lambdas, experts_l1, held_out_l1
+    from robogauntlet.policies.zoo import shipped
 
     torch.set_num_threads(1)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
-    pool = Pool([Demonstrations(path) for path in find_datasets(folder)])
+    pool = DatasetMixture([Demonstrations(path) for path in find_datasets(folder)])
     experts = read_experts(expert_folders(shipped("zoo:experts")).values())
     base = load_checkpoint(shipped("zoo:base"))
     scores = {
         "experts": experts_l1(experts, pool),
-        "base (joint training)": held_out_l1(lambda _: base.model, base.card.statistics, pool),
+        "base (joint training)": held_out_l1(lambda _: base.model, base.metadata.statistics, pool),
     }
     for name, options in WAYS.items():
         recipe = Recipe(**options)  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ EPISODES = 1_000_000
 CODE = """
 import resource, sys, time
 from pathlib import Path
-from results.report import write_report
+from robogauntlet.results.report import write_report
 start = time.perf_counter()
 write_report(Path(sys.argv[1]))
 print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
@@ -23,7 +23,7 @@ print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_m
 
 
 def measure() -> list[dict[str, object]]:
-    """Fill a store, then write its report as `gauntlet report` does."""
+    """Fill a store, then write its report as `robogauntlet report` does."""
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
         start = time.perf_counter()
@@ -42,22 +42,25 @@ def _fill(folder: Path) -> int:
     """A run of four policies, nine tasks and all axes at two severities, with a gate, a comparison and routing."""
     import numpy as np
 
-    from results.run import store_url, write_run
-    from results.store import Store
-    from suites.axes import AXES
-    from suites.schema import CompareEntry
-    from suites.vocabulary import Condition
+    from robogauntlet.results.run_document import store_url, write_run
+    from robogauntlet.results.store.episode_store import Store
+    from robogauntlet.suites.axes import AXES
+    from robogauntlet.suites.episode import CONTROLS, Condition
+    from robogauntlet.suites.schema import CompareEntry
     from tests.results.synthetic import cells, document, row
 
     simulators = ("maniskill", "pybullet", "robosuite")
     tasks = tuple(f"{name}/Task{number}" for name in simulators for number in range(3))
-    axes = [name for name, axis in AXES.items() if not axis.is_control]
+    axes = [name for name, axis in AXES.items() if name not in CONTROLS]
     conditions = (Condition(), Condition("blind", 1), Condition("again", 1))
     conditions += tuple(Condition(name, severity) for name in axes for severity in (2, 4))
-    plan = cells(("oracle", "experts", "merged-told", "merged"), tasks, conditions)
+    plan = cells(("oracle", "experts", "merged-oracle-routed", "merged"), tasks, conditions)
     seeds = -(-EPISODES // len(plan))
     run = document(
-        seeds, of=plan, gate="oracle", compare=CompareEntry(baseline="experts", others=("merged-told", "merged"))
+        seeds,
+        of=plan,
+        oracle_gate="oracle",
+        compare=CompareEntry(baseline="experts", others=("merged-oracle-routed", "merged")),
     )
     folder.mkdir()
     write_run(folder, run)

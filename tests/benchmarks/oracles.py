@@ -2,13 +2,14 @@
 
 import os
 
-from adapters import catalog
-from orchestrator.names import known_names
-from orchestrator.runner import EpisodeRunner, Lease
-from orchestrator.sources import PolicySource
-from orchestrator.worker_environment import worker_environment
-from results.record import Status
-from suites.vocabulary import Cell, Protocol
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.environments.resolver import worker_environment
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.lease import Lease
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.runs.plan import load_registry
+from robogauntlet.results.record import Status
+from robogauntlet.suites.episode import Cell, Protocol
 from tests.benchmarks.shared import table
 
 SEEDS = tuple(range(100))
@@ -21,7 +22,7 @@ def measure() -> list[dict[str, object]]:
         os.environ.update(worker_environment(catalog.find(name)))
     runner = EpisodeRunner({"oracle": PolicySource("oracle")})
     found = []
-    for task, known in known_names().tasks.items():
+    for task, known in load_registry().tasks.items():
         if task.partition("/")[0] not in shown:
             continue
         results = list(runner.play(Lease(Cell("oracle", "oracle", task, Protocol(known.horizon)), SEEDS)))

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import statistics
 
-from orchestrator.perturbations.references import ReferenceLooks
-from orchestrator.plan import why_unadjusted
-from orchestrator.rollout import rollout
-from policies import catalog as policies
-from suites.axes import AXES
-from suites.vocabulary import Condition, Episode, Protocol, RenderProfile, View
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.policies import catalog as policies
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Protocol, RenderProfile, View
 from tests.benchmarks.shared import TASKS, open_task, table
 
 SEEDS = 5
@@ -25,7 +25,7 @@ VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 def measure() -> list[dict[str, object]]:
     """The median over seeds of the ratios, axis by axis."""
     rows: list[dict[str, object]] = []
-    axes = [axis for axis in AXES.values() if not axis.is_control]
+    axes = [axis for axis in AXES.values() if axis.name not in CONTROLS]
     for task in TASKS:
         simulation, policy = open_task(task, VIEW), policies.load("untrained", {})
         for axis in axes:
@@ -33,7 +33,7 @@ def measure() -> list[dict[str, object]]:
                 continue
             first, later = [], []
             for seed in range(SEEDS + 1):
-                references = ReferenceLooks()
+                references = ReferenceImages()
                 clean, once, again = (
                     rollout(
                         simulation,

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import psutil
 
-from results.run import read_run
-from results.store import Store
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
 from tests.benchmarks.shared import table
 
 SUITE = """
@@ -26,7 +26,7 @@ render_profile: fast
 """
 READERS, POLL_S, PAGES = 50, 2.0, ("/", "/runs", "/schedule", "/history?policy=random")
 PAIRS = 3
-MAIN = "from orchestrator.cli import main; main()"
+MAIN = "from robogauntlet.orchestrator.cli import main; main()"
 
 
 def measure() -> list[dict[str, object]]:
@@ -35,7 +35,7 @@ def measure() -> list[dict[str, object]]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "suite.yaml").write_text(SUITE, encoding="utf-8")
-        environment = {**os.environ, "GAUNTLET_HISTORY": f"sqlite:///{folder / 'history.sqlite'}"}
+        environment = {**os.environ, "ROBOGAUNTLET_HISTORY": f"sqlite:///{folder / 'history.sqlite'}"}
         _play(folder, environment, "warm-up")
         for pair in range(PAIRS):
             alone = _play(folder, environment, f"alone-{pair}")

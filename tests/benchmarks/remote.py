@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from adapters.contract import Observation
-from policies import catalog
-from policies.contract import Query
-from suites.vocabulary import Episode, Protocol, View
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import Query
+from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.benchmarks.shared import table
 
 SIZE = 224
@@ -82,7 +82,7 @@ def _times(ask: Callable[[int], object]) -> list[float]:
 
 @contextmanager
 def _server(folder: Path) -> Iterator[str]:
-    code = "from orchestrator.cli import main; main()"
+    code = "from robogauntlet.orchestrator.cli import main; main()"
     arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
     process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

@@ -2,9 +2,9 @@
 
 import time
 
-from orchestrator.rollout import rollout
-from policies.catalog import load
-from suites.vocabulary import View
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.policies.catalog import load
+from robogauntlet.suites.episode import View
 from tests.benchmarks.shared import TASKS, episodes, open_task, table
 
 EPISODES = 5

@@ -18,7 +18,7 @@ tasks: [null/Reach]
 seeds: {{count: {PLANNED // 2}}}
 horizon: 20
 """
-RUN = [sys.executable, "-c", "from orchestrator.cli import main; main()", "run"]
+RUN = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run"]
 PATIENCE_S = 300.0
 
 
@@ -38,7 +38,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def _until_a_row(suite: Path, folder: Path) -> float:
-    """Seconds from the start of `gauntlet run` to that of its first episode; then it is interrupted."""
+    """Seconds from the start of `robogauntlet run` to that of its first episode; then it is interrupted."""
     start = time.time()
     process = subprocess.Popen(
         [*RUN, str(suite), "--out", str(folder), "--no-media"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -70,9 +70,9 @@ def _starts(folder: Path, since: float) -> list[float]:
 
 
 def _fill(suite: Path, folder: Path) -> None:
-    from orchestrator.plan import make_plan
-    from results.run import read_run
-    from results.store import Store
+    from robogauntlet.orchestrator.runs.plan import make_plan
+    from robogauntlet.results.run_document import read_run
+    from robogauntlet.results.store.episode_store import Store
     from tests.results.synthetic import row
 
     store = Store.open_file(folder / "episodes.sqlite", read_run(folder).run_id)

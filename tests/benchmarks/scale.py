@@ -32,15 +32,15 @@ print("found:" + json.dumps(found))
 
 def measure() -> list[dict[str, object]]:
     """Simulate each size in a process of its own."""
-    word_s, wait_s = hearing_costs()
-    print(f"on a real Ray: {1e6 * word_s:.0f} us to hand out a lease and hear its word,")
+    event_s, wait_s = hearing_costs()
+    print(f"on a real Ray: {1e6 * event_s:.0f} us to hand out a lease and handle its event,")
     print(f"{1e3 * wait_s:.1f} ms to look who of {PENDING} has something to say")
     rows: list[dict[str, object]] = []
     for episodes, workers in SIZES:
-        command = [sys.executable, "-c", CODE, str(episodes), str(workers), str(word_s), str(wait_s / PENDING)]
+        command = [sys.executable, "-c", CODE, str(episodes), str(workers), str(event_s), str(wait_s / PENDING)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         line = next(line for line in done.stdout.splitlines() if line.startswith("found:"))
-        rows.append({"word_s": word_s, "wait_s": wait_s, **json.loads(line.removeprefix("found:"))})
+        rows.append({"event_s": event_s, "wait_s": wait_s, **json.loads(line.removeprefix("found:"))})
     table(
         ("episodes", "workers", "simulated time", "idle", "scheduler's episodes/s", "its share of the time", "peak MB"),
         [
@@ -59,15 +59,16 @@ def measure() -> list[dict[str, object]]:
     return rows
 
 
-def simulate(episodes: int, workers: int, word_s: float, wait_s: float) -> dict[str, float]:
+def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict[str, float]:
     """Play so many episodes of `CELLS` cells on so many simulated workers, into a store."""
     import numpy as np
 
-    from orchestrator.scheduler import Scheduler, SchedulerOptions
-    from results.store import Store
-    from suites.vocabulary import Cell, Condition, Protocol
+    from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
+    from robogauntlet.orchestrator.scheduling.work_queue import work_queues
+    from robogauntlet.results.store.episode_store import Store
+    from robogauntlet.suites.episode import Cell, Condition, Protocol
     from tests.orchestrator.conftest import Told
-    from tests.simulated_crew import Clock, SimulatedCrew
+    from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
 
     rng = np.random.default_rng(0)
     tasks = [f"simulated/Task{i}" for i in range(10)]
@@ -84,15 +85,15 @@ def simulate(episodes: int, workers: int, word_s: float, wait_s: float) -> dict[
         for policy in policies
         for task in tasks
     ]
-    options = SchedulerOptions(lambda: workers, episode_time_limit_s=120.0, max_attempts=3, allowed_errors=0)
+    options = SchedulerOptions(lambda: workers, episode_time_limit_s=120.0, allowed_errors=0)
     told = Told()
-    told.came = lambda rows: None  # type: ignore[method-assign]
+    told.on_results = lambda rows: None  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open_file(Path(folder) / "episodes.sqlite", "scale")
         clock = Clock()
-        crew = SimulatedCrew(seconds, clock, word_s=word_s, wait_s=wait_s)
-        Scheduler(work, crew, options, store.add, told, now=clock).run()
-        makespan, computed = clock(), clock.computed + crew.charged_s
+        pool = SimulatedWorkerPool(seconds, clock, event_s=event_s, wait_s=wait_s)
+        Scheduler(work_queues(work, 3), pool, options, store.add, told, now=clock).run()
+        makespan, computed = clock(), clock.computed + pool.charged_s
         stored = sum(store.status_counts().values())
         store.close()
     assert stored == episodes, f"{stored} rows of {episodes} episodes"
@@ -100,10 +101,10 @@ def simulate(episodes: int, workers: int, word_s: float, wait_s: float) -> dict[
         "episodes": episodes,
         "workers": workers,
         "makespan_s": makespan,
-        "idle": 1.0 - crew.busy_s / (makespan * workers),
+        "idle": 1.0 - pool.busy_s / (makespan * workers),
         "per_second": episodes / computed,
         "computing": computed / makespan,
-        "words": crew.words,
+        "words": pool.event_count,
     }
 
 
@@ -111,30 +112,30 @@ def hearing_costs() -> tuple[float, float]:
     """Seconds for handing out a lease and hearing its word, and for a wait when `PENDING` have nothing to say."""
     import ray
 
-    from orchestrator.cluster import ray_session
-    from orchestrator.ray_crew import RayCrew
-    from orchestrator.runner import Lease
-    from orchestrator.sources import PolicySource
-    from suites.vocabulary import Cell, Protocol
+    from robogauntlet.orchestrator.episodes.lease import Lease
+    from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+    from robogauntlet.orchestrator.ray_runtime.session import ray_session
+    from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
+    from robogauntlet.suites.episode import Cell, Protocol
 
     with ray_session(address=None, workers=1):
-        crew = RayCrew({"oracle": PolicySource("oracle")})
+        pool = RayWorkerPool({"oracle": PolicySource("oracle")})
         cell = Cell("oracle", "oracle", "null/Reach", Protocol(20))
-        worker = crew.start("null-0", "null", cell)
+        worker = pool.start("null-0", "null", cell)
         for _ in range(2):
-            crew.wait(60.0)
-            worker.hear()
+            pool.wait(60.0)
+            worker.next_event()
         spent = 0.0
         for seed in range(WORDS):
             start = time.perf_counter()
             worker.play(Lease(cell, (seed,)))
             spent += time.perf_counter() - start
-            crew.wait(60.0)
+            pool.wait(60.0)
             start = time.perf_counter()
-            worker.hear()
+            worker.next_event()
             spent += time.perf_counter() - start
-        crew.end(worker)
-        crew.close()
+        pool.end(worker)
+        pool.close()
 
         @ray.remote(num_cpus=0)
         def never() -> None:

@@ -3,10 +3,10 @@
 import os
 from collections.abc import Iterator
 
-from adapters import catalog
-from adapters.contract import Simulation
-from orchestrator.worker_environment import worker_environment
-from suites.vocabulary import Cell, Episode, Protocol, View
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Simulation
+from robogauntlet.orchestrator.environments.resolver import worker_environment
+from robogauntlet.suites.episode import Cell, Episode, Protocol, View
 
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""

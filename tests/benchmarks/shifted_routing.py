@@ -12,19 +12,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING
 
-from adapters.contract import AdapterError
-from orchestrator.choosing import Look
-from orchestrator.looking import first_observation
-from suites.vocabulary import CLEAN, Condition, RenderProfile, View
+from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
+from robogauntlet.suites.episode import CLEAN, Condition, RenderProfile, View
 from tests.benchmarks.shared import open_task, table
 
 if TYPE_CHECKING:
-    from policies.mergevla.merged_model import MergedModel
-    from policies.mergevla.routing.contract import Sighting
-    from policies.mergevla.routing.demonstrations import FirstSightings
-    from policies.mergevla.routing.features import Reading
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.routing.contract import FirstObservation
+    from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
+    from robogauntlet.policies.mergevla.routing.features import FeatureSpec
 
 SEEDS = range(2_000_000, 2_000_012)
 """Neither training's (from 1,000,000) nor those of the reports (from 0)."""
@@ -55,27 +55,27 @@ def measure() -> list[dict[str, object]]:
     """Accuracy by axis, pooled over tasks and severities, and what is unknown, for each way of reading and fitting."""
     import torch
 
-    from policies.mergevla.merged_checkpoint import load_merged
-    from policies.mergevla.merged_model import MergedModel
-    from policies.mergevla.routing.catalog import reading_of
-    from policies.mergevla.routing.demonstrations import first_sightings
-    from policies.mergevla.routing.features import Reading
-    from policies.training.dataset import datasets_of
+    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
+    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
+    from robogauntlet.policies.mergevla.routing.features import FeatureSpec
+    from robogauntlet.policies.training.dataset import datasets_of
 
     torch.set_num_threads(1)
     model = MergedModel(load_merged("zoo:merged").parts)
     view = View(model.architecture.cameras, model.architecture.image_size, RenderProfile.FAST)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
-    first = first_sightings(datasets_of([folder], model.experts), view.cameras)
+    first = first_observations(datasets_of([folder], model.experts), view.cameras)
     seen = dict(_looks(model.experts, view))
     rows = []
     for sees in (True, False):
         ways = {
-            f"{frames}, {layer}": _judged(model, first, seen, reading, varies=frames == VARIED)
+            f"{frames}, {layer}": _judged(model, first, seen, feature_spec, augments=frames == VARIED)
             for frames in (AS_THEY_COME, VARIED)
-            for layer, reading in (
-                ("last", Reading(sees)),
-                ("middle", reading_of(model.architecture, sees_instruction=sees)),
+            for layer, feature_spec in (
+                ("last", FeatureSpec(sees)),
+                ("middle", feature_spec_of(model.architecture, sees_instruction=sees)),
             )
         }
         print(f"\nInstruction {'read' if sees else 'hidden'}, {sum(map(len, seen.values()))} first observations")
@@ -86,20 +86,20 @@ def measure() -> list[dict[str, object]]:
     return rows
 
 
-def _looks(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], list[Sighting]]]:
+def _looks(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], list[FirstObservation]]]:
     """First observations of each task along each axis; what a task cannot have is left out."""
-    from policies.mergevla.routing.keeping import FirstLooks
+    from robogauntlet.policies.mergevla.routing.observation_cache import ObservationCache
 
     for task in tasks:
         simulation = open_task(task, view)
         for axis, severities in {CLEAN: (0,), **LEVELS}.items():
-            found: list[Sighting] = []
+            found: list[FirstObservation] = []
             for severity in severities:
                 for seed in SEEDS:
-                    look = Look(task, Condition(axis, severity), seed, view)
+                    look = Snapshot(task, Condition(axis, severity), seed, view)
                     with contextlib.suppress(AdapterError):
                         observation = first_observation(simulation, look)
-                        found += FirstLooks.of(task, view, [seed], [observation]).sightings([seed])
+                        found += ObservationCache.of(task, view, [seed], [observation]).observations([seed])
             if found:
                 yield (task, axis), found
         simulation.close()
@@ -108,26 +108,28 @@ def _looks(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], 
 
 def _judged(
     model: MergedModel,
-    first: FirstSightings,
-    seen: Mapping[tuple[str, str], Sequence[Sighting]],
-    reading: Reading,
+    first: RouterTrainingSet,
+    seen: Mapping[tuple[str, str], Sequence[FirstObservation]],
+    feature_spec: FeatureSpec,
     *,
-    varies: bool,
+    augments: bool,
 ) -> dict[str, float]:
     """Axis to accuracy, their mean, and the mean AUROC of clean looks at each task when it is left out of the fit."""
-    from policies.mergevla.routing.catalog import FITTED, to_fit
-    from policies.mergevla.routing.features import features_of, labelled
-    from policies.mergevla.routing.gaussian import fit
-    from policies.mergevla.routing.study import leave_one_out
+    from robogauntlet.orchestrator.routing_evaluation.evaluation import detection_of
+    from robogauntlet.policies.mergevla.routing.catalog import FITTED, fitting_features
+    from robogauntlet.policies.mergevla.routing.evaluation import leave_one_out
+    from robogauntlet.policies.mergevla.routing.features import features_of, labelled_features
+    from robogauntlet.policies.mergevla.routing.gaussian import fit
 
-    fitting = replace(FITTED["calibrated"], varies=varies)
-    parts = to_fit(fitting, model, first.frames, first.held_out, reading)
-    fitted = fit(*parts, reading)
+    fitting = replace(FITTED["calibrated"], augments=augments)
+    parts = fitting_features(fitting, model, first.frames, first.held_out, feature_spec)
+    fitted = fit(*parts, feature_spec)
     right: dict[str, list[bool]] = {}
-    for (task, axis), sightings in seen.items():
-        chosen = fitted.scores(features_of(model, sightings, reading)).argmax(dim=1).tolist()
+    for (task, axis), observations in seen.items():
+        chosen = fitted.scores(features_of(model, observations, feature_spec)).argmax(dim=1).tolist()
         right.setdefault(axis, []).extend(fitted.experts[place] == task for place in chosen)
     rates = {axis: sum(own) / len(own) for axis, own in right.items()}
-    clean = labelled(model, {task: own for (task, axis), own in seen.items() if axis == CLEAN}, reading)
-    unknown = leave_one_out(partial(fit, reading=reading), *parts, clean)
-    return {**rates, "mean of these": sum(rates.values()) / len(rates), AUROC: unknown.auroc}
+    clean = labelled_features(model, {task: own for (task, axis), own in seen.items() if axis == CLEAN}, feature_spec)
+    left_out = leave_one_out(partial(fit, feature_spec=feature_spec), *parts, clean)
+    auroc = fmean(detection_of(scores).auroc for scores in left_out.values())
+    return {**rates, "mean of these": fmean(rates.values()), AUROC: auroc}

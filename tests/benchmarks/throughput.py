@@ -19,20 +19,20 @@ workers: 2
 """
 CODE = """
 import resource, time
-from orchestrator import run
-from orchestrator.cli import main
+from robogauntlet.orchestrator.runs import run
+from robogauntlet.orchestrator.cli import main
 
 def peak(when):
     print(when, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, time.process_time())
 
-play = run._Session.play
+play = run.RunSession.play
 
 def played(session):
     peak("planned:")
     play(session)
     peak("played:")
 
-run._Session.play = played
+run.RunSession.play = played
 try:
     main()
 except SystemExit as end:
@@ -51,8 +51,8 @@ def measure() -> list[dict[str, object]]:
         command = [sys.executable, "-c", CODE, "run", str(suite), "--out", str(run), "--no-media"]
         done = subprocess.run(command, check=True, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200"})
         whole = time.perf_counter() - start
-        from results.run import read_run
-        from results.store import Store
+        from robogauntlet.results.run_document import read_run
+        from robogauntlet.results.store.episode_store import Store
 
         document = read_run(run)
         store = Store.open_file(run / "episodes.sqlite", document.run_id)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from results.opening import open_run
+from robogauntlet.results.api import open_run
 from tests.benchmarks.shared import table
 
 REFERENCE = "cross-sigmoid"

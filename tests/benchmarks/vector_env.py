@@ -19,14 +19,14 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
-from adapters import catalog
-from adapters.contract import Observation
-from orchestrator.worker_environment import worker_environment
-from policies.catalog import load
-from policies.contract import Query
-from results.run import read_run
-from results.store import Store
-from suites.vocabulary import SUCCESS_HOLD, Condition, RenderProfile, View
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.orchestrator.environments.resolver import worker_environment
+from robogauntlet.policies.catalog import load
+from robogauntlet.policies.contract import Query
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
 from tests.benchmarks.shared import episodes, open_task, table
 
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
@@ -55,7 +55,7 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
 
     def __init__(self, task: str) -> None:
         self._simulation, self._steps, self._held = open_task(task, VIEW), 0, 0
-        self._horizon = catalog.task_cards()[task].horizon
+        self._horizon = catalog.task_descriptions()[task].horizon
         spec = self._simulation.action_spec
         frame = spaces.Box(0, 255, (VIEW.image_size, VIEW.image_size, 3), np.uint8)
         state = spaces.Box(-np.inf, np.inf, (8,), np.float64)
@@ -65,7 +65,7 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], Any]:
         """Start the seed's episode."""
         assert seed is not None
-        self._simulation.reset(seed, Condition())
+        self._simulation.reset(seed)
         self._steps = self._held = 0
         return self._seen(), {}
 
@@ -90,7 +90,7 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
     make = partial(ToGymnasium, task)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
     policy, succeeded = load(kind, OPTIONS[kind]), list[bool]()
-    instruction = catalog.task_cards()[task].instruction
+    instruction = catalog.task_descriptions()[task].instruction
     low, high = batch.single_action_space.low, batch.single_action_space.high  # type: ignore[attr-defined]
     everything = list(episodes(task, kind, VIEW, EPISODES))
 
@@ -133,7 +133,7 @@ def ours(task: str, kind: str) -> tuple[float, list[bool]]:
             task=task, policy=kind, options=json.dumps(OPTIONS[kind]), episodes=EPISODES, processes=PROCESSES
         )
         suite.write_text(text, encoding="utf-8")
-        command = [sys.executable, "-c", "from orchestrator.cli import main; main()", "run", str(suite)]
+        command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run", str(suite)]
         subprocess.run([*command, "--out", str(run), "--no-media"], check=True, capture_output=True)
         store = Store.open_file(run / "episodes.sqlite", read_run(run).run_id)
         rows = sorted(store.results(), key=lambda row: row.seed)

@@ -5,8 +5,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from results.run import read_run
-from results.store import Store
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
 from tests.benchmarks.shared import TASKS, table
 
 EPISODES, ROUNDS = 24, 2
@@ -47,7 +47,7 @@ def _run(task: str, workers: int) -> tuple[float, str | None]:
     with tempfile.TemporaryDirectory() as name:
         suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
         suite.write_text(SUITE.format(task=task, episodes=EPISODES, workers=workers), encoding="utf-8")
-        command = [sys.executable, "-c", "from orchestrator.cli import main; main()", "run", str(suite)]
+        command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run", str(suite)]
         subprocess.run([*command, "--out", str(folder), "--no-media"], check=True, capture_output=True)
         document = read_run(folder)
         store = Store.open_file(folder / "episodes.sqlite", document.run_id)

@@ -1,4 +1,4 @@
-"""Kills the process that serves the calendar, again and again: `python -m tests.chaos.calendar --kills 100`."""
+"""Kills the schedule server again and again: `python -m tests.chaos.calendar --kills 100`."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from orchestrator.calendar.book import Book
-from orchestrator.calendar.schedule import Schedule, State
-from orchestrator.calendar.serving import Server
-from results.database import file_url
-from results.history import History
-from results.run import RunStatus, read_run
-from results.store import Store
+from robogauntlet.orchestrator.schedules.schedule import Schedule, State
+from robogauntlet.orchestrator.schedules.server import Server
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.run_document import RunStatus, read_run
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.run_history import History
 
-SERVE = [sys.executable, "-c", "from orchestrator.cli import main; main()", "schedule", "serve"]
-PATIENCE_S = 300.0
+SERVE = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "schedule", "serve"]
+STOP_TIMEOUT_S = 300.0
 
 
 def serve_and_kill(url: str, kills: int, done: Callable[[], bool], seed: int = 5) -> int:
     """Serve the calendar at `url` until all is done, killing the process `kills` times; return how often it was."""
-    environment, generator = {**os.environ, "GAUNTLET_HISTORY": url}, random.Random(seed)
+    environment, generator = {**os.environ, "ROBOGAUNTLET_HISTORY": url}, random.Random(seed)
     killed = 0
     while not done():
         process = subprocess.Popen(SERVE, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        lives_s = generator.uniform(0.5, 6.0) if killed < kills else PATIENCE_S
+        lives_s = generator.uniform(0.5, 6.0) if killed < kills else STOP_TIMEOUT_S
         until = time.monotonic() + lives_s
         while time.monotonic() < until and not done():
             time.sleep(0.1)
@@ -68,21 +68,21 @@ def main() -> None:
         url = file_url(root / "history.sqlite")
         suite = Path(folder) / "nights.yaml"
         suite.write_text("name: nights\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 40}\n")
-        book, history = Book.open(url), History.open(url)
+        schedule_store, history = ScheduleStore.open(url), History.open(url)
         schedule = Schedule("nightly", str(suite), "0 0 1 1 *", arguments=("--no-media",), created_at=time.time())
-        book.add(schedule)
-        server = Server(book, history, root, say=print, log=print)
+        schedule_store.add(schedule)
+        server = Server(schedule_store, history, root, send=print, log=print)
         for number in range(options.runs):
-            book.fire(schedule, time.time() + number, server.folder)
-        killed = serve_and_kill(url, options.kills, lambda: all(f.state is State.DONE for f in book.firings()))
-        states = sorted(str(firing.state) for firing in book.firings())
+            schedule_store.trigger_now(schedule, time.time() + number, server.folder)
+        killed = serve_and_kill(
+            url, options.kills, lambda: all(f.state is State.DONE for f in schedule_store.scheduled_runs())
+        )
+        states = sorted(str(scheduled_run.state) for scheduled_run in schedule_store.scheduled_runs())
         rows = played(root, history)
         whole = sum(count == 40 for count in rows.values())
-        print(
-            f"{killed} kills: {states.count('done')} of {options.runs} firings done, {whole} complete runs of 40 rows,"
-        )
+        print(f"{killed} kills: {states.count('done')} of {options.runs} runs done, {whole} complete runs of 40 rows,")
         print(f"{options.runs - whole} lost, {len(rows) - options.runs} more than were due")
-        book.close()
+        schedule_store.close()
         history.close()
         sys.exit(whole != options.runs or len(rows) != options.runs)
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import psutil
 
-from results.record import Status
-from results.run import RunStatus, read_run, store_url
-from results.store import Store
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunStatus, read_run, store_url
+from robogauntlet.results.store.episode_store import Store
 from tests.chaos.processes import MARK, end, left_after, of_kind
 
 START_S = 120.0
@@ -35,7 +35,7 @@ LOCK_S = 3.0
 
 @dataclass
 class Command:
-    """A `gauntlet run` that is under way."""
+    """A `robogauntlet run` that is under way."""
 
     process: subprocess.Popen[bytes]
     mark: str
@@ -170,7 +170,7 @@ def _check(folder: Path) -> list[str]:
 
 
 def _start(suite: Path, folder: Path, mark: str) -> Command:
-    program = "import sys; from orchestrator.cli import main; main()"
+    program = "import sys; from robogauntlet.orchestrator.cli import main; main()"
     arguments = [sys.executable, "-c", program, "run", str(suite), "--out", str(folder), "--no-media"]
     with _log(folder).open("ab") as log:
         process = subprocess.Popen(

@@ -8,8 +8,8 @@ import time
 import pytest
 from ray.cluster_utils import Cluster
 
-from results.run import RUN_FILE, RunStatus, read_run
-from results.store import Store
+from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
+from robogauntlet.results.store.episode_store import Store
 from tests.chaos.suites import NULL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
@@ -23,7 +23,7 @@ def cluster():
 
 
 def command(suite, folder, *more):
-    program = "import sys; from orchestrator.cli import main; main()"
+    program = "import sys; from robogauntlet.orchestrator.cli import main; main()"
     return [sys.executable, "-c", program, "run", str(suite), "--out", str(folder), "--no-media", *more]
 
 

@@ -10,21 +10,21 @@ from collections.abc import Iterator
 
 import pytest
 
-from results.run import RunStatus, read_run
+from robogauntlet.results.run_document import RunStatus, read_run
 from tests.chaos.processes import MARK, end, left_after, of_kind
 from tests.chaos.suites import NULL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 
-WAIT_S = 120.0
+WAIT_S = 600.0
 GONE_S = 60.0
 
 
-GAUNTLET = "from orchestrator.cli import main; main()"
+GAUNTLET = "from robogauntlet.orchestrator.cli import main; main()"
 
 
 class Command:
-    """A program, by default the `gauntlet` command, that is under way, and what it says."""
+    """A program, by default the `robogauntlet` command, that is under way, and what it says."""
 
     def __init__(self, log, *arguments, program=GAUNTLET):
         self.log, self.mark = log, uuid.uuid4().hex
@@ -76,7 +76,7 @@ def suite(tmp_path):
 def test_while_filming_it_is_started_again_and_no_video_is_missing(start, suite, tmp_path):
     folder = tmp_path / "run"
     command = start("run", suite, "--out", folder)
-    command.kill_raylet_when(lambda: "filming a success" in command.log.read_text())
+    command.kill_raylet_when(lambda: "recording a success" in command.log.read_text())
     assert command.end() == (0, [])
     assert "it was started again" in command.log.read_text()
     document = read_run(folder)
@@ -97,12 +97,12 @@ def large() -> Iterator[bytes]:
 
 
 LARGE = """
-from orchestrator.beside import beside
-from orchestrator.cluster import RayLost, ray_session
+from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_per_simulator
+from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
 from tests.chaos.test_ray_dies import large
 try:
     with ray_session(address=None, workers=1):
-        for _ in beside(large, {"null": ()}):
+        for _ in run_per_simulator(large, {"null": ()}):
             print("came", flush=True)
 except RayLost as error:
     print(error)

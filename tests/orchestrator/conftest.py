@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def ray_here():
-    from orchestrator.cluster import ray_session
+    from robogauntlet.orchestrator.ray_runtime.session import ray_session
 
     with ray_session(address=None, workers=6):
         yield
@@ -18,23 +18,25 @@ class Told:
     """A scheduler's observer that remembers."""
 
     def __init__(self):
-        self.ready, self.left_out, self.rows, self.troubles = [], [], [], []
+        self.ready, self.left_out, self.rows, self.warnings = [], [], [], []
+        self.on_ready = lambda readiness: None
         self.on_rows = lambda rows: None
 
-    def started(self, simulator, readiness):
+    def on_started(self, simulator, readiness):
         self.ready.append((simulator, readiness))
+        self.on_ready(readiness)
 
-    def skipped(self, simulator, reason, episodes):
+    def on_skipped(self, simulator, reason, episodes):
         self.left_out.append((simulator, reason, episodes))
 
-    def came(self, results):
+    def on_results(self, results):
         self.rows += results
         self.on_rows(results)
 
-    def trouble(self, simulator, message):
-        self.troubles.append(message)
+    def on_warning(self, simulator, message):
+        self.warnings.append(message)
 
-    def tick(self, doing):
+    def on_tick(self, doing):
         pass
 
 
@@ -51,17 +53,17 @@ class Said:
 
 
 @pytest.fixture
-def gauntlet(monkeypatch, capsys, tmp_path):
-    """`gauntlet(...)` in an empty folder, without a second for a new interpreter each time."""
+def run_command(monkeypatch, capsys, tmp_path):
+    """`robogauntlet(...)` in an empty folder, without a second for a new interpreter each time."""
     monkeypatch.chdir(tmp_path)
-    for name in ("GAUNTLET_HISTORY", "GAUNTLET_STORE"):
+    for name in ("ROBOGAUNTLET_HISTORY", "ROBOGAUNTLET_STORE"):
         monkeypatch.delenv(name, raising=False)
 
     def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["gauntlet", *map(str, arguments)])
+        monkeypatch.setattr(sys, "argv", ["robogauntlet", *map(str, arguments)])
         capsys.readouterr()
         try:
-            from orchestrator.cli import main
+            from robogauntlet.orchestrator.cli import main
 
             main()
             code = 0

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from adapters.contract import Simulation
-from suites.vocabulary import SUCCESS_HOLD, Condition
+from robogauntlet.adapters.contract import Simulation
+from robogauntlet.suites.episode import SUCCESS_HOLD
 
 Script = Callable[..., NDArray[np.float64]]
 
@@ -22,7 +22,7 @@ def steps_to_success(simulation: Simulation, script: Script, seed: int, horizon:
         noise: Deviation of the executed motion, as a share of the largest in one step.
     """
     spec, generator, held = simulation.action_spec, np.random.default_rng(seed), 0
-    simulation.reset(seed, Condition())
+    simulation.reset(seed)
     for step in range(horizon):
         action = script(simulation.privileged_state())
         assert (abs(action) <= spec.high + 1e-12).all()

@@ -2,10 +2,10 @@
 
 import pytest
 
-from adapters.libero import SIMULATOR
-from adapters.libero.assets import package_folder
-from policies.oracles.libero import SCRIPTS
-from suites.vocabulary import RenderProfile, View
+from robogauntlet.adapters.libero import SIMULATOR
+from robogauntlet.adapters.libero.assets import package_folder
+from robogauntlet.policies.oracles.libero import SCRIPTS
+from robogauntlet.suites.episode import RenderProfile, View
 from tests.policies.playing import steps_to_success
 
 PLAYED = ("spatial-8-next-to-plate", "object-3-bbq-sauce", "goal-7-turn-on-stove")
@@ -18,7 +18,7 @@ def test_every_script_is_for_a_task_that_there_is() -> None:
 
 
 @pytest.mark.simulator
-@pytest.mark.skipif(package_folder() is None, reason="LIBERO is not installed here: gauntlet env create libero")
+@pytest.mark.skipif(package_folder() is None, reason="LIBERO is not installed here: robogauntlet env create libero")
 @pytest.mark.parametrize("task", PLAYED)
 def test_the_oracle_succeeds_within_the_horizon(task: str) -> None:
     """Once as it acts, and once with noise of a tenth of the actions' range."""

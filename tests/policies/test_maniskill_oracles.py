@@ -1,8 +1,8 @@
 import pytest
 
-from adapters.maniskill import SIMULATOR
-from policies.oracles.maniskill import SCRIPTS
-from suites.vocabulary import View
+from robogauntlet.adapters.maniskill import SIMULATOR
+from robogauntlet.policies.oracles.maniskill import SCRIPTS
+from robogauntlet.suites.episode import View
 from tests.policies.playing import steps_to_success
 
 

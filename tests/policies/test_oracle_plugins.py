@@ -5,9 +5,9 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from policies import catalog, oracles
-from policies.contract import PolicyError
-from policies.oracles.plugins import GROUP, load_oracles
+from robogauntlet.policies import catalog, oracles
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.oracles.plugins import GROUP, load_oracles
 
 MODULE = """
 class Reach:
@@ -31,7 +31,7 @@ def declared(monkeypatch, tmp_path):
         points = [EntryPoint(name, f"brought{what}", GROUP) for name, what in entries]
         found = oracles.plugins.metadata.entry_points
         monkeypatch.setattr(
-            "policies.oracles.plugins.metadata.entry_points",
+            "robogauntlet.policies.oracles.plugins.metadata.entry_points",
             lambda group: points if group == GROUP else found(group=group),
         )
         forget()
@@ -82,7 +82,7 @@ def test_a_tasks_digest_covers_the_module_that_its_script_is_borrowed_from(monke
 
 def test_no_digest_covers_pythons_own_library():
     written = {module.__name__ for source in oracles._sources() for module in source.modules()}
-    assert written == {f"policies.oracles.{name}" for name in oracles._SCRIPT_MODULES}
+    assert written == {f"robogauntlet.policies.oracles.{name}" for name in oracles._SCRIPT_MODULES}
 
 
 def test_a_task_without_a_script_has_no_digest():

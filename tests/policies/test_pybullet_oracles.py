@@ -2,9 +2,9 @@
 
 import pytest
 
-from adapters.pybullet import simulation as adapter
-from policies.oracles.pybullet import SCRIPTS
-from suites.vocabulary import View
+from robogauntlet.adapters.pybullet import simulation as adapter
+from robogauntlet.policies.oracles.pybullet import SCRIPTS
+from robogauntlet.suites.episode import View
 from tests.policies.playing import steps_to_success
 
 pytestmark = pytest.mark.simulator

@@ -2,9 +2,9 @@
 
 import pytest
 
-from adapters.robosuite import SIMULATOR
-from policies.oracles.robosuite import SCRIPTS
-from suites.vocabulary import RenderProfile, View
+from robogauntlet.adapters.robosuite import SIMULATOR
+from robogauntlet.policies.oracles.robosuite import SCRIPTS
+from robogauntlet.suites.episode import RenderProfile, View
 from tests.policies.playing import steps_to_success
 
 pytestmark = pytest.mark.simulator

@@ -1,23 +1,62 @@
-"""The shipped zoo: complete, small, and what its cards say."""
+"""The shipped zoo: complete, small, with sound metadata."""
+
+import json
 
 import pytest
 
-from adapters.catalog import task_cards
-from policies.mergevla.card import digest_of
-from policies.mergevla.merged_card import merged_digest_of, verified_merged_card
-from policies.mergevla.merged_policy import expert_folders
-from policies.zoo import ZOO, shipped
+from robogauntlet.adapters.catalog import task_descriptions
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import MergedMetadata, merged_digest_of
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata, digest_of
+from robogauntlet.policies.mergevla.kinds import MERGED
+from robogauntlet.policies.mergevla.options import expert_folders
+from robogauntlet.policies.zoo import shipped, zoo_folder
 from tests.policies.zoo import WITH_EXPERTS
 
 MB = 1_000_000
 
 
 def tasks():
-    return {task for task in task_cards() if task.startswith(WITH_EXPERTS)}
+    return {task for task in task_descriptions() if task.startswith(WITH_EXPERTS)}
+
+
+DIGESTS = {
+    "base": "a4cd9daa8da19804",
+    "experts/maniskill__PullCube-v1": "b612ba2829a5895e",
+    "experts/maniskill__PushCube-v1": "a4b0ac5f41fa013a",
+    "experts/maniskill__StackCube-v1": "6ddf965a3089f330",
+    "experts/pybullet__PandaPickAndPlace-v3": "e4ab2ae8afa8d370",
+    "experts/pybullet__PandaPush-v3": "ff343c871c978435",
+    "experts/pybullet__PandaReach-v3": "0830890997a89d2c",
+    "experts/robosuite__Door": "656edf59b71cf4f5",
+    "experts/robosuite__Lift": "52508a0304ffef27",
+    "experts/robosuite__Stack": "d2f49d3c42d24cc4",
+    "merged": "997132f947201619",
+}
+"""Part of the zoo to its digest, which is in the id of every episode that was played with it."""
+
+
+def test_the_digests_are_those_of_the_stored_runs():
+    assert {
+        path.parent.relative_to(zoo_folder()).as_posix() for path in zoo_folder().rglob("card.json")
+    } == DIGESTS.keys()
+    for part, digest in DIGESTS.items():
+        assert (merged_digest_of if part == "merged" else digest_of)(f"zoo:{part}") == digest
+
+
+@pytest.mark.parametrize("part", DIGESTS)
+def test_metadata_are_written_as_they_were_read(part):
+    plain = json.loads((zoo_folder() / part / "card.json").read_text())
+    assert (MergedMetadata if part == "merged" else CheckpointMetadata).from_json(plain).as_json() == plain
+
+
+def test_digests_of_policies_with_a_recipe_are_those_of_the_stored_runs():
+    recipe = {"operator": "ta", "masks": "none", "kept_blocks": 0, "alpha": 1}
+    options = {"checkpoint": "zoo:merged", "experts": "zoo:experts", "recipe": recipe}
+    assert MERGED.digest(options) == "baa813e4ea987adc"
 
 
 def test_it_is_small_enough_to_be_cloned():
-    sizes = {path.relative_to(ZOO): path.stat().st_size for path in ZOO.rglob("*") if path.is_file()}
+    sizes = {path.relative_to(zoo_folder()): path.stat().st_size for path in zoo_folder().rglob("*") if path.is_file()}
     assert max(sizes.values()) < 20 * MB
     assert sum(sizes.values()) <= 60 * MB
 
@@ -30,10 +69,10 @@ def test_there_is_an_expert_for_each_task_and_all_are_verified_by_hash():
 
 
 def test_the_merged_model_was_made_of_these_experts_and_its_routers_are_fitted():
-    card = verified_merged_card(shipped("zoo:merged"))
+    metadata = MergedMetadata.verified(shipped("zoo:merged"))
     folders = expert_folders(shipped("zoo:experts"))
-    assert card.expert_digests == {task: digest_of(str(folder)) for task, folder in folders.items()}
-    assert set(card.routers) >= {"calibrated", "nearest-centroid"}
+    assert metadata.expert_digests == {task: digest_of(str(folder)) for task, folder in folders.items()}
+    assert set(metadata.routers) >= {"calibrated", "nearest-centroid"}
     assert merged_digest_of("zoo:merged")
 
 

@@ -2,12 +2,12 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from policies import zoo
-from policies.zoo import NotShipped, shipped
+from robogauntlet.policies import zoo
+from robogauntlet.policies.zoo import NotShipped, shipped
+from tests import ROOT
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def merged(tmp_path, monkeypatch):
     folder = tmp_path / "zoo" / "merged"
     (folder / "base").mkdir(parents=True)
     (folder / "card.json").touch()
-    monkeypatch.setattr(zoo, "ZOO", tmp_path / "zoo")
+    monkeypatch.setattr(zoo, "zoo_folder", lambda: tmp_path / "zoo")
     return folder
 
 
@@ -41,14 +41,15 @@ def test_a_misspelt_name_is_answered_with_the_nearest(merged):
         shipped("zoo:mergd")
 
 
-def test_without_a_zoo_nothing_is_shipped(tmp_path, monkeypatch):
-    monkeypatch.setattr(zoo, "ZOO", tmp_path / "none")
-    with pytest.raises(NotShipped, match="got 'merged'; there are none"):
+def test_without_an_installed_zoo_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(zoo, "PACKAGE", "no_such_zoo")
+    zoo.zoo_folder.cache_clear()
+    with pytest.raises(NotShipped, match="are not installed; install them: pip install robogauntlet-zoo"):
         shipped("zoo:merged")
 
 
 def test_finding_a_checkpoint_loads_no_torch():
-    code = "import sys, policies.zoo; print('torch' in sys.modules)"
-    root = Path(__file__).parents[2]
+    code = "import sys, robogauntlet.policies.zoo; print('torch' in sys.modules)"
+    root = ROOT
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
     assert done.stdout.strip() == "False"

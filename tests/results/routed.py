@@ -6,7 +6,7 @@ import json
 import math
 import random
 
-from suites.schema import MergingEntry
+from robogauntlet.suites.schema import MergingEntry
 from tests.results.synthetic import cells, document, row
 
 TASKS = (
@@ -16,8 +16,8 @@ TASKS = (
     "pybullet/PandaPickAndPlace-v3",
     "robosuite/Lift",
 )
-POLICIES = ("experts", "merged-told", "merged", "merged-paper")
-ROLES = MergingEntry(expert="experts", oracle_routed="merged-told", routed=("merged", "merged-paper"))
+POLICIES = ("experts", "merged-oracle-routed", "merged", "merged-paper")
+ROLES = MergingEntry(expert="experts", oracle_routed="merged-oracle-routed", routed=("merged", "merged-paper"))
 
 
 def plan(policies=POLICIES, tasks=TASKS):
@@ -49,7 +49,7 @@ def routed_rows(planned=10, seed=0, right=(0.97, 0.7)):
         for number in range(planned):
             inferred, chance = cell.task, {"experts": 0.95}.get(cell.policy, 0.9)
             routing = {}
-            if cell.policy.startswith("merged") and cell.policy != "merged-told":
+            if cell.policy.startswith("merged") and cell.policy != "merged-oracle-routed":
                 rate = right[POLICIES.index(cell.policy) - 2]
                 if generator.random() > rate:
                     inferred = TASKS[TASKS.index(cell.task) ^ 1] if cell.task != TASKS[-1] else TASKS[0]

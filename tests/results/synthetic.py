@@ -5,10 +5,14 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
-from results.record import EpisodeResult
-from results.run import PlannedCell, RunDocument, RunStatus, store_url, write_run
-from results.store import Store
-from suites.vocabulary import Cell, Condition, Protocol, content_hash
+import pandas as pd
+
+from robogauntlet.results.analysis.tables import CATEGORIES, COLUMNS, build_tables
+from robogauntlet.results.record import EpisodeResult
+from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus, store_url, write_run
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.episode import Cell, Condition, Protocol, content_hash
+from robogauntlet.suites.schema import Suite
 
 TASKS = ("maniskill/PushCube-v1", "maniskill/PickCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 CLEAN = (Condition(),)
@@ -23,7 +27,14 @@ def cells(policies=("oracle", "random"), tasks=TASKS, conditions=CLEAN):
     ]
 
 
+def suite(name="synthetic", **changes):
+    """A suite of which nothing but what is given matters. Its name is not checked: a database may hold any."""
+    values = {"name": "synthetic", "policies": ["oracle"], "tasks": ["maniskill/PushCube-v1"], "seeds": {"count": 10}}
+    return Suite.model_validate({**values, **changes}).model_copy(update={"name": name})
+
+
 def document(planned=10, of=None, **changes):
+    """A run document. `changes` are fields of it, or of its suite."""
     plan = tuple(
         PlannedCell(
             simulator=cell.simulator,
@@ -38,7 +49,7 @@ def document(planned=10, of=None, **changes):
     )
     values = {
         "run_id": "run-1",
-        "suite_name": "synthetic",
+        "suite": suite(**{name: changes.pop(name) for name in list(changes) if name not in RunDocument.model_fields}),
         "suite_hash": "0123456789abcdef",
         "suite_text": "name: synthetic\n",
         "suite_path": "suites/synthetic.yaml",
@@ -73,7 +84,7 @@ def row(cell, seed, status="success", **changes):
         "wait_s": 0.125,
         "wall_s": 2.0,
     }
-    return EpisodeResult.of(cell.episode(seed), **{**values, **changes})
+    return EpisodeResult.from_episode(cell.episode(seed), **{**values, **changes})
 
 
 def rows(of=None, planned=10, errors=0, seed=0):
@@ -94,3 +105,13 @@ def run_folder(folder: Path, run: RunDocument, results) -> Path:
     store.add(list(results))
     store.close()
     return folder
+
+
+def frame_of(results):
+    """The columns of records that tables are made from, as a report reads them."""
+    made = pd.DataFrame({name: [getattr(result, name) for result in results] for name in COLUMNS})
+    return made.astype(dict.fromkeys(CATEGORIES, "category")) if len(made) else made
+
+
+def tables_of(run, results):
+    return build_tables(run, frame_of(results))

@@ -8,7 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from results.record import FIELDS, OUTCOME, TELEMETRY, EpisodeResult, Status, describe_fields, outcome_row, rows_hash
+from robogauntlet.results.record import (
+    FIELDS,
+    OUTCOME,
+    TELEMETRY,
+    EpisodeResult,
+    Status,
+    describe_fields,
+    outcome_row,
+    rows_hash,
+)
 from tests.results.synthetic import cells, row
 
 EPISODE = cells()[0].episode(3)

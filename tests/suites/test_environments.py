@@ -2,8 +2,8 @@
 
 import pytest
 
-from suites.environments import Config, EnvironmentEntry
-from suites.loading import SuiteError, load_config
+from robogauntlet.suites.environments import Config, EnvironmentEntry
+from robogauntlet.suites.loading import SuiteError, load_config
 
 
 def problem(tmp_path, text):

@@ -4,11 +4,11 @@ import textwrap
 
 import pytest
 
-from suites.known import KnownNames, KnownPolicy, KnownTask
-from suites.loading import SuiteError, load_suite
-from suites.vocabulary import Condition, RenderProfile
+from robogauntlet.suites.episode import Condition, RenderProfile
+from robogauntlet.suites.loading import SuiteError, load_suite
+from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 
-NAMES = KnownNames(
+NAMES = Registry(
     tasks={
         "maniskill/PushCube-v1": KnownTask(80),
         "maniskill/PullCube-v1": KnownTask(80),
@@ -139,7 +139,7 @@ def test_an_unknown_task_is_told_with_those_of_its_simulator(problems):
 
 
 def test_what_is_there_for_tests_is_not_suggested_though_it_may_be_used(tmp_path):
-    names = KnownNames({"a/One": KnownTask(50), "null/One": KnownTask(50, internal=True)}, NAMES.policies, {})
+    names = Registry({"a/One": KnownTask(50), "null/One": KnownTask(50, internal=True)}, NAMES.policies, {})
     path = tmp_path / "s.yaml"
     path.write_text("name: s\npolicies: [oracle]\ntasks: [null/One]\nseeds: {count: 1}\n")
     assert load_suite(path, names).tasks == ("null/One",)

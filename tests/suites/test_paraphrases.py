@@ -4,11 +4,13 @@ import re
 
 import pytest
 
-from adapters.catalog import simulators, task_cards
-from suites.axes import SEVERITIES
-from suites.paraphrases import MOST_WORDS, OTHER_GOALS, PARAPHRASES
+from robogauntlet.adapters.catalog import simulators, task_descriptions
+from robogauntlet.suites.axes import SEVERITIES
+from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 from tests.policies.zoo import WITH_EXPERTS
 
+MOST_WORDS = 15
+"""What the smallest policies read."""
 INSTRUCTIONS = {
     card.instruction for s in simulators().values() if not s.internal for card in s.tasks.values() if card.instruction
 }
@@ -24,7 +26,7 @@ def test_another_goal_is_no_tasks_own():
 
 
 def test_every_task_with_an_expert_has_other_words_and_another_goal():
-    told = {card.instruction for task, card in task_cards().items() if task.startswith(WITH_EXPERTS)}
+    told = {card.instruction for task, card in task_descriptions().items() if task.startswith(WITH_EXPERTS)}
     assert OTHER_GOALS.keys() >= told
     assert PARAPHRASES.keys() >= told
 

@@ -5,7 +5,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from suites.plugins import load_plugins, nearest
+from robogauntlet.suites.plugins import did_you_mean, load_plugins
 
 
 @dataclass(frozen=True)
@@ -51,4 +51,4 @@ def test_a_broken_plugin_does_not_take_the_others_along(declared):
     ],
 )
 def test_an_unknown_name_is_answered_with_what_was_meant_or_what_there_is(name, known, expected):
-    assert nearest(name, known) == expected
+    assert did_you_mean(name, known) == expected

@@ -1,14 +1,13 @@
 """A suite expands to cells, and its hash says what is evaluated, not how."""
 
-from pathlib import Path
-
 import pytest
 
-from suites.known import KnownNames, KnownPolicy, KnownTask
-from suites.loading import load_suite
-from suites.schema import Suite
+from robogauntlet.suites.loading import load_suite
+from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
+from robogauntlet.suites.schema import PolicyEntry, Suite
+from tests import ROOT
 
-NAMES = KnownNames(
+NAMES = Registry(
     tasks={"a/One": KnownTask(50), "a/Two": KnownTask(70), "b/One": KnownTask(90)},
     policies={"oracle": KnownPolicy(), "random": KnownPolicy()},
     axes={"light": 5},
@@ -86,8 +85,27 @@ def test_workers_are_per_simulator_with_one_by_default():
     assert suite(workers=2).worker_count("b") == 2
 
 
-@pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "suites").glob("*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", sorted((ROOT / "suites").glob("*.yaml")), ids=lambda p: p.stem)
 def test_a_shipped_suite_is_sound(path):
-    from orchestrator.names import known_names
+    from robogauntlet.orchestrator.runs.plan import load_registry
 
-    assert load_suite(path, known_names()).name == path.stem
+    assert load_suite(path, load_registry()).name == path.stem
+
+
+@pytest.mark.parametrize(
+    ("text", "entry"),
+    [
+        ("oracle", ("oracle", "oracle", {})),
+        ("openpi://127.0.0.1:8000", ("openpi-127.0.0.1-8000", "openpi", {"address": "openpi://127.0.0.1:8000"})),
+        ("python:brains.reach:Reach", ("python-brains.reach-Reach", "python", {"callable": "brains.reach:Reach"})),
+    ],
+)
+def test_a_short_form_is_a_kind_with_its_one_option(text, entry):
+    found = PolicyEntry.model_validate(text)
+    assert (found.name, found.kind, found.options) == entry
+
+
+@pytest.mark.parametrize("text", ["oracle:", "openpi:", "nobody:there", ":x", "python :x"])
+def test_what_is_no_short_form_is_refused_as_a_name(text):
+    with pytest.raises(ValueError, match="name"):
+        PolicyEntry.model_validate(text)

@@ -1,12 +1,12 @@
-"""`gauntlet adapters`: which there are, whether they keep the contract, and the beginning of a new one."""
+"""`robogauntlet adapters`: list, create and check simulator adapters."""
 
 from __future__ import annotations
 
 import typer
 
-from orchestrator.cli.adapters import check, listing, new
+from robogauntlet.orchestrator.cli.adapters import check, list, new
 
 app = typer.Typer(no_args_is_help=True)
-app.command("list")(listing.list_adapters)
+app.command("list")(list.list_adapters)
 app.command("check")(check.check)
 app.command("new")(new.new)

@@ -1,4 +1,4 @@
-"""`gauntlet adapters check`: does an adapter keep what policies, perturbations and reports rely on?"""
+"""`robogauntlet adapters check`: check that an adapter fulfils its contract."""
 
 from __future__ import annotations
 
@@ -13,55 +13,60 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from adapters import catalog
-from adapters.contract import AdapterError, Simulator
-from orchestrator.cli.shared import BadInput, err, fail, homes_here, out
-from orchestrator.conformance.examining import MOST_TASKS, checks_of, default_tasks, examine
-from orchestrator.conformance.findings import Check, Finding, Outcome
-from orchestrator.conformance.processes import TIME_LIMIT_S
-from orchestrator.conformance.registry import CHECKS
-from suites.plugins import nearest
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import AdapterError, Simulator
+from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
+from robogauntlet.orchestrator.adapter_kit.checks.check import Check, CheckResult, Outcome
+from robogauntlet.orchestrator.adapter_kit.checks.processes import TIME_LIMIT_S
+from robogauntlet.orchestrator.adapter_kit.checks.runner import MAX_TASKS, checks_for, default_tasks, run_checks
+from robogauntlet.orchestrator.cli.common import BadInput, environment_resolver, err, fail, out, print_line
+from robogauntlet.suites.plugins import did_you_mean
 
 MARKS = {Outcome.PASSED: "ok", Outcome.FAILED: "FAILED", Outcome.SKIPPED: "-"}
 
 
 def check(
-    name: Annotated[str, typer.Argument(help="Of the simulator, such as mysim.")],
+    name: Annotated[str, typer.Argument(help="Name of the simulator, such as mysim.")],
     task: Annotated[
-        list[str] | None, typer.Option(help=f"Only this task. Repeatable; by default {MOST_TASKS} at most.")
+        list[str] | None, typer.Option(help=f"Only this task. Repeatable; by default at most {MAX_TASKS} tasks.")
     ] = None,
-    all_tasks: Annotated[bool, typer.Option("--all-tasks", help="Every check on every task of the simulator.")] = False,
+    all_tasks: Annotated[
+        bool, typer.Option("--all-tasks", help="Run every check on every task of the simulator.")
+    ] = False,
     only: Annotated[
-        list[str] | None, typer.Option(help="Only this check, or those that begin so, such as action. Repeatable.")
+        list[str] | None,
+        typer.Option(help="Only this check, or checks that begin with this, such as action. Repeatable."),
     ] = None,
-    time_limit: Annotated[float, typer.Option(help="For each check (s).", min=1.0)] = TIME_LIMIT_S,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all findings as JSON.")] = False,
+    time_limit: Annotated[float, typer.Option(help="Time limit of a check (s).", min=1.0)] = TIME_LIMIT_S,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
 ) -> None:
-    """Check an adapter against its contract, each task in a process of its own. Exit code 1 if a check failed."""
-    simulator = _found(name)
-    wanted = checks_of(_tasks(simulator, task, all_tasks), _checks(only), every=all_tasks)
+    """Check an adapter against its contract, each task in a process of its own.
+
+    Exit code 1 if a check failed.
+    """
+    simulator = _find(name)
+    wanted = checks_for(_tasks(simulator, task, all_tasks), _checks(only), every=all_tasks)
     began = time.perf_counter()
     with _progress() as progress:
         bar = progress.add_task(name, total=sum(map(len, wanted.values())), doing="")
-        seen: set[tuple[str, str]] = set()
-        alone = threading.Lock()
+        finished: set[tuple[str, str]] = set()
+        lock = threading.Lock()
 
-        def told(finding: Finding) -> None:
-            with alone:
-                seen.add((finding.task, finding.check))
-                progress.update(bar, completed=len(seen), doing=f"{finding.task} {finding.check}")
+        def on_result(result: CheckResult) -> None:
+            with lock:
+                finished.add((result.task, result.check))
+                progress.update(bar, completed=len(finished), doing=f"{result.task} {result.check}")
 
-        findings = examine(wanted, limit_s=time_limit, told=told)
-    failed = [finding for finding in findings if finding.outcome is Outcome.FAILED]
+        results = run_checks(wanted, limit_s=time_limit, on_result=on_result)
     if as_json:
-        print(json.dumps([asdict(finding) for finding in findings], indent=1))
+        print(json.dumps([asdict(result) for result in results], indent=1))
     else:
-        _show(wanted, findings, time.perf_counter() - began)
-    if failed:
+        _show(wanted, results, time.perf_counter() - began)
+    if any(result.outcome is Outcome.FAILED for result in results):
         raise typer.Exit(1)
 
 
-def _found(name: str) -> Simulator:
+def _find(name: str) -> Simulator:
     for plugin in catalog.broken_plugins():
         if plugin.name == name:
             raise BadInput(f"simulator {name}: {plugin.reason}")
@@ -69,10 +74,10 @@ def _found(name: str) -> Simulator:
         simulator = catalog.find(name)
     except AdapterError as error:
         raise BadInput(str(error)) from None
-    if reason := homes_here().missing_reason(simulator):
+    if reason := environment_resolver().missing_reason(simulator):
         raise BadInput(f"{name}: {reason}")
     if not simulator.tasks:
-        raise BadInput(f"{name}: expected a simulator with tasks, it declares none")
+        raise BadInput(f"{name}: expected a simulator with tasks, this one declares none")
     return simulator
 
 
@@ -83,15 +88,15 @@ def _tasks(simulator: Simulator, wanted: Sequence[str] | None, every: bool) -> l
     full = [task if "/" in task else f"{simulator.name}/{task}" for task in wanted]
     for task in full:
         if task not in known:
-            raise BadInput(f"unknown task '{task}'{nearest(task, known)}")
+            raise BadInput(f"unknown task '{task}'{did_you_mean(task, known)}")
     return list(dict.fromkeys(full))
 
 
 def _checks(only: Sequence[str] | None) -> list[Check]:
     for beginning in only or ():
         if not any(name.startswith(beginning) for name in CHECKS):
-            raise BadInput(f"unknown check '{beginning}'{nearest(beginning, CHECKS)}")
-    return [found for name, found in CHECKS.items() if not only or name.startswith(tuple(only))]
+            raise BadInput(f"unknown check '{beginning}'{did_you_mean(beginning, CHECKS)}")
+    return [check for name, check in CHECKS.items() if not only or name.startswith(tuple(only))]
 
 
 def _progress() -> Progress:
@@ -99,30 +104,30 @@ def _progress() -> Progress:
     return Progress(*columns, TextColumn("{task.fields[doing]}"), console=err, transient=True)
 
 
-def _show(wanted: Mapping[str, Sequence[Check]], findings: Sequence[Finding], seconds: float) -> None:
-    """A row for each check, a column for each task; then what failed, and why what was skipped was."""
+def _show(wanted: Mapping[str, Sequence[Check]], results: Sequence[CheckResult], seconds: float) -> None:
+    """Print a table of checks and tasks, the reasons of skipped checks, and the failures."""
     table = Table("check", box=None, pad_edge=False)
     for task in wanted:
         table.add_column(task.partition("/")[2], no_wrap=True)
     table.add_column("promise")
     worst: dict[tuple[str, str], Outcome] = {}
-    for finding in findings:
-        worst.setdefault((finding.check, finding.task), finding.outcome)
+    for result in results:
+        worst.setdefault((result.check, result.task), result.outcome)
     checks = list(dict.fromkeys(check for checks in wanted.values() for check in checks))
-    for found in checks:
-        marks = [MARKS[worst[found.name, task]] if found in checks else "" for task, checks in wanted.items()]
-        table.add_row(found.name, *marks, found.promise)
+    for check in checks:
+        marks = [MARKS[worst[check.name, task]] if check in checks else "" for task, checks in wanted.items()]
+        table.add_row(check.name, *marks, check.promise)
     out.print(table)
     skipped: dict[tuple[str, str], list[str]] = {}
-    for finding in findings:
-        if finding.outcome is Outcome.SKIPPED:
-            skipped.setdefault((finding.task, finding.seen), []).append(finding.check)
+    for result in results:
+        if result.outcome is Outcome.SKIPPED:
+            skipped.setdefault((result.task, result.seen), []).append(result.check)
     out.print()
     for (task, reason), names in skipped.items():
-        out.print(f"{task}: {', '.join(names)}: skipped: {reason}", markup=False, soft_wrap=True)
-    failed = [finding for finding in findings if finding.outcome is Outcome.FAILED]
-    for finding in failed:
-        fail(f"{finding.task}: {finding}")
-    counts = {outcome: sum(found is outcome for found in worst.values()) for outcome in Outcome}
+        print_line(f"{task}: {', '.join(names)}: skipped: {reason}")
+    for result in results:
+        if result.outcome is Outcome.FAILED:
+            fail(f"{result.task}: {result}")
+    counts = {outcome: list(worst.values()).count(outcome) for outcome in Outcome}
     numbers = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
     out.print(f"{len(checks)} checks on {len(wanted)} tasks in {seconds:.0f} s: {numbers}", markup=False)

@@ -1,4 +1,4 @@
-"""`gauntlet adapters new`: a package for a simulator that RoboGauntlet does not know."""
+"""`robogauntlet adapters new`: create the package of a new adapter."""
 
 from __future__ import annotations
 
@@ -7,25 +7,28 @@ from typing import Annotated
 
 import typer
 
-from adapters import catalog
-from orchestrator.cli.shared import BadInput, out
-from orchestrator.scaffold import ScaffoldError, write_package
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.adapter_kit.scaffold import ScaffoldError, write_package
+from robogauntlet.orchestrator.cli.common import BadInput, print_line
 
 
 def new(
-    name: Annotated[str, typer.Argument(help="Of the simulator, such as mysim.")],
+    name: Annotated[str, typer.Argument(help="Name of the simulator, such as mysim.")],
     out_folder: Annotated[
-        Path | None, typer.Option("--out", help="Folder to make; by default robogauntlet-NAME here.")
+        Path | None, typer.Option("--out", help="Folder to create; by default robogauntlet-NAME.")
     ] = None,
 ) -> None:
-    """Write the package of a new adapter. It works at once, on a toy, which your simulator replaces piece by piece."""
+    """Create the package of a new adapter.
+
+    The package works from the start, with a toy simulation that you replace piece by piece.
+    """
     folder = out_folder or Path(f"robogauntlet-{name}")
     try:
         files = write_package(name, folder, catalog.simulators())
     except ScaffoldError as error:
         raise BadInput(str(error)) from None
     for path in files:
-        out.print(str(path), markup=False, soft_wrap=True)
-    out.print(f"\ncd {folder}", markup=False, soft_wrap=True)
-    out.print("pip install --no-deps --no-build-isolation -e .", markup=False)
-    out.print(f"gauntlet adapters check {name}", markup=False)
+        print_line(str(path))
+    print_line(f"\ncd {folder}")
+    print_line("pip install --no-deps --no-build-isolation -e .")
+    print_line(f"robogauntlet adapters check {name}")

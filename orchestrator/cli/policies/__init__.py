@@ -1,10 +1,10 @@
-"""`gauntlet policies`: what makes policies, and serves them. One verb, one file."""
+"""`robogauntlet policies`: record demonstrations; train, merge, evaluate and serve policies."""
 
 from __future__ import annotations
 
 import typer
 
-from orchestrator.cli.policies import demonstrate, finetune, merge, pretrain, routing, serve
+from robogauntlet.orchestrator.cli.policies import demonstrate, finetune, merge, pretrain, routing, serve
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.command("demonstrate")(demonstrate.demonstrate)

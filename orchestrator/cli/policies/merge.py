@@ -1,151 +1,157 @@
-"""`gauntlet policies merge`: merge experts into one model that infers its task."""
+"""`robogauntlet policies merge`: merge experts into one model that infers the task."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from orchestrator.cli.policies.training import needs_training_packages
-from orchestrator.cli.shared import BadInput, out
-from orchestrator.folders import explain_at
-from policies.contract import PolicyError
-from policies.mergevla.card import CARD, WEIGHTS, CheckpointError, card_json
-from policies.mergevla.merged_card import KIND
-from policies.mergevla.merged_policy import expert_folders
-from policies.mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
-from policies.mergevla.merging.recipe import LAMBDA, MASKS_OF, BackboneRule, MaskRule, Recipe, TrunkRule
-from policies.zoo import shipped
-from suites.plugins import nearest
+from robogauntlet.orchestrator.cli.common import BadInput, out, print_line
+from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    METADATA_FILE,
+    WEIGHTS,
+    CheckpointError,
+    read_metadata_file,
+)
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError, OutOfRange
+from robogauntlet.policies.mergevla.merging.recipe import LAMBDA, MASKS_OF, BackboneRule, MaskRule, Recipe
+from robogauntlet.policies.mergevla.options import expert_folders
+from robogauntlet.policies.zoo import shipped
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import describe_os_error_at
 
 AUTO = "auto"
-Rule = TypeVar("Rule", MaskRule, TrunkRule)
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from policies.mergevla.merged_model import Parts
-    from policies.mergevla.merging.diagnostics import MergeReport
-    from policies.mergevla.merging_experts import Experts
-    from policies.training.dataset import Demonstrations
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights
+    from robogauntlet.policies.mergevla.merging.diagnostics import MergeReport
+    from robogauntlet.policies.training.dataset import Demonstrations
 
 
 def merge(
-    experts: Annotated[list[str], typer.Argument(metavar="EXPERTS...", help="Checkpoints, or folders of them.")],
+    experts: Annotated[list[str], typer.Argument(metavar="EXPERTS...", help="Expert checkpoints, or folders of them.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the merged checkpoint.")],
     operator: Annotated[
-        str, typer.Option(help="mean, ta, ties, dare, tsv, knots, wudi, emr, magnitude or flat.")
+        str, typer.Option(help="Merging operator: mean, ta, ties, dare, tsv, knots, wudi, emr, magnitude or flat.")
     ] = "ties",
     masks: Annotated[
-        str | None, typer.Option(help="none, task, emr or signs; by default the operator's own, else task.")
+        str | None, typer.Option(help="Masks: none, task, emr or signs; by default those of the operator, else task.")
     ] = None,
     lambdas: Annotated[
         list[str] | None,
         typer.Option(
             "--lambda",
             metavar="NUMBER|TASK=NUMBER|auto",
-            help="Of the task masks. Repeatable. auto: for each task the best on its held-out demonstrations.",
+            help="Lambda of the task masks. Repeatable. auto: the best on the held-out demonstrations of each task.",
         ),
     ] = None,
     rounds: Annotated[
-        int, typer.Option(help="Bits spent on each weight under masks signs: each round reads what is left over.")
+        int,
+        typer.Option(help="Bits per weight with --masks signs; each round encodes the remainder of the one before."),
     ] = 1,
     alpha: Annotated[float, typer.Option(help="Scale of the merged task vector.")] = 1.0,
     trunk: Annotated[
-        str, typer.Option(help="vectors: merged as the backbone is; mean: averaged, as in the paper.")
+        str,
+        typer.Option(
+            help="Trunk of the action expert: vectors (merged like the backbone) or mean (averaged, as in the paper)."
+        ),
     ] = "vectors",
-    keep_blocks: Annotated[int, typer.Option(help="k, the last blocks that each task keeps.")] = 1,
+    keep_blocks: Annotated[int, typer.Option(help="Number of last blocks that stay separate for each task (k).")] = 1,
     merge_output: Annotated[bool, typer.Option(help="Merge the output layer with the trunk.")] = False,
     select: Annotated[bool, typer.Option(help="Keep each task's own adapter instead of merging backbones.")] = False,
     options: Annotated[
-        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Of the operator. Repeatable.")
+        list[str] | None, typer.Option("--option", metavar="NAME=VALUE", help="Option of the operator. Repeatable.")
     ] = None,
     demonstrations: Annotated[
         list[Path] | None,
-        typer.Option(help="Datasets, or folders of them, to fit routers on. Repeatable. Without, some cannot be used."),
+        typer.Option(help="Datasets, or folders of them, to fit routers on; some routers need them. Repeatable."),
     ] = None,
 ) -> None:
-    """Merge experts of one base, which must stay where it is, and say what merging did to them."""
-    with needs_training_packages():
-        import sklearn  # noqa: F401  needed by what imports it late
+    """Merge experts of one base into one model that infers the task.
 
-        from policies.mergevla.merged_checkpoint import save_merged
-        from policies.mergevla.merging_experts import merge_experts, read_experts
-        from policies.training.dataset import datasets_of
+    The base must stay where it is.
+    """
+    with needs_training_packages():
+        import sklearn  # noqa: F401  imported late by the routers
+
+        from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
+        from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
+        from robogauntlet.policies.training.dataset import datasets_of
     try:
         _check_out(out_folder)
         read = read_experts(_checkpoints(experts))
-        recipe = Recipe(
-            operator=operator,
-            alpha=alpha,
-            masks=_rule(MaskRule, masks or MASKS_OF.get(operator, MaskRule.TASK)),
-            lambda_=LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_task)),
-            rounds=rounds,
-            trunk=_rule(TrunkRule, trunk),
-            kept_blocks=keep_blocks,
-            merge_output=merge_output,
-            backbone=BackboneRule.SELECT if select else BackboneRule.MERGED,
-            options=_options(options or ()),
+        recipe = Recipe.from_json(
+            {
+                "operator": operator,
+                "alpha": alpha,
+                "masks": masks or MASKS_OF.get(operator, MaskRule.TASK),
+                "lambda_": LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_task)),
+                "rounds": rounds,
+                "trunk": trunk,
+                "kept_blocks": keep_blocks,
+                "merge_output": merge_output,
+                "backbone": BackboneRule.SELECT if select else BackboneRule.MERGED,
+                "options": _options(options or ()),
+            }
         )
-        shown = datasets_of(demonstrations or (), tuple(read.by_task))
-        instructions = {dataset.task: dataset.instructions[0] for dataset in shown}
+        datasets = datasets_of(demonstrations or (), tuple(read.by_task))
+        instructions = {dataset.task: dataset.instructions[0] for dataset in datasets}
         if lambdas == [AUTO]:
-            recipe = _chosen(read, recipe, shown, instructions)
+            recipe = _best_lambdas(read, recipe, datasets, instructions)
         merging = merge_experts(read, recipe, instructions)
-        card = save_merged(out_folder, merging, _fit(merging.parts, shown) if shown else None)
+        metadata = save_merged(out_folder, merging, _fit(merging.parts, datasets) if datasets else None)
     except PolicyError as error:
         raise BadInput(str(error)) from None
     except OSError as error:
-        raise BadInput(explain_at(error, out_folder)) from None
-    _show(merging.report, recipe, _losses(read, merging.parts, shown, instructions) if shown else {})
+        raise BadInput(describe_os_error_at(error, out_folder)) from None
+    _show(merging.report, recipe, _losses(read, merging.parts, datasets, instructions) if datasets else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
-    routers = f"fitted routers: {', '.join(card.routers)}" if card.routers else "no router was fitted"
-    said = f"{out_folder}: {len(card.experts)} experts merged, {size:.1f} MB beside the base; {routers}"
-    out.print(said, markup=False, soft_wrap=True)
+    routers = f"fitted routers: {', '.join(metadata.routers)}" if metadata.routers else "no router was fitted"
+    print_line(f"{out_folder}: {len(metadata.experts)} experts merged, {size:.1f} MB beside the base; {routers}")
 
 
 def _checkpoints(references: Sequence[str]) -> list[str]:
-    """The experts' checkpoints, those in folders of them included."""
-    found: list[str] = []
+    """The expert checkpoints, including those in folders."""
+    checkpoints: list[str] = []
     for reference in references:
         folder = shipped(reference)
-        if folder.is_dir() and not (folder / CARD).exists() and not (folder / WEIGHTS).exists():
-            found += map(str, expert_folders(folder).values())
+        if folder.is_dir() and not (folder / METADATA_FILE).exists() and not (folder / WEIGHTS).exists():
+            checkpoints += map(str, expert_folders(folder).values())
         else:
-            found.append(reference)
-    return found
+            checkpoints.append(reference)
+    return checkpoints
 
 
 def _check_out(folder: Path) -> None:
-    """Refuse to write over anything but an earlier merged checkpoint, or what a killed merge left."""
+    """Refuse to overwrite anything but a merged checkpoint or the remains of a killed merge."""
     if folder.is_dir() and all(_is_leftover(path) for path in folder.iterdir()):
         return
-    if folder.exists() and not ((folder / CARD).is_file() and card_json(folder).get("kind") == KIND):
+    if folder.exists() and not ((folder / METADATA_FILE).is_file() and read_metadata_file(folder).get("kind") == KIND):
         raise CheckpointError(f"expected a new folder or that of a merged checkpoint for --out, got '{folder}'")
 
 
 def _is_leftover(path: Path) -> bool:
-    """Whether this is half a file of ours, or of safetensors."""
+    """Whether this is a partial file of ours or of safetensors."""
     return path.is_file() and (path.suffix == ".partial" or path.name.startswith(".tmp"))
 
 
-def _rule(rules: type[Rule], value: str) -> Rule:
-    if value not in tuple(rules):
-        raise OutOfRange(f"expected one of {', '.join(rules)}, got '{value}'")
-    return rules(value)
-
-
 def _lambdas(given: Sequence[str], experts: tuple[str, ...]) -> float | dict[str, float]:
-    """One number for all, or one for each expert if any was named."""
+    """One number for all experts, or one for each expert if any is named."""
     for_all, named = LAMBDA, {}
     for text in given:
         task, _, number = text.rpartition("=")
         if task and task not in experts:
-            raise ExpertsDiffer(f"expected --lambda for one of the experts, got '{task}'{nearest(task, experts)}")
+            raise ExpertsDiffer(f"expected --lambda for one of the experts, got '{task}'{did_you_mean(task, experts)}")
         try:
             value = float(number)
         except ValueError:
@@ -158,74 +164,65 @@ def _lambdas(given: Sequence[str], experts: tuple[str, ...]) -> float | dict[str
 
 
 def _options(given: Sequence[str]) -> dict[str, Any]:
-    """Names to numbers, or to text where that is no number."""
-    found: dict[str, Any] = {}
+    """Option names to their values, as JSON or else as text."""
+    options: dict[str, Any] = {}
     for text in given:
         name, equals, value = text.partition("=")
         if not name or not equals:
             raise MergeError(f"expected --option NAME=VALUE, got '{text}'")
         try:
-            found[name] = json.loads(value)
+            options[name] = json.loads(value)
         except ValueError:
-            found[name] = value
-    return found
+            options[name] = value
+    return options
 
 
-def _fit(parts: Parts, datasets: Sequence[Demonstrations]) -> dict[str, Tensor]:
-    from policies.mergevla.merged_model import MergedModel
-    from policies.mergevla.routing.catalog import fit_routers
-    from policies.mergevla.routing.demonstrations import first_sightings
+def _fit(parts: MergedWeights, datasets: Sequence[Demonstrations]) -> dict[str, Tensor]:
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.routing.catalog import fit_routers
+    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
 
-    first = first_sightings(datasets, parts.architecture.cameras)
+    first = first_observations(datasets, parts.architecture.cameras)
     return fit_routers(MergedModel(parts), first.frames, first.held_out)
 
 
-def _chosen(
+def _best_lambdas(
     experts: Experts, recipe: Recipe, datasets: Sequence[Demonstrations], instructions: dict[str, str]
 ) -> Recipe:
-    """The recipe with the lambda that is best for each task."""
-    from policies.training.pool import Pool
-    from policies.training.selection import choose_lambdas
+    """The recipe with the best lambda for each task."""
+    from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+    from robogauntlet.policies.training.lambda_selection import choose_lambdas
 
     if not datasets:
         raise MergeError(f"expected --demonstrations with --lambda {AUTO}, got none")
-    chosen, _ = choose_lambdas(experts, recipe, Pool(datasets), instructions, progress=out.print)
-    assert not isinstance(chosen.lambda_, float)
+    chosen, _ = choose_lambdas(experts, recipe, DatasetMixture(datasets), instructions, progress=out.print)
+    assert isinstance(chosen.lambda_, Mapping)
     for task, value in chosen.lambda_.items():
         out.print(f"{task}: lambda {value:g}", markup=False, highlight=False)
     return chosen
 
 
 def _losses(
-    experts: Experts, parts: Parts, datasets: Sequence[Demonstrations], instructions: dict[str, str]
+    experts: Experts, parts: MergedWeights, datasets: Sequence[Demonstrations], instructions: dict[str, str]
 ) -> dict[str, tuple[float, float]]:
-    """Task to the L1 on its held-out demonstrations, of the expert and merged; empty where nothing is held out."""
-    from policies.mergevla.merged_model import MergedModel
-    from policies.training.pool import Pool
-    from policies.training.selection import experts_l1, held_out_l1
+    """Task to the held-out L1 of its expert and of the merged model; empty if a task has no held-out episodes."""
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+    from robogauntlet.policies.training.lambda_selection import experts_l1, held_out_l1
 
     if any(dataset.episodes < 2 for dataset in datasets):
         return {}
-    pool = Pool(datasets)
+    pool = DatasetMixture(datasets)
     alone = experts_l1(experts, pool, instructions)
     merged = held_out_l1(MergedModel(parts).model, parts.statistics, pool)
     return {task: (alone[task], merged[task]) for task in alone}
 
 
 def _show(report: MergeReport, recipe: Recipe, losses: Mapping[str, tuple[float, float]]) -> None:
-    """What the masks keep of the merged vector, beside what they would keep of unrelated ones."""
+    """Print what the masks keep of the merged task vector, and what they would keep by chance."""
     table = Table("expert", box=None, pad_edge=False)
-    for title in (
-        "keep rate",
-        "chance",
-        "cosine",
-        "chance",
-        "mask KB",
-        "own KB",
-        "as LoRA KB",
-        "held-out L1",
-        "merged",
-    ):
+    columns = "keep rate", "chance", "cosine", "chance", "mask KB", "own KB", "as LoRA KB", "held-out L1", "merged"
+    for title in columns:
         table.add_column(title, justify="right")
     observed, chance = report.observed, report.null
     for expert in report.experts:
@@ -242,6 +239,6 @@ def _show(report: MergeReport, recipe: Recipe, losses: Mapping[str, tuple[float,
     out.print(f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f}; {report.entries} weights merged")
     for part, distances in report.block_distances.items():
         first_kept = len(distances) - recipe.kept_blocks
-        trunk, head = (" ".join(f"{d:.3f}" for d in some) for some in (distances[:first_kept], distances[first_kept:]))
-        said = f"distance of experts by block, {part}: merged {trunk or 'none'}; kept {head or 'none'}"
-        out.print(said, soft_wrap=True)
+        halves = distances[:first_kept], distances[first_kept:]
+        trunk, head = (" ".join(f"{distance:.3f}" for distance in half) for half in halves)
+        print_line(f"distance of experts by block, {part}: merged {trunk or 'none'}; kept {head or 'none'}")

@@ -1,4 +1,4 @@
-"""`gauntlet policies pretrain`: train the base that experts start from."""
+"""`robogauntlet policies pretrain`: train the base that experts start from."""
 
 from __future__ import annotations
 
@@ -8,51 +8,58 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from orchestrator.cli.policies.training import needs_training_packages, run_training
+from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages, run_training
 
 if TYPE_CHECKING:
-    from policies.training.finetune import Pace, Trained
+    from robogauntlet.policies.training.finetune import TrainingResult, TrainingStatus
 
 
 def pretrain(
     data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="Datasets, or folders of datasets.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
     size: Annotated[str, typer.Option(help="tiny, or qwen2.5-0.5b with pretrained weights.")] = "tiny",
-    quirks: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--quirk", metavar="NAME", help="Of the paper's released code; 'paper' for all of them. Repeatable."
-        ),
-    ] = None,
-    self_attention: Annotated[
-        bool, typer.Option("--self-attention", help="VLA-Adapter's blocks: the paper's negative control.")
-    ] = False,
-    gate: Annotated[str | None, typer.Option(help="sigmoid or tanh, by default the block's own.")] = None,
-    steps: Annotated[int, typer.Option(help="Steps of the optimiser.")] = 2000,
+    steps: Annotated[int, typer.Option(help="Optimiser steps.")] = 2000,
     batch_size: Annotated[int, typer.Option(help="Frames per step.")] = 32,
-    learning_rate: Annotated[float, typer.Option(help="After the warm-up.")] = 1e-3,
-    schedule: Annotated[str, typer.Option(help="cosine or constant.")] = "cosine",
+    learning_rate: Annotated[float, typer.Option(help="Learning rate after the warm-up.")] = 1e-3,
+    schedule: Annotated[str, typer.Option(help="Learning rate schedule: cosine or constant.")] = "cosine",
     action_steps: Annotated[
-        int | None, typer.Option(help="Actions of a chunk that the base executes before it looks again; default all.")
+        int | None,
+        typer.Option(help="Actions of a chunk that the base executes before its next query; by default all."),
     ] = None,
-    shift: Annotated[int, typer.Option(help="Images are moved at random by up to so many px.")] = 4,
-    seed: Annotated[int, typer.Option(help="Of weights, batches and shifts.")] = 0,
-    threads: Annotated[int, typer.Option(help="Threads on the CPU.")] = 1,
+    shift: Annotated[int, typer.Option(help="Largest random shift of the images (px).")] = 4,
+    seed: Annotated[int, typer.Option(help="Seed of weights, batches and shifts.")] = 0,
+    threads: Annotated[int, typer.Option(help="CPU threads.")] = 1,
 ) -> None:
-    """Train backbone and action expert on the demonstrations of all tasks. Stopped, the same command continues."""
-    with needs_training_packages():
-        from policies.mergevla.backbone import Pretrained, load_pretrained
-        from policies.mergevla.card import check_action_steps
-        from policies.mergevla.config import ConvStem
-        from policies.training import finetune as training
-        from policies.training.options import architecture_of, settings_of
-        from policies.training.pool import Pool
+    """Train the base that experts start from.
 
-    def train(listener: Callable[[Pace], None], stop: Callable[[], bool]) -> Trained:
-        architecture = architecture_of(size, quirks or (), self_attention, gate)
-        settings = settings_of(steps, batch_size, learning_rate, schedule, shift, seed, threads)
+    Backbone and action expert are trained on the demonstrations of all tasks. The same command continues a training
+    that was stopped.
+    """
+    with needs_training_packages():
+        from robogauntlet.policies.mergevla.checkpoints.metadata import check_action_steps
+        from robogauntlet.policies.mergevla.network.backbone import Pretrained, load_pretrained
+        from robogauntlet.policies.mergevla.network.config import CONTROLS, SIZES, ArchitectureError, ConvStem
+        from robogauntlet.policies.training import finetune as training
+        from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+
+    def train(listener: Callable[[TrainingStatus], None], stop: Callable[[], bool]) -> TrainingResult:
+        known = {**SIZES, **CONTROLS}
+        if size not in known:
+            raise ArchitectureError(f"expected one of {', '.join(known)} for --size, got '{size}'")
+        architecture = known[size]
+        settings = training.Settings.from_json(
+            {
+                "steps": steps,
+                "batch_size": batch_size,
+                "learning_rate": learning_rate,
+                "schedule": schedule,
+                "largest_shift": shift,
+                "seed": seed,
+                "threads": threads,
+            }
+        )
         check_action_steps(action_steps, architecture)
-        pool = Pool.open(data)
+        pool = DatasetMixture.open(data)
         pretrained = not isinstance(architecture.vision, ConvStem)
         return training.pretrain(
             pool,

@@ -1,4 +1,4 @@
-"""`gauntlet policies routing`: how well each router infers the task, without playing episodes."""
+"""`robogauntlet policies routing`: evaluate how well routers infer the task, without playing episodes."""
 
 from __future__ import annotations
 
@@ -12,117 +12,122 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from orchestrator.cli.policies.training import needs_training_packages
-from orchestrator.cli.shared import BadInput, fail, out
-from orchestrator.cli.tables import rich_table
-from orchestrator.display import Display
-from orchestrator.progress import format_duration
-from orchestrator.routing_tables import (
+from robogauntlet.orchestrator.cli.common import BadInput, fail, out, print_line
+from robogauntlet.orchestrator.cli.console_tables import rich_table
+from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
+from robogauntlet.orchestrator.routing_evaluation.tables import (
     INSTRUCTION,
     as_json,
     confusions,
     router_table,
-    scene_pairs,
     split,
     unknown_table,
 )
-from policies.contract import PolicyError
-from results.report.text import seconds
+from robogauntlet.orchestrator.runs.live_display import Display
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.results.report.formatting import seconds
+from robogauntlet.support.durations import format_duration
 
 if TYPE_CHECKING:
-    from orchestrator.routing_study import RoutingStudy
+    from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudy
 
-MOST_SEEDS = 100_000
-WIDE = 130
-"""Characters for the whole table of routers in one."""
+MAX_SEEDS = 100_000
+ROUTER_TABLE_WIDTH = 130
+"""Characters that the table of routers needs in one piece."""
 
 
 def routing(
-    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="A merged checkpoint's folder or hub id.")],
-    seed_count: Annotated[int, typer.Option("--seeds", help="Episodes to look at, per task.")] = 100,
-    first_seed: Annotated[int, typer.Option(help="Seeds count from here. Demonstrations count from 1,000,000.")] = 0,
+    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Folder or hub id of a merged checkpoint.")],
+    seed_count: Annotated[int, typer.Option("--seeds", help="First observations per task.")] = 100,
+    first_seed: Annotated[int, typer.Option(help="First seed. The seeds of demonstrations begin at 1,000,000.")] = 0,
     keep: Annotated[
-        Path | None, typer.Option(help="Folder to keep first observations in; what is there is not looked at again.")
+        Path | None, typer.Option(help="Folder that caches first observations, so that they are rendered once.")
     ] = None,
     demonstrations: Annotated[
         list[Path] | None,
-        typer.Option(help="Datasets, or folders of them: leave each task out in turn, as unknown. Repeatable."),
+        typer.Option(
+            help="Datasets, or folders of them: each task is left out in turn and treated as unknown. Repeatable."
+        ),
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="PATH", help="Write all of it there.")] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="PATH", help="File for all results as JSON.")
+    ] = None,
 ) -> None:
-    """Put every router to the test on first observations: accuracy, calibration, latency, and what is unknown."""
+    """Evaluate every router on first observations: accuracy, calibration, latency and unknown tasks."""
     _check(seed_count, first_seed, keep, json_file)
     with needs_training_packages():
-        import sklearn  # noqa: F401  needed by what imports it late
+        import sklearn  # noqa: F401  imported late by the routers
 
-        from orchestrator.routing_study import Order, study_routing
-        from orchestrator.sighting import SightingError
-    order = Order(checkpoint, range(first_seed, first_seed + seed_count), keep, tuple(demonstrations or ()))
+        from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudyRequest, study_routing
+        from robogauntlet.orchestrator.routing_evaluation.first_observations import FirstObservationError
+    request = RoutingStudyRequest(
+        checkpoint, range(first_seed, first_seed + seed_count), keep, tuple(demonstrations or ())
+    )
     try:
         with StudyProgress(out) as progress:
-            study = study_routing(order, progress.show)
+            study = study_routing(request, progress.show)
         _show(study)
         if json_file is not None:
             json_file.write_text(json.dumps(as_json(study), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except (PolicyError, SightingError) as error:
+    except (PolicyError, FirstObservationError) as error:
         raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{error.filename or keep}: {error.strerror}") from None
 
 
 class StudyProgress(Display):
-    """One line that says what is being done, how far it is and how long it takes still."""
+    """A line with the current activity, its progress and the time left."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(console, transient=True, now=now)
-        self._what, self._began, self._before = "", 0.0, 0
+        self._activity, self._began, self._before = "", 0.0, 0
 
-    def show(self, what: str, done: int, wanted: int) -> None:
-        """Refresh what is shown."""
+    def show(self, activity: str, done: int, wanted: int) -> None:
+        """Show the latest numbers."""
         now = self._now()
-        if what != self._what:
-            self._what, self._began, self._before = what, now, done
+        if activity != self._activity:
+            self._activity, self._began, self._before = activity, now, done
         pace = (done - self._before) / (now - self._began) if now > self._began else 0.0
         left = f"  {format_duration((wanted - done) / pace)} left" if pace and done < wanted else ""
-        line = f"{what}: {done}/{wanted}{left}"
+        line = f"{activity}: {done}/{wanted}{left}"
         self.draw(lambda: Text(line), lambda: [line])
 
 
 def _check(count: int, first_seed: int, keep: Path | None, json_file: Path | None) -> None:
-    """Refuse at once what would fail after the work."""
-    if not 1 <= count <= MOST_SEEDS:
-        raise BadInput(f"--seeds: expected 1 to {MOST_SEEDS}, got {count}")
+    """Refuse options that would fail only after the work."""
+    if not 1 <= count <= MAX_SEEDS:
+        raise BadInput(f"--seeds: expected 1 to {MAX_SEEDS}, got {count}")
     if not 0 <= first_seed <= 2**62:
         raise BadInput(f"--first-seed: expected 0 to 2^62, got {first_seed}")
     if keep is not None and keep.exists() and not keep.is_dir():
         raise BadInput(f"--keep: expected a folder, got the file '{keep}'")
     if json_file is not None and (json_file.is_dir() or not json_file.parent.is_dir()):
-        raise BadInput(f"--json: expected a file in a folder that is there, got '{json_file}'")
+        raise BadInput(f"--json: expected a file in an existing folder, got '{json_file}'")
 
 
 def _show(study: RoutingStudy) -> None:
     for name, reason in study.skipped.items():
         fail(f"{name} is skipped: {reason}")
-    looked = f"{len(study.tasks)} tasks, {len(study.order.seeds)} seeds from {study.order.seeds[0]}"
-    table, pairs = router_table(study), len(scene_pairs(study.tasks))
-    title = f"Routers on first observations ({looked})"
-    if pairs and out.width < WIDE:
-        table, alone = split(table, pairs)
+    extent = f"{len(study.tasks)} tasks, {len(study.request.seeds)} seeds from {study.request.seeds[0]}"
+    table, pairs = router_table(study), len(study.routers[0].quality.scene_pairs)
+    title = f"Routers on first observations ({extent})"
+    if pairs and out.width < ROUTER_TABLE_WIDTH:
+        table, same_scene = split(table, pairs)
         out.print(rich_table(table, title=title))
         out.print()
-        title, table = "Their accuracy where tasks share a scene", alone
+        title, table = "Their accuracy where tasks share a scene", same_scene
     out.print(rich_table(table, title=title))
-    out.print(f"one backbone pass: {seconds(study.judgement.pass_s)}, median, measured beside the routers")
+    out.print(f"one backbone pass: {seconds(study.pass_s)}, median, measured with the routers")
     if study.unfitted:
         fail("the checkpoint holds no fitted routers; merge with --demonstrations to have them")
-    for one in study.judgement.routers:
-        if one.study.calibrated is not None:
-            lines = confusions(one.study)
-            title = f"{one.router}, instruction {INSTRUCTION[one.sees_instruction]}"
+    for router in study.routers:
+        if router.quality.calibration is not None:
+            lines = confusions(router.quality.confusion)
+            title = f"{router.router}, instruction {INSTRUCTION[router.sees_instruction]}"
             out.print(f"{title}: {'misrouted' if lines else 'none misrouted'}")
             for line in lines:
-                out.print(f"  {line}", markup=False, soft_wrap=True)
+                print_line(f"  {line}")
     for unknown in study.unknown:
         title = f"Each task unknown in turn: {unknown.router}, instruction {INSTRUCTION[unknown.sees_instruction]}"
         out.print()
-        out.print(rich_table(unknown_table(unknown.left_out), title=title))
+        out.print(rich_table(unknown_table(unknown), title=title))

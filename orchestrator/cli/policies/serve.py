@@ -1,4 +1,4 @@
-"""`gauntlet policies serve`: a policy for other processes, in openpi's protocol."""
+"""`robogauntlet policies serve`: serve a policy to other processes in openpi's protocol."""
 
 from __future__ import annotations
 
@@ -11,53 +11,67 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import yaml
 
-from orchestrator.cli.shared import BadInput, out
-from policies import catalog, zoo
-from policies.contract import PolicyError
-from policies.mergevla.card import CARD, card_json
-from policies.mergevla.merged_card import KIND as MERGED
-from policies.mergevla.merged_policy import EXPERTS_NAME, MERGED_NAME
-from suites.plugins import nearest
-from suites.shorthand import policy_entry
+from robogauntlet.orchestrator.cli.common import BadInput, out, print_line
+from robogauntlet.policies import catalog, zoo
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
+from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
+from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.schema import policy_entry
 
 if TYPE_CHECKING:
-    from orchestrator.policy_server import PolicyServer
+    from robogauntlet.orchestrator.inference.websocket_server import PolicyServer
 
-TOKEN = "GAUNTLET_TOKEN"
+TOKEN = "ROBOGAUNTLET_TOKEN"
 
 
 def serve(
     policy: Annotated[
         str,
-        typer.Argument(metavar="POLICY", help="A checkpoint's folder, zoo:NAME, a kind of policy, python:MODULE:NAME."),
+        typer.Argument(
+            metavar="POLICY", help="Folder of a checkpoint, zoo:NAME, a kind of policy, or python:MODULE:NAME."
+        ),
     ],
     option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the kind, in YAML. Repeatable.")
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Option of the policy kind, in YAML. Repeatable.")
     ] = None,
-    host: Annotated[str, typer.Option(help=f"Address to listen on; another than loopback needs {TOKEN}.")] = (
-        "127.0.0.1"
-    ),
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 for any that is free.")] = 8000,
-    task: Annotated[str, typer.Option(help="Task of clients that do not name theirs.")] = "unknown/unknown",
-    batch: Annotated[int, typer.Option(min=1, max=1024, help="Queries of several clients in one batch at most.")] = 1,
-    wait_ms: Annotated[float, typer.Option(min=0, max=1000, help="Time that a batch is waited for.")] = 2.0,
-    most_mib: Annotated[int, typer.Option(min=1, max=1024, help="Size of a message at most (MiB).")] = 16,
+    host: Annotated[
+        str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
+    ] = ("127.0.0.1"),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")] = 8000,
+    task: Annotated[str, typer.Option(help="Task of clients that do not name one.")] = "unknown/unknown",
+    batch: Annotated[
+        int, typer.Option(min=1, max=1024, help="Largest number of queries, of several clients, in a batch.")
+    ] = 1,
+    wait_ms: Annotated[float, typer.Option(min=0, max=1000, help="Time to wait for a batch to fill (ms).")] = 2.0,
+    most_mib: Annotated[int, typer.Option(min=1, max=1024, help="Largest size of a message (MiB).")] = 16,
 ) -> None:
-    """Serve a policy over a websocket: for suites (kind openpi), openpi's own clients, and robots."""
+    """Serve a policy over a websocket.
+
+    Clients are suites (policy kind openpi), openpi's own clients, and robots.
+    """
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        from orchestrator.policy_server import Place, PolicyServer, Served, ServeError
+        from robogauntlet.orchestrator.inference.websocket_server import (
+            IdentifiedPolicy,
+            PolicyServer,
+            ServeError,
+            ServerOptions,
+        )
     except ModuleNotFoundError as error:
-        raise BadInput(f"expected the packages of robogauntlet[remote], found none named {error.name}") from None
-    place = Place(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
+        raise BadInput(
+            f'not installed (no module {error.name}); install it: pip install "robogauntlet[remote]"'
+        ) from None
+    place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
     try:
         place.check()
-        kind, options = named(policy, option or ())
-        served = Served(catalog.load(kind, options), policy, catalog.digest(kind, options), task)
+        kind, options = kind_and_options(policy, option or ())
+        served = IdentifiedPolicy(catalog.load(kind, options), policy, catalog.digest(kind, options), task)
         asyncio.run(_until_stopped(PolicyServer(served, place)))
     except (PolicyError, ServeError) as error:
         raise BadInput(str(error)) from None
-    out.print("ended")
+    out.print("stopped")
 
 
 async def _until_stopped(server: PolicyServer) -> None:
@@ -69,11 +83,7 @@ async def _until_stopped(server: PolicyServer) -> None:
         address, port = listening.sockets[0].getsockname()[:2]
         address = f"[{address}]" if ":" in address else address
         served = server.served
-        out.print(
-            f"serving {served.name} ({served.digest}) at ws://{address}:{port}; Ctrl-C ends it",
-            markup=False,
-            soft_wrap=True,
-        )
+        print_line(f"serving {served.name} ({served.digest}) at ws://{address}:{port}; stop with Ctrl-C")
         await stop.wait()
     finally:
         listening.close()
@@ -81,39 +91,39 @@ async def _until_stopped(server: PolicyServer) -> None:
         server.close()
 
 
-def named(text: str, options: Sequence[str]) -> tuple[str, Mapping[str, Any]]:
-    """Kind and options of the policy that is meant.
+def kind_and_options(text: str, options: Sequence[str]) -> tuple[str, Mapping[str, Any]]:
+    """Return the kind and the options of a policy.
 
     Raises:
-        BadInput: There is no such policy, or an option is not NAME=VALUE or none of its kind's.
+        BadInput: There is no such policy, or an option is not NAME=VALUE or unknown to its kind.
         PolicyError: The zoo has no such checkpoint.
     """
     entry = policy_entry(text)
     if entry["kind"] in catalog.kinds():
-        kind, own = entry["kind"], entry.get("options", {})
+        kind, values = entry["kind"], entry.get("options", {})
     else:
-        kind, own = _checkpoint(text)
+        kind, values = _checkpoint(text)
     known = catalog.find(kind).options
     for given in options:
         name, sign, value = given.partition("=")
         if not sign or name not in known:
-            hint = nearest(name, known)
+            hint = did_you_mean(name, known)
             raise BadInput(f"--option: expected NAME=VALUE with an option of '{kind}', got '{given}'{hint}")
         try:
-            own = {**own, name: yaml.safe_load(value)}
+            values = {**values, name: yaml.safe_load(value)}
         except yaml.YAMLError:
             raise BadInput(f"--option {name}: expected YAML, got '{value}'") from None
-    return kind, own
+    return kind, values
 
 
 def _checkpoint(reference: str) -> tuple[str, Mapping[str, Any]]:
     folder = zoo.shipped(reference)
-    if (folder / CARD).is_file():
-        merged = card_json(folder).get("kind") == MERGED
+    if (folder / METADATA_FILE).is_file():
+        merged = read_metadata_file(folder).get("kind") == MERGED
         return (MERGED_NAME if merged else "mergevla"), {"checkpoint": reference}
-    if any(folder.glob(f"*/{CARD}")):
+    if any(folder.glob(f"*/{METADATA_FILE}")):
         return EXPERTS_NAME, {"folder": reference}
     raise BadInput(
-        f"expected a checkpoint's folder, zoo:NAME or a kind of policy, got '{reference}'"
-        f"{nearest(reference, catalog.kinds())}"
+        f"expected the folder of a checkpoint, zoo:NAME or a kind of policy, got '{reference}'"
+        f"{did_you_mean(reference, catalog.kinds())}"
     )

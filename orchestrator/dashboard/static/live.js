@@ -1,12 +1,12 @@
-// Keeps what runs up to date without loading the page anew. Texts are set as text, never as HTML.
+// Updates the live status without reloading the page. Texts are set as text, never as HTML.
 "use strict";
 (() => {
   const EVERY_MS = 2000;
-  const LATER_MS = 10000;
-  const SAY_EVERY_MS = 30000;
+  const RETRY_MS = 10000;
+  const ANNOUNCE_EVERY_MS = 30000;
   let timer = 0;
-  let saidAt = 0;
-  let asking = false;
+  let announcedAt = 0;
+  let polling = false;
   const root = () => document.getElementById("live");
   const number = new Intl.NumberFormat("en-US");
 
@@ -49,13 +49,13 @@
       const row = named(article.querySelectorAll("[data-worker]"), "worker", one.worker);
       if (row) set(row, one);
     }
-    run.says.forEach((text, i) => {
-      const line = named(article.querySelectorAll("[data-say]"), "say", String(i));
+    run.messages.forEach((text, i) => {
+      const line = named(article.querySelectorAll("[data-message]"), "message", String(i));
       if (line && line.textContent !== text) line.textContent = text;
     });
   }
 
-  async function drawAnew() {
+  async function redraw() {
     const answer = await fetch(location.href, { headers: { accept: "text/html" } });
     if (!answer.ok) throw new Error(String(answer.status));
     const page = new DOMParser().parseFromString(await answer.text(), "text/html");
@@ -67,10 +67,10 @@
     if (again && document.activeElement === document.body) again.focus();
   }
 
-  function say(runs, now) {
-    if (!now && Date.now() - saidAt < SAY_EVERY_MS) return;
-    saidAt = Date.now();
-    const words = runs.map((run) => `${run.name}: ${run.said}, ${number.format(run.done)} of ${number.format(run.planned)} episodes, success ${run.rate}`);
+  function announce(runs, now) {
+    if (!now && Date.now() - announcedAt < ANNOUNCE_EVERY_MS) return;
+    announcedAt = Date.now();
+    const words = runs.map((run) => `${run.name}: ${run.state_text}, ${number.format(run.done)} of ${number.format(run.planned)} episodes, success ${run.rate}`);
     document.getElementById("announced").textContent = words.join("; ") || "No suite is running.";
   }
 
@@ -80,31 +80,31 @@
     place.textContent = text;
   }
 
-  async function ask() {
-    if (asking || document.visibilityState !== "visible" || !root().dataset.poll) return;
-    asking = true;
+  async function poll() {
+    if (polling || document.visibilityState !== "visible" || !root().dataset.poll) return;
+    polling = true;
     let wait = EVERY_MS;
     try {
       const answer = await fetch(root().dataset.poll, { headers: { accept: "application/json" } });
       if (!answer.ok) throw new Error(String(answer.status));
-      const found = await answer.json();
-      const changed = found.shape !== root().dataset.shape;
-      if (changed) await drawAnew(); else found.runs.forEach(show);
-      say(found.runs, changed);
+      const status = await answer.json();
+      const changed = status.shape !== root().dataset.shape;
+      if (changed) await redraw(); else status.runs.forEach(show);
+      announce(status.runs, changed);
       note("");
     } catch (error) {
-      wait = LATER_MS;
-      note(error.message === "401" ? "Your session has ended. Load the page again to log in." : "The server does not answer; these numbers are old.");
+      wait = RETRY_MS;
+      note(error.message === "401" ? "Your session has ended. Reload the page to log in." : "The server does not answer; the numbers are outdated.");
     } finally {
-      asking = false;
+      polling = false;
       clearTimeout(timer);
-      timer = setTimeout(ask, wait);
+      timer = setTimeout(poll, wait);
     }
   }
 
   document.addEventListener("visibilitychange", () => {
     clearTimeout(timer);
-    if (document.visibilityState === "visible") ask();
+    if (document.visibilityState === "visible") poll();
   });
-  if (root()) timer = setTimeout(ask, EVERY_MS);
+  if (root()) timer = setTimeout(poll, EVERY_MS);
 })();

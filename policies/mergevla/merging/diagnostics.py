@@ -7,16 +7,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import combinations
-from typing import Any
 
 import torch
 
-from policies.mergevla.merging.errors import ExpertsDiffer
-from policies.mergevla.merging.masks import Mask, packed_bytes
-from policies.mergevla.merging.merged import MergedTau, merge
-from policies.mergevla.merging.recipe import LAMBDA, MaskRule
-from policies.mergevla.merging.taus import Tau, Taus, Weights, rms
-from policies.mergevla.merging.trunk import block_of, depth_of
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
+from robogauntlet.policies.mergevla.merging.masks import Mask, packed_bytes
+from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, merge
+from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, Weights, rms
+from robogauntlet.policies.mergevla.merging.trunk import block_of, depth_of
 
 NULL_SHAPE = (640, 640)
 """Shape of the Gaussian matrix with which the null is simulated: its rates are then good to about 0.002."""
@@ -52,11 +51,6 @@ class MergeReport:
     """All that is known of a merge without running it."""
 
     experts: tuple[str, ...]
-    operator: str
-    options: Mapping[str, Any]
-    alpha: float
-    rule: str
-    lambdas: Mapping[str, float]
     entries: int
     """Weights' entries that were merged."""
     observed: MaskStatistics
@@ -64,8 +58,6 @@ class MergeReport:
     """The same for independent Gaussian task vectors with the experts' root mean squares: what chance gives."""
     scales: Mapping[str, float]
     """Expert name to the root mean square of its task vector."""
-    rescalers: Mapping[str, float] = field(default_factory=dict)
-    """Expert name to EMR's rescaler."""
     bytes_per_task: Mapping[str, BytesPerTask] = field(default_factory=dict)
     block_distances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Part of the model, such as `action_expert`, to the distance of its experts block by block."""
@@ -95,7 +87,7 @@ def selfish_rate(masks: Sequence[Mask]) -> float:
     return selfish / entries if entries else 0.0
 
 
-def cosine(a: Tau, b: Tau) -> float:
+def cosine(a: TaskVector, b: TaskVector) -> float:
     """Cosine of the angle between two task vectors over all weights, in float64; 0 if either is zero."""
     product, norms = 0.0, [0.0, 0.0]
     for name in a:
@@ -107,32 +99,23 @@ def cosine(a: Tau, b: Tau) -> float:
     return max(-1.0, min(1.0, product / length)) if length else 0.0
 
 
-def mask_statistics(taus: Taus, merged: MergedTau) -> MaskStatistics:
+def mask_statistics(task_vectors: TaskVectors, merged: MergedTaskVectors) -> MaskStatistics:
     """Keep rates, selfish rate and cosines of a merge. Without masks, and with signs, every task keeps everything.
 
     Raises:
         ExpertsDiffer: These are not the experts that were merged.
     """
-    if taus.keys() != set(merged.experts):
-        raise ExpertsDiffer(f"expected the merged experts {', '.join(merged.experts)}, got {', '.join(taus)}")
-    cosines = {expert: cosine(merged.of(expert), tau) for expert, tau in taus.items()}
-    if not merged.masks or merged.rule is MaskRule.SIGNS:
-        return MaskStatistics(dict.fromkeys(taus, 1.0), 1.0 if len(taus) == 1 else 0.0, cosines)
-    keep = {expert: keep_rate(merged.masks[expert]) for expert in taus}
-    return MaskStatistics(keep, selfish_rate([merged.masks[expert] for expert in taus]), cosines)
+    if task_vectors.keys() != set(merged.experts):
+        raise ExpertsDiffer(f"expected the merged experts {', '.join(merged.experts)}, got {', '.join(task_vectors)}")
+    cosines = {expert: cosine(merged.of(expert), vector) for expert, vector in task_vectors.items()}
+    if not merged.masks or merged.recipe.masks is MaskRule.SIGNS:
+        return MaskStatistics(dict.fromkeys(task_vectors, 1.0), 1.0 if len(task_vectors) == 1 else 0.0, cosines)
+    keep = {expert: keep_rate(merged.masks[expert]) for expert in task_vectors}
+    return MaskStatistics(keep, selfish_rate([merged.masks[expert] for expert in task_vectors]), cosines)
 
 
 def gaussian_null(
-    scales: Mapping[str, float],
-    operator: str = "ta",
-    *,
-    generator: torch.Generator,
-    alpha: float = 1.0,
-    rule: MaskRule = MaskRule.TASK,
-    lambdas: float | Mapping[str, float] = LAMBDA,
-    options: Mapping[str, Any] | None = None,
-    rounds: int = 1,
-    shape: tuple[int, ...] = NULL_SHAPE,
+    scales: Mapping[str, float], recipe: Recipe, *, generator: torch.Generator, shape: tuple[int, ...] = NULL_SHAPE
 ) -> MaskStatistics:
     """The statistics that independent Gaussian task vectors would give under the same merge: the null of any claim.
 
@@ -140,21 +123,15 @@ def gaussian_null(
 
     Args:
         scales: Expert name to the standard deviation of its entries.
-        operator: As in `merged.merge`, like the following.
+        recipe: How they are merged.
         generator: Of the draws, on the CPU.
-        alpha: Scale of the merged task vector.
-        rule: What each task keeps.
-        lambdas: One for all or expert name to its own.
-        options: Of the operator.
-        rounds: As in `merged.merge`.
         shape: Of the one weight that is simulated.
     """
     drawn = {expert: {"w": torch.randn(shape, generator=generator) * scale} for expert, scale in scales.items()}
-    merged = merge(drawn, operator, alpha=alpha, rule=rule, lambdas=lambdas, options=options, rounds=rounds)
-    return mask_statistics(drawn, merged)
+    return mask_statistics(drawn, merge(drawn, recipe))
 
 
-def block_distances(experts: Mapping[str, Weights], block_pattern: str) -> tuple[float, ...]:
+def block_distances(experts: Mapping[str, Weights]) -> tuple[float, ...]:
     """How far experts are apart, block by block: mean over all pairs of 2 ||a - b|| / (||a|| + ||b||).
 
     0 for equal blocks, sqrt 2 for unrelated ones of equal norm, at most 2. Weights in no block are left out. Compare
@@ -162,18 +139,14 @@ def block_distances(experts: Mapping[str, Weights], block_pattern: str) -> tuple
 
     Args:
         experts: Expert name to its weights.
-        block_pattern: See `trunk.block_of`.
 
     Returns:
         One distance per block; zeros for a single expert.
-
-    Raises:
-        BadPattern: The pattern does not find the blocks.
     """
     first = next(iter(experts.values()))
-    names: list[list[str]] = [[] for _ in range(depth_of(first, block_pattern))]
+    names: list[list[str]] = [[] for _ in range(depth_of(first))]
     for name in first:
-        if (index := block_of(name, block_pattern)) is not None:
+        if (index := block_of(name)) is not None:
             names[index].append(name)
     pairs = list(combinations(experts.values(), 2))
     return tuple(
@@ -191,28 +164,33 @@ def _relative_distance(a: Weights, b: Weights, names: Sequence[str]) -> float:
 
 
 def bytes_per_task(
-    tau: Tau, head: Weights, *, masks: int = 1, row_scales: Weights | None = None, lora_rank: int | None = None
+    vector: TaskVector,
+    head: Weights,
+    *,
+    masks: int = 1,
+    row_scales: Weights | None = None,
+    lora_rank: int | None = None,
 ) -> BytesPerTask:
     """What a task costs beside the shared weights.
 
     Args:
-        tau: Any task vector of the masked weights, for their shapes.
+        vector: Any task vector of the masked weights, for their shapes.
         head: The task's own weights, as they are stored.
         masks: How many the task has.
         row_scales: Of the task, of all rounds, if it has any.
         lora_rank: Of the alternative, one adapter of rank * (outputs + inputs) numbers per matrix.
     """
-    mask = masks * sum(packed_bytes(delta.numel()) for delta in tau.values())
+    mask = masks * sum(packed_bytes(delta.numel()) for delta in vector.values())
     mask += _bytes(row_scales or {})
-    matrices = [delta.shape for delta in tau.values() if delta.ndim == 2]
+    matrices = [delta.shape for delta in vector.values() if delta.ndim == 2]
     lora = None if lora_rank is None else _FLOAT_BYTES * lora_rank * sum(sum(shape) for shape in matrices)
     return BytesPerTask(mask, _bytes(head), lora)
 
 
-def _row_scales(merged: MergedTau, expert: str) -> dict[str, torch.Tensor]:
+def _row_scales(merged: MergedTaskVectors, expert: str) -> dict[str, torch.Tensor]:
     more = _row_scales(merged.residual, expert) if merged.residual else {}
     own = merged.row_scales.get(expert, {})
-    return dict(own) | {f"{merged.rounds}/{name}": scales for name, scales in more.items()}
+    return dict(own) | {f"{merged.recipe.rounds}/{name}": scales for name, scales in more.items()}
 
 
 def _bytes(weights: Weights) -> int:
@@ -220,61 +198,46 @@ def _bytes(weights: Weights) -> int:
 
 
 def report(
-    taus: Taus,
-    merged: MergedTau,
+    task_vectors: TaskVectors,
+    merged: MergedTaskVectors,
     *,
     generator: torch.Generator,
     heads: Mapping[str, Weights] | None = None,
     lora_rank: int | None = None,
-    blocks: Mapping[str, tuple[Mapping[str, Weights], str]] | None = None,
+    weights: Mapping[str, Weights] | None = None,
 ) -> MergeReport:
     """Everything above for one merge.
 
     Args:
-        taus: The experts' task vectors.
+        task_vectors: The experts' task vectors.
         merged: What `merged.merge` made of them.
         generator: For the null, on the CPU.
         heads: Expert name to the weights that it keeps for itself.
         lora_rank: Of the LoRA alternative in the bytes.
-        blocks: Part of the model to its experts' weights and the pattern of its blocks, see `trunk.block_of`.
+        weights: Expert name to its weights, for the distances of blocks.
 
     Raises:
-        MergeError: The experts are not those that were merged, or a pattern finds no blocks.
+        MergeError: The experts are not those that were merged.
     """
-    observed = mask_statistics(taus, merged)
-    scales = {expert: rms(tau) for expert, tau in taus.items()}
-    null = gaussian_null(
-        scales,
-        merged.operator,
-        generator=generator,
-        alpha=merged.alpha,
-        rule=merged.rule,
-        lambdas=merged.lambdas or LAMBDA,
-        options=merged.options,
-        rounds=merged.rounds,
-    )
+    observed = mask_statistics(task_vectors, merged)
+    scales = {expert: rms(vector) for expert, vector in task_vectors.items()}
+    null = gaussian_null(scales, merged.recipe, generator=generator)
     heads = heads or {}
     return MergeReport(
         experts=merged.experts,
-        operator=merged.operator,
-        options=dict(merged.options),
-        alpha=merged.alpha,
-        rule=str(merged.rule),
-        lambdas=dict(merged.lambdas),
-        entries=sum(delta.numel() for delta in merged.tau.values()),
+        entries=sum(delta.numel() for delta in merged.vector.values()),
         observed=observed,
         null=null,
         scales=scales,
-        rescalers=dict(merged.rescalers),
         bytes_per_task={
             expert: bytes_per_task(
-                tau,
+                vector,
                 heads.get(expert, {}),
-                masks=merged.rounds if merged.masks else 0,
+                masks=merged.recipe.rounds if merged.masks else 0,
                 row_scales=_row_scales(merged, expert),
                 lora_rank=lora_rank,
             )
-            for expert, tau in taus.items()
+            for expert, vector in task_vectors.items()
         },
-        block_distances={part: block_distances(*found) for part, found in (blocks or {}).items()},
+        block_distances={"action_expert": block_distances(weights)} if weights else {},
     )

@@ -1,24 +1,24 @@
-"""What is refused when experts are merged. Light: a recipe is checked without torch."""
+"""Errors of merging. Light: a recipe is checked without torch."""
 
 from __future__ import annotations
 
-from policies.contract import PolicyError
+from robogauntlet.policies.contract import PolicyError
 
 
 class MergeError(PolicyError):
-    """These weights cannot be merged like this; the message says what was expected and what came."""
+    """Weights that cannot be merged in this way."""
 
 
 class ExpertsDiffer(MergeError):
-    """The experts do not have the same weights: other names, shapes or types, or no finite numbers."""
+    """Experts of different weights: other names, shapes or types, or numbers that are not finite."""
 
 
 class DifferentBases(MergeError):
-    """The experts were not fine-tuned from one base, so that their task vectors cannot be added."""
+    """Experts that were fine-tuned from different bases, whose task vectors cannot be added."""
 
 
 class OutOfRange(MergeError):
-    """An option is outside the values that make sense."""
+    """An option out of its range."""
 
 
 def check_range(
@@ -27,15 +27,15 @@ def check_range(
     """Refuse a number outside an interval.
 
     Args:
-        option: What the number is, for the message.
+        option: Name of the number in the message.
         value: The number.
         low: Lower end.
         high: Upper end.
-        closed: Which ends belong to the interval, as in mathematics: `()`, `[)`, `(]` or `[]`.
+        closed: Brackets of the interval: `()`, `[)`, `(]` or `[]`.
         whole: Whether it has to be an integer.
 
     Raises:
-        OutOfRange: It is outside, or not a number.
+        OutOfRange: It is outside the interval, or not a number.
     """
     kinds = (int,) if whole else (int, float)
     if isinstance(value, kinds) and not isinstance(value, bool):

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 
-from policies.mergevla.merging.errors import ExpertsDiffer, MergeError
-from policies.mergevla.merging.recipe import LAMBDA, check_lambda
-from policies.mergevla.merging.taus import Tau, Taus, Weights, difference
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError
+from robogauntlet.policies.mergevla.merging.recipe import LAMBDA, check_lambda
+from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, Weights, difference
 
 Mask = Mapping[str, torch.Tensor]
 """Weight name to a boolean tensor of the weight's shape, True where the merged value is kept."""
@@ -20,11 +20,11 @@ class MaskMismatch(MergeError):
     """The mask belongs to another model, or its stored form is damaged."""
 
 
-def task_mask(tau: Tau, merged: Tau, lambda_: float = LAMBDA) -> dict[str, torch.Tensor]:
+def task_mask(vector: TaskVector, merged: TaskVector, lambda_: float = LAMBDA) -> dict[str, torch.Tensor]:
     """S_m = 1[|tau_m| > lambda * |tau_merge - tau_m|], entry by entry (arXiv 2511.18810 equation 3).
 
     Args:
-        tau: The task's own vector.
+        vector: The task's own vector.
         merged: tau_merge.
         lambda_: In (0, 2]; the greater, the fewer entries are kept.
 
@@ -33,18 +33,18 @@ def task_mask(tau: Tau, merged: Tau, lambda_: float = LAMBDA) -> dict[str, torch
         ExpertsDiffer: The two vectors have other names or shapes.
     """
     check_lambda(lambda_)
-    if problem := difference(merged, tau):
+    if problem := difference(merged, vector):
         raise ExpertsDiffer(f"the task vector does not fit the merged one: {problem}")
-    return {name: delta.abs() > lambda_ * (merged[name] - delta).abs() for name, delta in tau.items()}
+    return {name: delta.abs() > lambda_ * (merged[name] - delta).abs() for name, delta in vector.items()}
 
 
 def task_masks(
-    taus: Taus, merged: Tau, lambdas: float | Mapping[str, float] = LAMBDA
+    task_vectors: TaskVectors, merged: TaskVector, lambdas: float | Mapping[str, float] = LAMBDA
 ) -> dict[str, dict[str, torch.Tensor]]:
     """The mask of each task.
 
     Args:
-        taus: The experts' task vectors.
+        task_vectors: The experts' task vectors.
         merged: tau_merge.
         lambdas: One for all, or expert name to its own.
 
@@ -52,21 +52,21 @@ def task_masks(
         OutOfRange: A lambda is outside (0, 2].
         ExpertsDiffer: An expert has no lambda, or its vector does not fit the merged one.
     """
-    chosen = lambdas_of(taus, lambdas)
-    return {expert: task_mask(tau, merged, chosen[expert]) for expert, tau in taus.items()}
+    chosen = lambdas_of(task_vectors, lambdas)
+    return {expert: task_mask(vector, merged, chosen[expert]) for expert, vector in task_vectors.items()}
 
 
-def lambdas_of(taus: Taus, lambdas: float | Mapping[str, float]) -> dict[str, float]:
+def lambdas_of(task_vectors: TaskVectors, lambdas: float | Mapping[str, float]) -> dict[str, float]:
     """Expert name to lambda.
 
     Raises:
         OutOfRange: A lambda is outside (0, 2].
         ExpertsDiffer: The lambdas are not those of these experts.
     """
-    chosen = dict(lambdas) if isinstance(lambdas, Mapping) else dict.fromkeys(taus, lambdas)
-    if chosen.keys() != taus.keys():
-        odd = sorted(chosen.keys() ^ taus.keys())[0]
-        raise ExpertsDiffer(f"expected a lambda for each of {', '.join(taus)}; {odd} is in one of them only")
+    chosen = dict(lambdas) if isinstance(lambdas, Mapping) else dict.fromkeys(task_vectors, lambdas)
+    if chosen.keys() != task_vectors.keys():
+        odd = sorted(chosen.keys() ^ task_vectors.keys())[0]
+        raise ExpertsDiffer(f"expected a lambda for each of {', '.join(task_vectors)}; {odd} is in one of them only")
     for value in chosen.values():
         check_lambda(value)
     return chosen
@@ -85,7 +85,7 @@ def check_mask(mask: Mask, weights: Weights) -> None:
             raise MaskMismatch(f"the mask of weight {name}: expected torch.bool, got {kept.dtype}")
 
 
-def masked(merged: Tau, mask: Mask) -> dict[str, torch.Tensor]:
+def masked(merged: TaskVector, mask: Mask) -> dict[str, torch.Tensor]:
     """S_m * tau_merge.
 
     Raises:
@@ -93,17 +93,6 @@ def masked(merged: Tau, mask: Mask) -> dict[str, torch.Tensor]:
     """
     check_mask(mask, merged)
     return {name: torch.where(mask[name], delta, 0.0) for name, delta in merged.items()}
-
-
-def add(base: Weights, tau: Tau) -> dict[str, torch.Tensor]:
-    """Theta_0 + tau, in fp32 where there is a delta; other weights are the base's own tensors, not copies.
-
-    Raises:
-        ExpertsDiffer: The base lacks one of the weights, or has it in another shape.
-    """
-    if problem := difference(tau, {name: weight for name, weight in base.items() if name in tau}):
-        raise ExpertsDiffer(f"the base does not fit the task vector: {problem}")
-    return {name: weight.to(torch.float32) + tau[name] if name in tau else weight for name, weight in base.items()}
 
 
 def pack_mask(mask: Mask) -> dict[str, torch.Tensor]:

@@ -1,9 +1,9 @@
-"""Signs: each task keeps a sign for every entry and a scale for every row; magnitudes alone are shared.
+"""Signs: each task keeps a sign for every entry and a scale for every row; only magnitudes are shared.
 
-A task mask spends a bit on each entry to say whether the merged value is kept; the other entries fall back to the
-base. The same bit spent on the sign keeps every entry: tau_m is read as r_m * s_m * |tau_merge|, with s_m the signs of
-tau_m and r_m one scale per row (output), the least-squares fit. This joins EMR's rescaled masks (arXiv 2405.17461)
-with one-bit deltas (BitDelta, arXiv 2402.10193, which shares nothing: operator `flat`). Needs no lambda and no data.
+A task mask spends one bit per entry on whether the merged value is kept; the other entries fall back to the base. The
+same bit spent on the sign keeps every entry: tau_m is read as r_m * s_m * |tau_merge|, with s_m the signs of tau_m and
+r_m one scale per row (output), the least-squares fit. This combines EMR's rescaled masks (arXiv 2405.17461) with
+one-bit deltas (BitDelta, arXiv 2402.10193, which shares nothing: operator `flat`). It needs neither lambda nor data.
 """
 
 from __future__ import annotations
@@ -12,9 +12,16 @@ from dataclasses import dataclass
 
 import torch
 
-from policies.mergevla.merging.errors import ExpertsDiffer
-from policies.mergevla.merging.masks import Mask, check_mask
-from policies.mergevla.merging.taus import Tau, Taus, check_taus, difference, names_of, order_free_sum, stack
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
+from robogauntlet.policies.mergevla.merging.masks import Mask, check_mask
+from robogauntlet.policies.mergevla.merging.task_vectors import (
+    TaskVector,
+    TaskVectors,
+    difference,
+    names_of,
+    order_free_sum,
+    stack,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,59 +30,51 @@ class SignReading:
 
     signs: Mask
     """True where the task's own delta is not negative."""
-    row_scales: Tau
+    row_scales: TaskVector
     """Weight name to one scale per row, fp32, of shape (rows,); weights that are no matrices have one row."""
 
 
-def magnitude(taus: Taus) -> dict[str, torch.Tensor]:
-    """The magnitudes that serve all experts best when each scales its rows: of no sign, so for `MaskRule.SIGNS`.
+def magnitude(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
+    """Return the magnitudes that fit all experts best when each scales its rows; for `MaskRule.SIGNS`, as unsigned.
 
-    Of each row it is the leading right singular vector of the experts' magnitudes, shape (experts, columns), which
-    minimises sum_m ||tau_m - r_m * s_m * magnitude||^2 over all r_m and magnitudes at once (Eckart and Young), and is
-    nowhere negative (Perron and Frobenius). Its scale is the root mean square over the experts.
-
-    Raises:
-        ExpertsDiffer: The task vectors do not fit each other.
+    Each row is the leading right singular vector of the experts' magnitudes, shape (experts, columns), which minimises
+    sum_m ||tau_m - r_m * s_m * magnitude||^2 jointly over all r_m and magnitudes (Eckart and Young) and has no negative
+    entry (Perron and Frobenius). Its scale is the root mean square over the experts.
     """
-    check_taus(taus)
-    return {name: _leading(stack(taus, name)) for name in names_of(taus)}
+    return {name: _leading(stack(task_vectors, name)) for name in names_of(task_vectors)}
 
 
-def flat(taus: Taus) -> dict[str, torch.Tensor]:
-    """One magnitude for all entries of a row, the mean: with signs, tasks share nothing (BitDelta, arXiv 2402.10193).
+def flat(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
+    """Return the mean magnitude of each row for all its entries (BitDelta, arXiv 2402.10193).
 
-    The control for `magnitude`: what the bits do without any merged vector.
-
-    Raises:
-        ExpertsDiffer: The task vectors do not fit each other.
+    The control for `magnitude`: the effect of the sign bits without a merged vector.
     """
-    check_taus(taus)
-    return {name: _flat(stack(taus, name)) for name in names_of(taus)}
+    return {name: _flat(stack(task_vectors, name)) for name in names_of(task_vectors)}
 
 
-def sign_readings(taus: Taus, merged: Tau) -> dict[str, SignReading]:
+def sign_readings(task_vectors: TaskVectors, merged: TaskVector) -> dict[str, SignReading]:
     """Signs and row scales of each task.
 
     Args:
-        taus: The experts' task vectors.
-        merged: tau_merge; its magnitudes are what is read.
+        task_vectors: The experts' task vectors.
+        merged: tau_merge, of which only magnitudes are read.
 
     Raises:
         ExpertsDiffer: A task vector does not fit the merged one.
     """
-    for tau in taus.values():
-        if problem := difference(merged, tau):
+    for vector in task_vectors.values():
+        if problem := difference(merged, vector):
             raise ExpertsDiffer(f"the task vector does not fit the merged one: {problem}")
     return {
         expert: SignReading(
-            {name: delta >= 0 for name, delta in tau.items()},
-            {name: _row_scales(delta, merged[name]) for name, delta in tau.items()},
+            {name: delta >= 0 for name, delta in vector.items()},
+            {name: _row_scales(delta, merged[name]) for name, delta in vector.items()},
         )
-        for expert, tau in taus.items()
+        for expert, vector in task_vectors.items()
     }
 
 
-def check_row_scales(row_scales: Tau, merged: Tau) -> None:
+def check_row_scales(row_scales: TaskVector, merged: TaskVector) -> None:
     """Refuse row scales for another model.
 
     Raises:
@@ -86,7 +85,7 @@ def check_row_scales(row_scales: Tau, merged: Tau) -> None:
         raise ExpertsDiffer(f"the row scales are for another model: {problem}")
 
 
-def read_signs(merged: Tau, signs: Mask, row_scales: Tau) -> dict[str, torch.Tensor]:
+def read_signs(merged: TaskVector, signs: Mask, row_scales: TaskVector) -> dict[str, torch.Tensor]:
     """r_m * s_m * |tau_merge|.
 
     Raises:

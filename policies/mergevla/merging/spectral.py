@@ -1,6 +1,6 @@
-"""Operators that look at a weight matrix as a whole: TSV, KnOTS, WUDI.
+"""Operators that treat a weight matrix as a whole: TSV, KnOTS, WUDI.
 
-Each takes the experts' task vectors and gives tau_merge in fp32, before any alpha. Decompositions are in float64.
+Each takes the experts' task vectors and returns tau_merge in fp32, before alpha. Decompositions are in float64.
 """
 
 from __future__ import annotations
@@ -9,9 +9,14 @@ from typing import Literal
 
 import torch
 
-from policies.mergevla.merging.elementwise import elect_and_sum
-from policies.mergevla.merging.errors import OutOfRange, check_range
-from policies.mergevla.merging.taus import Taus, check_taus, names_of, order_free_sum, stack
+from robogauntlet.policies.mergevla.merging.elementwise import elect_and_sum
+from robogauntlet.policies.mergevla.merging.errors import OutOfRange, check_range
+from robogauntlet.policies.mergevla.merging.task_vectors import (
+    TaskVectors,
+    names_of,
+    order_free_sum,
+    stack,
+)
 
 
 def _is_matrix(deltas: torch.Tensor) -> bool:
@@ -23,20 +28,16 @@ def _mean(deltas: torch.Tensor) -> torch.Tensor:
     return (order_free_sum(deltas) / len(deltas)).float()
 
 
-def task_singular_vectors(taus: Taus) -> dict[str, torch.Tensor]:
+def task_singular_vectors(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
     """Keep each expert's first singular triplets, orthogonalise them together, recompose (TSV-M, arXiv 2412.00081).
 
-    Of each matrix of n = min(outputs, inputs) singular values every one of M experts keeps n // M, at least one. The
-    experts' left singular vectors, side by side, are replaced by the nearest orthonormal ones (Procrustes: U V^T of
-    their own decomposition), and so are the right ones. Triplets whose singular value is zero to fp32 precision are
-    left out: LoRA's deltas have few others, and arbitrary null vectors would turn those of the other experts.
-    Weights that are no matrices: the mean.
-
-    Raises:
-        ExpertsDiffer: The task vectors do not fit each other.
+    Each of M experts keeps n // M, at least one, of the n = min(outputs, inputs) singular values of a matrix. The
+    experts' concatenated left singular vectors are replaced by the nearest orthonormal ones (Procrustes: U V^T of
+    their own decomposition), and so are the right ones. Triplets whose singular value is zero in fp32 precision are
+    left out: LoRA's deltas have few others, and arbitrary null vectors would rotate those of the other experts.
+    Weights that are not matrices are averaged.
     """
-    check_taus(taus)
-    stacks = {name: stack(taus, name) for name in names_of(taus)}
+    stacks = {name: stack(task_vectors, name) for name in names_of(task_vectors)}
     return {name: _tsv(deltas) if _is_matrix(deltas) else _mean(deltas) for name, deltas in stacks.items()}
 
 
@@ -61,30 +62,30 @@ def _orthonormal(matrix: torch.Tensor) -> torch.Tensor:
     return u @ vh
 
 
-def knots(taus: Taus, *, aligned: Literal["ties", "sum"] = "ties", cutoff: float = 1e-4) -> dict[str, torch.Tensor]:
-    """Merge in the space that all experts share (arXiv 2410.19735).
+def knots(
+    task_vectors: TaskVectors, *, aligned: Literal["ties", "sum"] = "ties", cutoff: float = 1e-4
+) -> dict[str, torch.Tensor]:
+    """Merge in the space shared by all experts (arXiv 2410.19735).
 
     Each matrix's deltas, side by side along the inputs, are decomposed: [tau_1 .. tau_M] = U S [V_1^T .. V_M^T]. The
     V_m^T are merged, and U S is multiplied back. As published (KnOTS-TIES) the V_m^T of all weights are merged by
-    TIES. MergeVLA's code sums them, and U S sum_m V_m^T = sum_m tau_m is task arithmetic but for the cut-off.
-    Weights that are no matrices are merged as they are, with the rest.
+    TIES. MergeVLA's code sums them, and U S sum_m V_m^T = sum_m tau_m is task arithmetic except for the cut-off.
+    Weights that are not matrices are merged unchanged, together with the rest.
 
     Args:
-        taus: The experts' task vectors.
+        task_vectors: The experts' task vectors.
         aligned: How the aligned parts are merged: `ties` (published) or `sum` (MergeVLA's code).
-        cutoff: Singular values up to here are left out, absolutely; at least 0.
+        cutoff: Largest singular value (absolute) that is left out; at least 0.
 
     Raises:
-        ExpertsDiffer: The task vectors do not fit each other.
         OutOfRange: `aligned` or `cutoff` is none of these.
     """
     check_range("cutoff", cutoff, 0, float("inf"), closed="[)")
     if aligned not in ("ties", "sum"):
         raise OutOfRange(f"expected aligned to be ties or sum, got {aligned}")
-    check_taus(taus)
     bases, parts = {}, {}
-    for name in names_of(taus):
-        deltas = stack(taus, name)
+    for name in names_of(task_vectors):
+        deltas = stack(task_vectors, name)
         if _is_matrix(deltas):
             bases[name], parts[name] = _aligned(deltas, cutoff)
         else:
@@ -102,26 +103,24 @@ def _aligned(deltas: torch.Tensor, cutoff: float) -> tuple[torch.Tensor, torch.T
     return u[:, kept] * s[kept], vh[kept].reshape(-1, experts, inputs).transpose(0, 1)
 
 
-def wudi(taus: Taus, *, steps: int = 300, learning_rate: float = 1e-5) -> dict[str, torch.Tensor]:
+def wudi(task_vectors: TaskVectors, *, steps: int = 300, learning_rate: float = 1e-5) -> dict[str, torch.Tensor]:
     """Minimise the interference of the merged delta with each expert's (arXiv 2503.08099).
 
     For each matrix, starting at the sum, Adam minimises sum_m ||(tau - tau_m) tau_m^T||_F^2 / ||tau_m||_F^2. Its
     gradient is 2 sum_m (tau - tau_m) G_m with G_m = tau_m^T tau_m / ||tau_m||_F^2. Experts that did not change the
-    matrix do not count. Weights that are no matrices: the mean.
+    matrix are left out. Weights that are not matrices are averaged.
 
     Args:
-        taus: The experts' task vectors.
-        steps: Of Adam, at least 0.
-        learning_rate: Of Adam, greater than 0.
+        task_vectors: The experts' task vectors.
+        steps: Adam's number of steps, at least 0.
+        learning_rate: Adam's learning rate, greater than 0.
 
     Raises:
-        ExpertsDiffer: The task vectors do not fit each other.
         OutOfRange: `steps` or `learning_rate` is none of these.
     """
     check_range("steps", steps, 0, float("inf"), closed="[)", whole=True)
     check_range("learning_rate", learning_rate, 0, float("inf"))
-    check_taus(taus)
-    stacks = {name: stack(taus, name) for name in names_of(taus)}
+    stacks = {name: stack(task_vectors, name) for name in names_of(task_vectors)}
     return {
         name: _wudi(deltas, steps, learning_rate) if _is_matrix(deltas) else _mean(deltas)
         for name, deltas in stacks.items()
@@ -135,8 +134,8 @@ def _wudi(deltas: torch.Tensor, steps: int, learning_rate: float) -> torch.Tenso
         return start
     units = [(delta.double() / delta.double().norm()).float() for delta in changed]
     grams = [unit.T @ unit for unit in units]
-    # The gradient is affine in the step away from the start. This form of it is exactly zero for a single expert,
-    # where rounding errors in any other form would make Adam, which ignores their size, walk.
+    # The gradient is affine in the displacement from the start. In this form it is exactly zero for a single expert;
+    # in any other, Adam would follow rounding errors, since it ignores their size.
     at_start = sum(
         ((start - delta) @ gram for delta, gram in zip(changed, grams, strict=True)), torch.zeros_like(start)
     )

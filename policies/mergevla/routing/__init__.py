@@ -1,1 +1,1 @@
-"""Task inference: which expert of a merged model the first observation of an episode calls for."""
+"""Task inference: choosing an expert of a merged model from the first observation of an episode."""

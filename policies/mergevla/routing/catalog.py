@@ -1,4 +1,4 @@
-"""Routers by name, and the fitting of those that learn from first frames."""
+"""Routers by name, and the fitting of those that learn from first observations."""
 
 from __future__ import annotations
 
@@ -7,65 +7,65 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from policies.mergevla.config import Architecture
-from policies.mergevla.routing import gaussian
-from policies.mergevla.routing.centroids import Centroids, fit_centres
-from policies.mergevla.routing.contract import Candidates, Router, RoutingError, Sighting
-from policies.mergevla.routing.controls import InstructionMatchRouter, OracleRouter, RandomRouter
-from policies.mergevla.routing.features import Labelled, Reading, labelled
-from policies.mergevla.routing.fitted import Fitted, FittedRouter
-from policies.mergevla.routing.gaussian import Calibration
-from policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter
-from policies.mergevla.routing.variation import varied
-from suites.plugins import nearest
+from robogauntlet.policies.mergevla.network.config import Architecture
+from robogauntlet.policies.mergevla.routing import gaussian
+from robogauntlet.policies.mergevla.routing.augmentation import augmented
+from robogauntlet.policies.mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
+from robogauntlet.policies.mergevla.routing.centroids import Centroids, fit_centroids
+from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures, labelled_features
+from robogauntlet.policies.mergevla.routing.fitted_router import FittedRouter, RouterFit
+from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit
+from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter
+from robogauntlet.suites.plugins import did_you_mean
 
 UNFITTED: Mapping[str, Callable[..., Router]] = {
     router.name: router
     for router in (PaperCodedRouter, PaperWrittenRouter, RandomRouter, InstructionMatchRouter, OracleRouter)
 }
-"""Routers that need the candidates only."""
+"""Routers that need no fitting."""
 
 
 @dataclass(frozen=True)
-class Fitting:
-    """How a router is fitted, and read again."""
+class FitMethod:
+    """How a router is fitted and restored from tensors."""
 
-    fit: Callable[..., Fitted]
-    """Takes `frames` for the classes, `held_out` ones (both `Labelled`), and the `reading` that they are of."""
-    read: Callable[[Mapping[str, Tensor]], Fitted]
-    """The inverse of `Fitted.as_tensors`."""
-    varies: bool
-    """Whether the classes are fitted to varied first frames, beside those that came (`variation.varied`)."""
+    fit: Callable[..., RouterFit]
+    """Takes `frames` for the classes, `held_out` ones (both `LabelledFeatures`), and their `feature_spec`."""
+    read: Callable[[Mapping[str, Tensor]], RouterFit]
+    """The inverse of `RouterFit.as_tensors`."""
+    augments: bool
+    """Whether the classes are also fitted to augmented observations."""
 
 
-FITTED: Mapping[str, Fitting] = {
-    "calibrated": Fitting(gaussian.fit, Calibration.from_tensors, varies=True),
-    "nearest-centroid": Fitting(fit_centres, Centroids.from_tensors, varies=False),
+FITTED: Mapping[str, FitMethod] = {
+    "calibrated": FitMethod(gaussian.fit, GaussianRouterFit.from_tensors, augments=True),
+    "nearest-centroid": FitMethod(fit_centroids, Centroids.from_tensors, augments=False),
 }
-"""Routers that are fitted to first frames."""
+"""Routers that are fitted to first observations."""
 NAMES = tuple(sorted([*UNFITTED, *FITTED]))
 """All routers."""
 
 
 def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Tensor] | None = None) -> Router:
-    """The router of that name.
+    """Return the router of that name.
 
     Args:
         name: One of `NAMES`.
         sees_instruction: False blanks the instruction while routing.
-        stored: What `fit_routers` gave, for routers that are fitted.
+        stored: Result of `fit_routers`, for fitted routers.
 
     Raises:
-        RoutingError: Unknown name, or a router that is not fitted or whose tensors do not read.
+        RoutingError: Unknown name, or a router that was not fitted or whose tensors are malformed.
     """
     if name in UNFITTED:
         return UNFITTED[name](sees_instruction=sees_instruction)
     if name not in FITTED:
-        raise RoutingError(f"unknown router '{name}'{nearest(name, NAMES)}")
+        raise RoutingError(f"unknown router '{name}'{did_you_mean(name, NAMES)}")
     prefix = _prefix(name, sees_instruction=sees_instruction)
     tensors = {key.removeprefix(prefix): tensor for key, tensor in (stored or {}).items() if key.startswith(prefix)}
     if not tensors:
-        raise RoutingError(f"router '{name}': expected tensors {prefix}* fitted to first frames, got none")
+        raise RoutingError(f"router '{name}': expected tensors {prefix}* fitted to first observations, got none")
     try:
         return FittedRouter(name, FITTED[name].read(tensors))
     except RoutingError as error:
@@ -74,13 +74,13 @@ def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Ten
 
 def fit_routers(
     candidates: Candidates,
-    frames: Mapping[str, Sequence[Sighting]],
-    held_out: Mapping[str, Sequence[Sighting]],
+    frames: Mapping[str, Sequence[FirstObservation]],
+    held_out: Mapping[str, Sequence[FirstObservation]],
 ) -> dict[str, Tensor]:
-    """Fit every router that can be fitted, with the instruction and without.
+    """Fit every router of `FITTED`, with the instruction and without.
 
     Args:
-        candidates: Of which only the base is run.
+        candidates: Merged model, of which only the base is run.
         frames: Expert to first observations for its class.
         held_out: Expert to others, for temperature and thresholds.
 
@@ -88,50 +88,44 @@ def fit_routers(
         Tensors by `<router>/<instructed | unaided>/<name>`, for a safetensors file.
 
     Raises:
-        RoutingError: An expert without frames, or frames that do not tell anything apart.
+        RoutingError: An expert without observations, or observations that are all the same.
     """
     tensors: dict[str, Tensor] = {}
     for sees_instruction in (True, False):
-        reading = reading_of(candidates.architecture, sees_instruction=sees_instruction)
+        feature_spec = feature_spec_of(candidates.architecture, sees_instruction=sees_instruction)
         for name, fitting in FITTED.items():
             prefix = _prefix(name, sees_instruction=sees_instruction)
-            parts = to_fit(fitting, candidates, frames, held_out, reading)
-            fitted = fitting.fit(*parts, reading=reading).as_tensors()
+            parts = fitting_features(fitting, candidates, frames, held_out, feature_spec)
+            fitted = fitting.fit(*parts, feature_spec=feature_spec).as_tensors()
             tensors |= {prefix + key: tensor.contiguous() for key, tensor in fitted.items()}
     return tensors
 
 
-def reading_of(architecture: Architecture, *, sees_instruction: bool) -> Reading:
-    """What fitted routers read: hidden states in the middle of the base.
+def feature_spec_of(architecture: Architecture, *, sees_instruction: bool) -> FeatureSpec:
+    """Return the features of fitted routers: hidden states of the base's middle layer.
 
-    The last ones hold what the actions need. What else lies in the scene, by which an unknown task is told where no
-    instruction is read, is still there in the middle.
+    The last layer keeps what actions need; the middle one still represents the rest of the scene, by which an unknown
+    task is recognised when no instruction is read.
     """
-    return Reading(sees_instruction, layer=architecture.language.layers // 2)
+    return FeatureSpec(sees_instruction, layer=architecture.language.layers // 2)
 
 
-def to_fit(
-    fitting: Fitting,
+def fitting_features(
+    fitting: FitMethod,
     candidates: Candidates,
-    frames: Mapping[str, Sequence[Sighting]],
-    held_out: Mapping[str, Sequence[Sighting]],
-    reading: Reading,
-) -> tuple[Labelled, Labelled]:
-    """Features for the classes, varied or not, and for temperature and threshold, of held-out frames as they come.
-
-    Args:
-        fitting: Which says whether to vary.
-        candidates: Of which only the base is run.
-        frames: Expert to first observations.
-        held_out: Expert to others.
-        reading: What to read.
+    frames: Mapping[str, Sequence[FirstObservation]],
+    held_out: Mapping[str, Sequence[FirstObservation]],
+    feature_spec: FeatureSpec,
+) -> tuple[LabelledFeatures, LabelledFeatures]:
+    """Return the features for the classes, augmented if `fitting` says so, and those of the held-out observations.
 
     Raises:
-        RoutingError: An expert without frames.
+        RoutingError: An expert has no observations.
     """
-    if fitting.varies:
-        frames = {expert: varied(own, sees_instruction=reading.sees_instruction) for expert, own in frames.items()}
-    return labelled(candidates, frames, reading), labelled(candidates, held_out, reading)
+    if fitting.augments:
+        sees = feature_spec.sees_instruction
+        frames = {expert: augmented(observations, sees_instruction=sees) for expert, observations in frames.items()}
+    return labelled_features(candidates, frames, feature_spec), labelled_features(candidates, held_out, feature_spec)
 
 
 def _prefix(name: str, *, sees_instruction: bool) -> str:

@@ -1,4 +1,4 @@
-"""What a router is given and what it answers."""
+"""The contract of routers: first observations in, scores of experts out."""
 
 from __future__ import annotations
 
@@ -9,54 +9,58 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from adapters.contract import PROPRIOCEPTION_DIM, FloatArray
-from policies.contract import PolicyError
-from policies.mergevla.backbone import HiddenStates
-from policies.mergevla.config import Architecture
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, FloatArray
+from robogauntlet.policies.contract import PolicyError, Routing
+from robogauntlet.policies.mergevla.network.backbone import HiddenStates
+from robogauntlet.policies.mergevla.network.config import Architecture
 
 LARGEST_BATCH = 32
-"""Sightings in one pass of a backbone."""
+"""Largest number of observations in one pass of a backbone."""
 
 
 class RoutingError(PolicyError):
-    """A router that cannot answer: of unknown name, not fitted, fitted to other experts, or shown something else."""
+    """A router that cannot answer: unknown, not fitted, fitted to other experts, or given other observations."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class FirstObservation:
     """The first observation of one episode."""
 
     images: Tensor
     """Shape (cameras, 3, H, W), in [0, 1]."""
     instruction: str
     proprioception: FloatArray
-    """Shape (8,), in the units of `adapters.contract`."""
+    """Shape (8,), in the units of `robogauntlet.adapters.contract`."""
     episode_id: str
-    """Keys whatever is random."""
+    """Key of all randomness."""
     task: str
-    """The true task (`simulator/task`), which only the oracle may read."""
+    """The true task (`simulator/task`), which only the oracle router may read."""
 
     def __post_init__(self) -> None:
-        images, seen = self.images, self.proprioception
+        images, state = self.images, self.proprioception
         if images.ndim != 4 or images.shape[1] != 3 or not images.is_floating_point():
             raise RoutingError(
                 f"expected images of shape (cameras, 3, H, W) in [0, 1], got {tuple(images.shape)} of {images.dtype}"
             )
-        if seen.shape != (PROPRIOCEPTION_DIM,):
-            raise RoutingError(f"expected proprioception of shape ({PROPRIOCEPTION_DIM},), got {seen.shape}")
+        if state.shape != (PROPRIOCEPTION_DIM,):
+            raise RoutingError(f"expected proprioception of shape ({PROPRIOCEPTION_DIM},), got {state.shape}")
 
 
 @dataclass(frozen=True)
 class Routed:
-    """A router's answer for one sighting."""
+    """A router's decision for one observation."""
 
     scores: Mapping[str, float]
     """Expert name to score, higher is likelier; natural log-probabilities from calibrated routers."""
     choice: str
     unknown: float | None = None
-    """How unlike any known task this is, higher is less like one; None if the router does not say."""
+    """Distance from every known task, higher is less alike; None if the router has no such score."""
     rejected: bool | None = None
-    """Whether `unknown` is above the threshold fitted on known tasks; None without such a threshold."""
+    """Whether `unknown` is above the threshold fitted to known tasks; None without such a threshold."""
+
+    def timed(self, latency_s: float) -> Routing:
+        """Return the decision as a policy reports it; all episodes of one batch have the batch's latency (s)."""
+        return Routing(self.scores, self.choice, latency_s, self.unknown, self.rejected)
 
 
 class Candidates(Protocol):
@@ -64,11 +68,11 @@ class Candidates(Protocol):
 
     @property
     def experts(self) -> tuple[str, ...]:
-        """Names of the experts, each the task that it was trained on (`simulator/task`)."""
+        """Names of the experts: the tasks that they were trained on (`simulator/task`)."""
 
     @property
     def architecture(self) -> Architecture:
-        """Of the base and of all experts."""
+        """Architecture of the base and of all experts."""
 
     @property
     def instructions(self) -> Mapping[str, str]:
@@ -79,12 +83,12 @@ class Candidates(Protocol):
         """k, the number of last blocks of the action expert that each task keeps for itself."""
 
     def hidden_states(self, expert: str | None, images: Tensor, instructions: Sequence[str]) -> HiddenStates:
-        """Hidden states of the merged model as `expert` runs it; None for the base Theta_0.
+        """Hidden states of the merged model as `expert` runs it.
 
         Args:
-            expert: Name, or None.
+            expert: Its name, or None for the base Theta_0.
             images: Shape (B, cameras, 3, H, W), in [0, 1].
-            instructions: B of them; empty for none.
+            instructions: B texts, empty if the instruction is hidden.
         """
 
     def value_weights(self, expert: str) -> tuple[tuple[Tensor, Tensor], ...]:
@@ -98,38 +102,38 @@ class Candidates(Protocol):
 
 
 class Router(Protocol):
-    """Infers the task. Keeps nothing from one sighting to the next: a score depends on its own sighting alone."""
+    """Infers the task. Without state: a score depends on its own observation alone."""
 
     @property
     def name(self) -> str:
-        """As in `policies.mergevla.routing.catalog`."""
+        """As in `robogauntlet.policies.mergevla.routing.catalog`."""
 
     @property
     def sees_instruction(self) -> bool:
-        """False if the instruction is blanked, so that the task must be inferred from what is seen."""
+        """False if the instruction is blanked, so that the task must be inferred from images."""
 
     def passes(self, experts: int) -> int:
-        """Backbone passes for one decision among so many experts."""
+        """Backbone passes for one decision among this number of experts."""
 
-    def route(self, sightings: Sequence[Sighting], candidates: Candidates) -> list[Routed]:
-        """An answer for each sighting, in order.
+    def route(self, observations: Sequence[FirstObservation], candidates: Candidates) -> list[Routed]:
+        """Route each observation, in order.
 
         Raises:
-            PolicyError: The sightings or the candidates are not what the router was made for.
+            PolicyError: The router does not fit the observations or the candidates.
         """
 
 
 def answer(scores: Mapping[str, float], unknown: float | None = None, threshold: float | None = None) -> Routed:
-    """The expert of the highest score; of several, the first by name, so that their order does not matter."""
+    """Choose the expert of the highest score, in a tie the first by name."""
     choice = min(scores, key=lambda expert: (-scores[expert], expert))
     rejected = None if unknown is None or threshold is None else unknown > threshold
     return Routed(scores, choice, unknown, rejected)
 
 
 def hidden_states(
-    candidates: Candidates, expert: str | None, sightings: Sequence[Sighting], *, sees_instruction: bool
+    candidates: Candidates, expert: str | None, observations: Sequence[FirstObservation], *, sees_instruction: bool
 ) -> Iterator[HiddenStates]:
-    """Hidden states of sightings, batch by batch.
+    """Yield hidden states of observations, batch by batch.
 
     Raises:
         RoutingError: Images of another shape than the architecture's.
@@ -137,12 +141,12 @@ def hidden_states(
     architecture = candidates.architecture
     size = architecture.image_size
     expected = (len(architecture.cameras), 3, size, size)
-    for start in range(0, len(sightings), LARGEST_BATCH):
-        batch = sightings[start : start + LARGEST_BATCH]
-        for sighting in batch:
-            if tuple(sighting.images.shape) != expected:
-                raise RoutingError(f"expected images of shape {expected}, got {tuple(sighting.images.shape)}")
-        instructions = [sighting.instruction if sees_instruction else "" for sighting in batch]
+    for start in range(0, len(observations), LARGEST_BATCH):
+        batch = observations[start : start + LARGEST_BATCH]
+        for observation in batch:
+            if tuple(observation.images.shape) != expected:
+                raise RoutingError(f"expected images of shape {expected}, got {tuple(observation.images.shape)}")
+        instructions = [observation.instruction if sees_instruction else "" for observation in batch]
         with torch.no_grad():
             hidden = candidates.hidden_states(expert, torch.stack([s.images for s in batch]), instructions)
         yield hidden
@@ -156,7 +160,7 @@ def check_experts(router: str, fitted: Sequence[str], candidates: Sequence[str])
     """
     differing = sorted(set(fitted) ^ set(candidates))
     if differing:
-        whose = "the model has no such expert" if differing[0] in fitted else "the router does not know it"
+        reason = "the model has no such expert" if differing[0] in fitted else "the router does not know it"
         raise RoutingError(
-            f"router '{router}': expected to be fitted to the model's experts, got {differing[0]}: {whose}"
+            f"router '{router}': expected to be fitted to the model's experts, got {differing[0]}: {reason}"
         )

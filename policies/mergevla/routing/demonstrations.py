@@ -1,4 +1,4 @@
-"""First observations of recorded demonstrations, to fit routers on."""
+"""First observations of recorded demonstrations, to fit routers to."""
 
 from __future__ import annotations
 
@@ -8,44 +8,43 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from policies.mergevla.routing.contract import RoutingError, Sighting
-from policies.training.dataset import Demonstrations
-from suites.vocabulary import content_hash
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError
+from robogauntlet.policies.training.dataset import Demonstrations
+from robogauntlet.suites.episode import content_hash
 
 HELD_OUT_EVERY = 4
-"""One episode in so many is held out, the last of each four. Training's one in ten is too few for a temperature and a
-95 % quantile: an episode has one first frame."""
+"""The last of every four episodes is held out. Training's one in ten is too few for a temperature and a 95 % quantile,
+since an episode has one first observation."""
 
 
 @dataclass(frozen=True, eq=False)
-class FirstSightings:
+class RouterTrainingSet:
     """First observations by expert, in two disjoint sets of episodes."""
 
-    frames: Mapping[str, Sequence[Sighting]]
-    """To fit classes on."""
-    held_out: Mapping[str, Sequence[Sighting]]
-    """To fit temperature and thresholds on."""
+    frames: Mapping[str, Sequence[FirstObservation]]
+    """Observations to fit the classes to."""
+    held_out: Mapping[str, Sequence[FirstObservation]]
+    """Observations to fit temperature and thresholds to."""
 
 
-def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) -> FirstSightings:
-    """First frames of episodes, of every task as many as the task with the fewest has.
+def first_observations(datasets: Sequence[Demonstrations], cameras: Sequence[str]) -> RouterTrainingSet:
+    """Read the first observations of episodes, the same number for each task.
 
-    With more of some tasks than of others, what the classes have in common is mostly theirs, and a task that is left
-    out is noticed less: an AUROC of .72 instead of .85 with up to four times as many of five out of nine.
+    If some tasks had more, they would dominate the shared covariance, and an unknown task would be detected less often:
+    with up to four times as many of five out of nine tasks the AUROC is .72 instead of .85.
 
     Args:
-        datasets: Of which only the first frames' images are decoded. Those that begin where the oracle took over from a
-            learner are left out: no episode that is routed begins there.
-        cameras: The architecture's, in its order.
+        datasets: Datasets, of which only the first frames' images are decoded. Those whose episodes start where the
+            oracle took over from a learner are left out: no routed episode starts there.
+        cameras: The architecture's cameras, in order.
 
     Raises:
-        RoutingError: A dataset without such a camera, or with one episode only, so that none can be held out; a task
-            whose datasets all begin late.
+        RoutingError: A dataset lacks a camera or has a single episode, or all datasets of a task start midway.
         DatasetError: A broken image.
     """
-    frames: dict[str, list[Sighting]] = {}
-    held_out: dict[str, list[Sighting]] = {}
-    whole = [dataset for dataset in datasets if not dataset.begins_late]
+    frames: dict[str, list[FirstObservation]] = {}
+    held_out: dict[str, list[FirstObservation]] = {}
+    whole = [dataset for dataset in datasets if not dataset.starts_midway]
     for task in dict.fromkeys(dataset.task for dataset in datasets):
         if task not in {dataset.task for dataset in whole}:
             raise RoutingError(f"expected demonstrations of {task} from their first step, got a learner's only")
@@ -54,28 +53,30 @@ def first_sightings(datasets: Sequence[Demonstrations], cameras: Sequence[str]) 
         every = min(HELD_OUT_EVERY, dataset.episodes)
         if every < 2:
             raise RoutingError(f"{dataset.folder}: expected two episodes or more, got {dataset.episodes}")
-        for index, sighting in enumerate(_sightings(dataset, task, cameras)):
+        for index, observation in enumerate(_first_observations(dataset, task, cameras)):
             part = held_out if index % every == every - 1 else frames
-            part.setdefault(task, []).append(sighting)
-    return FirstSightings(_balanced(frames), _balanced(held_out))
+            part.setdefault(task, []).append(observation)
+    return RouterTrainingSet(_balanced(frames), _balanced(held_out))
 
 
-def _balanced(frames: Mapping[str, Sequence[Sighting]]) -> dict[str, Sequence[Sighting]]:
+def _balanced(frames: Mapping[str, Sequence[FirstObservation]]) -> dict[str, Sequence[FirstObservation]]:
     fewest = min(map(len, frames.values()), default=0)
-    return {task: found[:fewest] for task, found in frames.items()}
+    return {task: observations[:fewest] for task, observations in frames.items()}
 
 
-def _sightings(dataset: Demonstrations, task: str, cameras: Sequence[str]) -> list[Sighting]:
+def _first_observations(dataset: Demonstrations, task: str, cameras: Sequence[str]) -> list[FirstObservation]:
     missing = [camera for camera in cameras if camera not in dataset.spec.cameras]
     if missing:
-        came = ", ".join(sorted(dataset.spec.cameras))
-        raise RoutingError(f"{dataset.folder}: expected camera {missing[0]}, got {came}")
+        cameras_text = ", ".join(sorted(dataset.spec.cameras))
+        raise RoutingError(f"{dataset.folder}: expected camera {missing[0]}, got {cameras_text}")
     starts = dataset.starts
     batch = dataset.batch(starts, chunk_length=1)
     pixels = np.stack([batch.images[camera] for camera in cameras], axis=1)
     images = torch.from_numpy(pixels).permute(0, 1, 4, 2, 3).float() / 255.0
     return [
-        Sighting(images[i], batch.instructions[i], batch.states[i].astype(np.float64), _key(dataset, task, i), task)
+        FirstObservation(
+            images[i], batch.instructions[i], batch.states[i].astype(np.float64), _key(dataset, task, i), task
+        )
         for i in range(len(starts))
     ]
 

@@ -1,4 +1,4 @@
-"""What the fitted routers know of a sighting: hidden states of the frozen base, from one pass."""
+"""Features of first observations for the fitted routers: hidden states of the frozen base, from one pass."""
 
 from __future__ import annotations
 
@@ -9,53 +9,52 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
-from policies.mergevla.routing.contract import Candidates, RoutingError, Sighting, hidden_states
+from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, RoutingError, hidden_states
 
 
 class Pooling(StrEnum):
-    """What becomes of the patches."""
+    """How the patches' hidden states become one vector."""
 
     FLAT = "flat"
-    """Every patch keeps its place: where things lie counts."""
+    """Concatenated, so that positions count."""
     MEAN = "mean"
-    """Their mean."""
 
 
 @dataclass(frozen=True)
-class Reading:
-    """What is taken of the base's hidden states."""
+class FeatureSpec:
+    """Which of the base's hidden states are the features."""
 
     sees_instruction: bool = True
     """False blanks the instruction."""
     layer: int = -1
     """Index of the hidden states, -1 for the last."""
     pooling: Pooling = Pooling.MEAN
-    """Of the patches. Their mean notices an unknown task better: flat, the patches' many numbers drown the rest."""
+    """Their mean detects an unknown task better: concatenated, the patches' many numbers outweigh the rest."""
 
     def as_tensor(self) -> Tensor:
-        """As three whole numbers; `from_tensor` is the inverse."""
+        """Return the fields as three whole numbers; `from_tensor` is the inverse."""
         return torch.tensor([int(self.sees_instruction), self.layer, list(Pooling).index(self.pooling)])
 
     @classmethod
-    def from_tensor(cls, came: Tensor | None) -> Reading:
-        """What `as_tensor` wrote.
+    def from_tensor(cls, fields: Tensor | None) -> FeatureSpec:
+        """Read what `as_tensor` wrote.
 
         Raises:
-            RoutingError: It is something else.
+            RoutingError: The tensor is missing or malformed.
         """
-        if came is None or came.dtype != torch.int64 or came.shape != (3,) or not 0 <= came[2] < len(Pooling):
-            raise RoutingError(f"expected three whole numbers that say what is read, got {came}")
-        return cls(bool(came[0]), int(came[1]), list(Pooling)[int(came[2])])
+        if fields is None or fields.dtype != torch.int64 or fields.shape != (3,) or not 0 <= fields[2] < len(Pooling):
+            raise RoutingError(f"expected three whole numbers that describe the features, got {fields}")
+        return cls(bool(fields[0]), int(fields[1]), list(Pooling)[int(fields[2])])
 
 
 @dataclass(frozen=True, eq=False)
-class Labelled:
-    """Features of sightings whose task is known."""
+class LabelledFeatures:
+    """Features of first observations whose task is known."""
 
     features: Tensor
     """Shape (n, d)."""
     labels: tuple[str, ...]
-    """Expert's name for each of the n."""
+    """Name of the expert for each of the n."""
 
     def __post_init__(self) -> None:
         if self.features.ndim != 2 or len(self.features) != len(self.labels):
@@ -67,26 +66,21 @@ class Labelled:
 
     @property
     def experts(self) -> tuple[str, ...]:
-        """The names that occur, sorted."""
+        """Sorted names of the experts."""
         return tuple(sorted(set(self.labels)))
 
     def of(self, expert: str) -> Tensor:
-        """The features of one expert's sightings."""
+        """The features of one expert's observations."""
         return self.features[[i for i, label in enumerate(self.labels) if label == expert]]
 
-    def without(self, expert: str) -> Labelled:
-        """The same without one expert's."""
+    def without(self, expert: str) -> LabelledFeatures:
+        """The features of all other experts."""
         kept = [i for i, label in enumerate(self.labels) if label != expert]
-        return Labelled(self.features[kept], tuple(self.labels[i] for i in kept))
+        return LabelledFeatures(self.features[kept], tuple(self.labels[i] for i in kept))
 
 
-def features_of(candidates: Candidates, sightings: Sequence[Sighting], reading: Reading) -> Tensor:
-    """Features of sightings from one pass of the base.
-
-    Args:
-        candidates: Of which only the base is run.
-        sightings: Of the architecture's cameras and image size.
-        reading: What to take of the patches' states; the mean of h_A follows.
+def features_of(candidates: Candidates, observations: Sequence[FirstObservation], feature_spec: FeatureSpec) -> Tensor:
+    """Compute features of observations from one pass of the base: the pooled h_T, then the mean of h_A.
 
     Returns:
         Shape (n, d), float32, on the CPU.
@@ -95,36 +89,40 @@ def features_of(candidates: Candidates, sightings: Sequence[Sighting], reading: 
         RoutingError: Images of another shape, or no such layer.
     """
     parts = []
-    for hidden in hidden_states(candidates, None, sightings, sees_instruction=reading.sees_instruction):
+    for hidden in hidden_states(candidates, None, observations, sees_instruction=feature_spec.sees_instruction):
         layers = len(hidden.task)
-        if not -layers <= reading.layer < layers:
-            raise RoutingError(f"expected a layer from {-layers} to {layers - 1}, got {reading.layer}")
-        task = hidden.task[reading.layer]
-        seen = task.flatten(1) if reading.pooling is Pooling.FLAT else task.mean(dim=1)
-        parts.append(torch.cat([seen, hidden.action[reading.layer].mean(dim=1)], dim=1).float().cpu())
+        if not -layers <= feature_spec.layer < layers:
+            raise RoutingError(f"expected a layer from {-layers} to {layers - 1}, got {feature_spec.layer}")
+        task = hidden.task[feature_spec.layer]
+        seen = task.flatten(1) if feature_spec.pooling is Pooling.FLAT else task.mean(dim=1)
+        parts.append(torch.cat([seen, hidden.action[feature_spec.layer].mean(dim=1)], dim=1).float().cpu())
     return torch.cat(parts) if parts else torch.empty(0, 0)
 
 
-def labelled(candidates: Candidates, frames: Mapping[str, Sequence[Sighting]], reading: Reading) -> Labelled:
-    """Features of each expert's sightings, see `features_of`.
+def labelled_features(
+    candidates: Candidates, frames: Mapping[str, Sequence[FirstObservation]], feature_spec: FeatureSpec
+) -> LabelledFeatures:
+    """Compute the features of each expert's observations.
 
     Raises:
-        RoutingError: An expert has no sightings.
+        RoutingError: An expert has no observations.
     """
-    for expert, sightings in frames.items():
-        if not sightings:
-            raise RoutingError(f"expected first frames of expert {expert}, got none")
-    sightings = [sighting for expert in frames for sighting in frames[expert]]
+    for expert, observations in frames.items():
+        if not observations:
+            raise RoutingError(f"expected first observations of expert {expert}, got none")
+    observations = [observation for expert in frames for observation in frames[expert]]
     labels = tuple(expert for expert in frames for _ in frames[expert])
-    return Labelled(features_of(candidates, sightings, reading), labels)
+    return LabelledFeatures(features_of(candidates, observations, feature_spec), labels)
 
 
-def check_held_out(frames: Labelled, held_out: Labelled) -> None:
-    """Refuse held-out frames of other experts than the classes are fitted to.
+def check_held_out(frames: LabelledFeatures, held_out: LabelledFeatures) -> None:
+    """Refuse held-out features of other experts than those of `frames`.
 
     Raises:
-        RoutingError: They are, or there are none at all.
+        RoutingError: The experts differ, or there are none.
     """
     if not frames.labels or held_out.experts != frames.experts:
-        wanted, came = (", ".join(data.experts) for data in (frames, held_out))
-        raise RoutingError(f"expected held-out first frames of {wanted or 'some experts'}, got {came or 'none'}")
+        expected, given = (", ".join(data.experts) for data in (frames, held_out))
+        raise RoutingError(
+            f"expected held-out first observations of {expected or 'some experts'}, got {given or 'none'}"
+        )

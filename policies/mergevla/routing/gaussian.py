@@ -1,4 +1,4 @@
-"""Our router's model: Gaussian classes with one shared covariance, calibrated on held-out first frames."""
+"""The router `calibrated`: Gaussian classes with one shared covariance, calibrated on held-out first observations."""
 
 from __future__ import annotations
 
@@ -8,44 +8,32 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from policies.mergevla.routing.contract import RoutingError
-from policies.mergevla.routing.features import Labelled, Reading, check_held_out
-from policies.mergevla.routing.storage import names_from, names_tensor, number_from, tensor_from
-from policies.mergevla.routing.thresholds import conformal_threshold, temperature_of
+from robogauntlet.policies.mergevla.routing.calibration import conformal_threshold, temperature_of
+from robogauntlet.policies.mergevla.routing.contract import RoutingError
+from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures, check_held_out
+from robogauntlet.policies.mergevla.routing.fitted_router import RouterFit, check_features, shared_fields
+from robogauntlet.policies.mergevla.routing.tensor_codec import read_number, read_tensor
 
 COMPONENTS = 256
 SMALLEST_SPREAD = 1e-2
-"""A feature counts as spread by at least this share of the features' root mean square deviation: dividing by less would
-blow rounding errors up."""
+"""Lower bound of a feature's standard deviation, as a share of the features' root mean square deviation: dividing by
+less would amplify rounding errors."""
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Which class a feature vector belongs to, how probably, and how far it is from all of them."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GaussianRouterFit(RouterFit):
+    """Gaussian classes with one shared covariance. `centres` are the class means after whitening."""
 
-    experts: tuple[str, ...]
-    """Sorted."""
     mean: Tensor
-    """Of the features, shape (d,)."""
+    """Mean of the features, shape (d,)."""
     whitening: Tensor
-    """From centred features to where each class has the covariance 1: principal axes of the standardised features,
-    seen through a factor of the inverse of their covariance within classes, shape (c, d)."""
-    centres: Tensor
-    """Class means there, shape (experts, c)."""
-    reading: Reading
-    """What the features are."""
+    """Maps centred features to a space in which each class has unit covariance: principal axes of the standardised
+    features times a factor of the inverse of their within-class covariance, shape (c, d)."""
     temperature: float = 1.0
-    threshold: float = 0.0
-    """Distance above which a task counts as unknown."""
 
     def distances(self, features: Tensor) -> Tensor:
-        """Mahalanobis distance of features (n, d) to each class, shape (n, experts), float64.
-
-        Raises:
-            RoutingError: Features of another length.
-        """
-        if features.ndim != 2 or features.shape[1] != len(self.mean):
-            raise RoutingError(f"expected features of shape (n, {len(self.mean)}), got {tuple(features.shape)}")
+        """Mahalanobis distance of features (n, d) to each class, shape (n, experts), float64."""
+        check_features(features, len(self.mean))
         white = (features.double() - self.mean) @ self.whitening.double().mT
         return (white[:, None] - self.centres.double()).norm(dim=-1)
 
@@ -53,54 +41,40 @@ class Calibration:
         """Log-probability of each class with equal priors at the temperature, shape (n, experts), float64."""
         return torch.log_softmax(self.distances(features).square() / (-2.0 * self.temperature), dim=1)
 
-    def unknown(self, features: Tensor) -> Tensor:
-        """Distance to the nearest class (K. Lee et al., arXiv 1807.03888), shape (n,)."""
-        return self.distances(features).amin(dim=1)
-
     def as_tensors(self) -> dict[str, Tensor]:
-        """All of it as tensors; `from_tensors` is the inverse."""
-        return {
-            "reading": self.reading.as_tensor(),
-            "experts": names_tensor(self.experts),
+        """Return the fit as tensors, for a safetensors file."""
+        return super().as_tensors() | {
             "mean": self.mean,
             "whitening": self.whitening,
-            "centres": self.centres,
             "temperature": torch.tensor(self.temperature, dtype=torch.float64),
-            "threshold": torch.tensor(self.threshold, dtype=torch.float64),
         }
 
     @classmethod
-    def from_tensors(cls, tensors: Mapping[str, Tensor]) -> Calibration:
-        """The calibration that `as_tensors` wrote.
+    def from_tensors(cls, tensors: Mapping[str, Tensor]) -> GaussianRouterFit:
+        """Read what `as_tensors` wrote.
 
         Raises:
             RoutingError: A tensor is missing, of another shape, or not finite.
         """
-        experts = names_from(tensors, "experts")
-        mean = tensor_from(tensors, "mean", (None,))
-        whitening = tensor_from(tensors, "whitening", (None, len(mean)))
-        temperature = number_from(tensors, "temperature")
+        mean = read_tensor(tensors, "mean", (None,))
+        whitening = read_tensor(tensors, "whitening", (None, len(mean)))
+        temperature = read_number(tensors, "temperature")
         if temperature <= 0:
             raise RoutingError(f"expected a temperature above 0, got {temperature:g}")
-        return cls(
-            experts,
-            mean,
-            whitening,
-            tensor_from(tensors, "centres", (len(experts), len(whitening))),
-            Reading.from_tensor(tensors.get("reading")),
-            temperature,
-            number_from(tensors, "threshold"),
-        )
+        shared = shared_fields(tensors, len(whitening))
+        return cls(**shared, mean=mean, whitening=whitening, temperature=temperature)
 
 
-def fit(frames: Labelled, held_out: Labelled, reading: Reading, components: int = COMPONENTS) -> Calibration:
+def fit(
+    frames: LabelledFeatures, held_out: LabelledFeatures, feature_spec: FeatureSpec, components: int = COMPONENTS
+) -> GaussianRouterFit:
     """Fit the classes, then the temperature and the threshold.
 
     Args:
-        frames: To fit the classes on.
-        held_out: Of the same experts, to fit temperature and threshold on.
-        reading: What the features are.
-        components: Principal components at most.
+        frames: Features to fit the classes to.
+        held_out: Features of the same experts to fit temperature and threshold to.
+        feature_spec: How the features were computed.
+        components: Largest number of principal components.
 
     Raises:
         RoutingError: Experts without frames or held-out ones, or frames that are all the same.
@@ -117,7 +91,13 @@ def fit(frames: Labelled, held_out: Labelled, reading: Reading, components: int 
     # The factor of the inverse, from the factor of the covariance.
     precision = torch.linalg.inv(_cholesky(covariance))
     whitening, centres = precision @ axes, centres @ precision.mT
-    fitted = Calibration(experts, mean.float(), whitening.float(), centres.float(), reading)
+    fitted = GaussianRouterFit(
+        experts=experts,
+        centres=centres.float(),
+        feature_spec=feature_spec,
+        mean=mean.float(),
+        whitening=whitening.float(),
+    )
     truth = torch.tensor([experts.index(label) for label in held_out.labels])
     logits = fitted.distances(held_out.features).square() / -2.0
     return replace(
@@ -128,7 +108,7 @@ def fit(frames: Labelled, held_out: Labelled, reading: Reading, components: int 
 
 
 def ledoit_wolf(residuals: Tensor) -> Tensor:
-    """Covariance of centred rows, shrunk towards a multiple of the identity by the amount that the rows call for.
+    """Covariance of centred rows, shrunk towards a multiple of the identity by the optimal amount.
 
     O. Ledoit and M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", J. Multivariate
     Anal. 88 (2004).
@@ -145,25 +125,26 @@ def ledoit_wolf(residuals: Tensor) -> Tensor:
     return torch.from_numpy(estimate)
 
 
-def _principal_axes(centred: Tensor, most: int) -> Tensor:
+def _principal_axes(centred: Tensor, limit: int) -> Tensor:
     """Principal axes of the standardised data, divided by each feature's spread, so that they apply to the data itself.
 
-    Shape (c, d), c at most `most` and the rank.
+    Shape (c, d), c at most `limit` and the rank.
     """
     deviation = centred.square().mean(dim=0).sqrt()
     overall = deviation.square().mean().sqrt()
     if overall == 0:
-        raise RoutingError("expected first frames that differ, got features that are all the same")
+        raise RoutingError("expected first observations that differ, got features that are all the same")
     spread = deviation.clamp(min=float(SMALLEST_SPREAD * overall))
     _, values, axes = torch.linalg.svd(centred / spread, full_matrices=False)
     rank = int((values > values[0] * 1e-6).sum())
-    return axes[: min(most, rank)] / spread
+    return axes[: min(limit, rank)] / spread
 
 
 def _cholesky(covariance: Tensor) -> Tensor:
     factor, failed = torch.linalg.cholesky_ex(covariance)
     if failed:
         raise RoutingError(
-            "expected first frames that differ within a task, got the same one each time; give it more demonstrations"
+            "expected first observations that differ within a task, got the same one each time; "
+            "give it more demonstrations"
         )
     return factor

@@ -1,4 +1,4 @@
-"""The paper's router (arXiv 2511.18810): each candidate's energy in the subspaces of its values."""
+"""The paper's router (arXiv 2511.18810): each candidate's energy in the subspaces of its value projections."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from policies.mergevla.backbone import HiddenStates
-from policies.mergevla.routing.contract import Candidates, Routed, Sighting, answer, hidden_states
+from robogauntlet.policies.mergevla.network.backbone import HiddenStates
+from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Routed, answer, hidden_states
 
 RANK = 8
-"""k_r, the right singular vectors that span a subspace."""
+"""k_r, the number of right singular vectors that span a subspace."""
 
 
 @dataclass(frozen=True, eq=False)
 class Subspaces:
-    """What one candidate's hidden states are projected onto."""
+    """Subspaces onto which one candidate's hidden states are projected."""
 
     action: Tensor
     """P_A, leading right singular vectors of v_adapter, shape (8, width)."""
@@ -26,7 +26,7 @@ class Subspaces:
 
     @classmethod
     def of(cls, v_adapter: Tensor, v_task: Tensor) -> Subspaces:
-        """Those of a block's value projections."""
+        """Compute the subspaces of a block's value projections."""
         return cls(leading_right_vectors(v_adapter), leading_right_vectors(v_task))
 
 
@@ -51,22 +51,21 @@ def energy(states: Tensor, subspace: Tensor) -> Tensor:
 
 
 class _SubspaceRouter:
-    """A pass of every candidate. The subspaces are computed once for a candidates object."""
+    """Runs every candidate. The subspaces are computed once for a candidates object."""
 
     name: str
 
     def __init__(self, *, sees_instruction: bool = True) -> None:
-        """Args: sees_instruction: False blanks the instruction."""
         self.sees_instruction = sees_instruction
         self._fitted_to: Candidates | None = None
         self._subspaces: dict[str, Subspaces] = {}
 
     def passes(self, experts: int) -> int:
-        """One per expert."""
+        """Backbone passes for one decision: one per expert."""
         return experts
 
-    def route(self, sightings: Sequence[Sighting], candidates: Candidates) -> list[Routed]:
-        """Raw scores r_m. Their softmax, which the paper takes next, changes no choice and is no probability.
+    def route(self, observations: Sequence[FirstObservation], candidates: Candidates) -> list[Routed]:
+        """Route by the raw scores r_m. The paper's softmax of them changes no choice and is not a probability.
 
         Raises:
             PolicyError: Images of another shape than the architecture's.
@@ -74,14 +73,14 @@ class _SubspaceRouter:
         if self._fitted_to is not candidates:
             self._subspaces = {expert: self._subspaces_of(candidates, expert) for expert in candidates.experts}
             self._fitted_to = candidates
-        scores = {expert: self._scores(sightings, candidates, expert) for expert in candidates.experts}
-        return [answer({expert: found[i] for expert, found in scores.items()}) for i in range(len(sightings))]
+        scores = {expert: self._scores(observations, candidates, expert) for expert in candidates.experts}
+        return [answer({expert: values[i] for expert, values in scores.items()}) for i in range(len(observations))]
 
-    def _scores(self, sightings: Sequence[Sighting], candidates: Candidates, expert: str) -> list[float]:
-        found: list[float] = []
-        for hidden in hidden_states(candidates, expert, sightings, sees_instruction=self.sees_instruction):
-            found += self._score(hidden, self._subspaces[expert], candidates.kept_blocks).tolist()
-        return found
+    def _scores(self, observations: Sequence[FirstObservation], candidates: Candidates, expert: str) -> list[float]:
+        scores: list[float] = []
+        for hidden in hidden_states(candidates, expert, observations, sees_instruction=self.sees_instruction):
+            scores += self._score(hidden, self._subspaces[expert], candidates.kept_blocks).tolist()
+        return scores
 
     def _subspaces_of(self, candidates: Candidates, expert: str) -> Subspaces:
         raise NotImplementedError
@@ -91,7 +90,7 @@ class _SubspaceRouter:
 
 
 class PaperCodedRouter(_SubspaceRouter):
-    """As the released code has it.
+    """The router of the released code.
 
     Candidate m: r_m = (mean_tokens ||P_A,m h_A|| + mean_tokens ||P_T,m h_T||) / 2, with P of the expert's own, unmerged
     block of index b = L - k - 1 (from 0), and the hidden states of index b + 2 of the candidate's backbone, one layer
@@ -109,7 +108,7 @@ class PaperCodedRouter(_SubspaceRouter):
 
 
 class PaperWrittenRouter(_SubspaceRouter):
-    """As the paper's text has it.
+    """The router of the paper's text.
 
     Candidate m: r_m = (||P_T h_A|| + ||P_A h_T||) / 2 at l = L, the pairs crossed, with P of the last block of the
     merged action expert as candidate m runs it. The text does not say how tokens become one norm: their mean, as coded.
@@ -125,8 +124,8 @@ class PaperWrittenRouter(_SubspaceRouter):
 
 
 def hidden_index(layers: int, kept_blocks: int) -> int:
-    """Which hidden states the coded router reads: block index L - k - 1 plus 2.
+    """Return the index of the hidden states that the coded router reads: block index L - k - 1 plus 2.
 
-    The code always keeps a block; without one that index is past the last, so the last is taken.
+    The code always keeps a block; with none, the index would be past the last, so the last is taken.
     """
     return min(layers - kept_blocks + 1, layers)

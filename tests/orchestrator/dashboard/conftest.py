@@ -8,12 +8,13 @@ import httpx2
 import pytest
 import uvicorn
 
-from orchestrator.calendar.book import Book
-from orchestrator.cli.serve import listen
-from orchestrator.dashboard.app import create_app
-from orchestrator.dashboard.desk import Settings
-from results.history import History
-from results.syncing import take_in_run
+from robogauntlet.orchestrator.cli.serve import listen
+from robogauntlet.orchestrator.dashboard.app import create_app
+from robogauntlet.orchestrator.dashboard.app_state import Settings
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.history_import import record_run_folder
+from robogauntlet.results.store.run_history import History
 from tests.orchestrator.dashboard.filled import DAY, film, judged, night
 
 NOW = 1_790_000_000.0
@@ -22,8 +23,8 @@ NOW = 1_790_000_000.0
 class Served:
     """A served dashboard and what it is served from."""
 
-    def __init__(self, root, history, book, address):
-        self.root, self.history, self.book, self.address = root, history, book, address
+    def __init__(self, root, history, schedule_store, address):
+        self.root, self.history, self.schedule_store, self.address = root, history, schedule_store, address
         self.asked = []
 
     def get(self, path, **options):
@@ -39,11 +40,12 @@ def serving(root, before=None, url=None, **settings):
 
     `before(served, path)` is called in the server before each answer.
     """
-    history = History.open_file(root / "history.sqlite") if url is None else History.open(url)
-    book = Book.open(history.url)
+    root.mkdir(parents=True, exist_ok=True)
+    history = History.open(file_url(root / "history.sqlite")) if url is None else History.open(url)
+    schedule_store = ScheduleStore.open(history.url)
     listening = listen("127.0.0.1", 0)
-    served = Served(root, history, book, f"http://127.0.0.1:{listening.getsockname()[1]}")
-    app = create_app(history, book, Settings(root, **settings))
+    served = Served(root, history, schedule_store, f"http://127.0.0.1:{listening.getsockname()[1]}")
+    app = create_app(history, schedule_store, Settings(root, **settings))
 
     async def noting(scope, receive, send):
         if scope["type"] == "http":
@@ -62,21 +64,22 @@ def serving(root, before=None, url=None, **settings):
     finally:
         server.should_exit = True
         thread.join(10)
-        book.close()
+        schedule_store.close()
         history.close()
         listening.close()
 
 
 def fill(root, nights=4, url=None):
     """Nights with a regression in the last; filmed."""
-    history = History.open_file(root / "history.sqlite") if url is None else History.open(url)
+    root.mkdir(parents=True, exist_ok=True)
+    history = History.open(file_url(root / "history.sqlite")) if url is None else History.open(url)
     made = []
     for number in range(nights):
         last = number == nights - 1
         folder, run, results = night(
             root, number, NOW + number * DAY, version=2 if last else 1, rate=0.5 if last else 0.95
         )
-        take_in_run(history, folder, run)
+        record_run_folder(history, folder, run)
         judged(history, folder, run)
         made.append((folder, run, results))
     film(*made[-1], count=3)

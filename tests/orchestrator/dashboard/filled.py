@@ -10,22 +10,23 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from orchestrator.calendar.book import Book
-from orchestrator.calendar.schedule import Schedule, State
-from results.history import History
-from results.live import Live, LiveSimulator, LiveWorker
-from results.media import picture_path, video_path
-from results.opening import compare, open_run
-from results.report import write_report
-from results.report.comparison import reasons
-from results.run import Provenance, RunStatus
-from results.syncing import take_in_run
-from suites.vocabulary import Cell, Protocol, content_hash
+from robogauntlet.orchestrator.schedules.schedule import Schedule, State
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.api import compare, open_run
+from robogauntlet.results.live_status import LiveSimulator, LiveStatus, LiveWorker
+from robogauntlet.results.media_paths import picture_path, video_path
+from robogauntlet.results.report import write_report
+from robogauntlet.results.report.comparison import reasons
+from robogauntlet.results.run_document import Provenance, RunStatus
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.history_import import record_run_folder
+from robogauntlet.results.store.run_history import History
+from robogauntlet.suites.episode import Cell, Protocol, content_hash
 from tests.results.synthetic import document, row, run_folder
 
 DAY = 86_400.0
 TASKS = ("maniskill/PushCube-v1", "maniskill/StackCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift", "robosuite/Door")
-POLICIES = ("experts", "merged", "merged-blind")
+POLICIES = ("experts", "merged", "merged-instruction-hidden")
 PROVENANCE = Provenance(
     git_commit="4f1c2a9", git_dirty=False, python="3.11.9", processor="x86_64", cores=8, packages={"robosuite": "1.5.2"}
 )
@@ -53,7 +54,7 @@ def night(root: Path, number: int, started_at: float, *, version=1, rate=0.9, se
         of=of,
         **{
             "run_id": f"{content_hash([suite, number])[:32]}",
-            "suite_name": suite,
+            "name": suite,
             "suite_text": f"name: {suite}\npolicies: [{', '.join(POLICIES)}]\n",
             "started_at": started_at,
             "finished_at": started_at + 1800,
@@ -71,7 +72,7 @@ def judged(history: History, folder: Path, run) -> None:
     baseline = history.baseline(run)
     if baseline is not None:
         found = compare(open_run(folder), open_run(baseline.folder))
-        history.judge(run.run_id, str(found.verdict), baseline.run_id, reasons(found))
+        history.write_verdict(run.run_id, str(found.verdict), baseline.run_id, reasons(found))
 
 
 def running(history: History, run_id="running-1", suite="nightly", **changes):
@@ -79,13 +80,7 @@ def running(history: History, run_id="running-1", suite="nightly", **changes):
     run = document(
         100,
         of=plan(),
-        **{
-            "run_id": run_id,
-            "suite_name": suite,
-            "started_at": time.time() - 600,
-            "status": RunStatus.RUNNING,
-            **changes,
-        },
+        **{"run_id": run_id, "name": suite, "started_at": time.time() - 600, "status": RunStatus.RUNNING, **changes},
     )
     history.record(run, Path("/nowhere") / run_id, counted={})
     return run
@@ -112,14 +107,16 @@ def said(done=120, *, at=None, errors=1, workers=True):
     )
     busy = (
         LiveWorker(
-            worker="maniskill-0", simulator="maniskill", doing="experts on maniskill/StackCube-v1", since=now - 4
+            worker="maniskill-0", simulator="maniskill", activity="experts on maniskill/StackCube-v1", since=now - 4
         ),
-        LiveWorker(worker="pybullet-0", simulator="pybullet", doing="merged on pybullet/PandaPush-v3", since=now - 2),
-        LiveWorker(worker="robosuite-0", simulator="robosuite", doing="merged on robosuite/Door", since=now - 11),
-        LiveWorker(worker="robosuite-1", simulator="robosuite", doing="starting", since=now - 31),
+        LiveWorker(
+            worker="pybullet-0", simulator="pybullet", activity="merged on pybullet/PandaPush-v3", since=now - 2
+        ),
+        LiveWorker(worker="robosuite-0", simulator="robosuite", activity="merged on robosuite/Door", since=now - 11),
+        LiveWorker(worker="robosuite-1", simulator="robosuite", activity="starting", since=now - 31),
     )
     says = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
-    return Live(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), says=says)
+    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=says)
 
 
 def film(folder: Path, run, results, count=6) -> None:
@@ -142,10 +139,11 @@ def film(folder: Path, run, results, count=6) -> None:
         Image.new("RGB", (128, 128), (shade, 110, 190 - shade)).save(path)
 
 
-def whole_group(root: Path, nights: int = 40) -> tuple[History, Book]:
+def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
     """What a group has after forty nights: two regressions, a suite that runs, one that fell silent, schedules."""
-    history = History.open_file(root / "history.sqlite")
-    book = Book.open(history.url)
+    root.mkdir(parents=True, exist_ok=True)
+    history = History.open(file_url(root / "history.sqlite"))
+    schedule_store = ScheduleStore.open(history.url)
     now = time.time()
     first = now - (nights - 1) * DAY - now % DAY + 2 * 3600 - DAY
     version, rate = 1, 0.86
@@ -158,21 +156,29 @@ def whole_group(root: Path, nights: int = 40) -> tuple[History, Book]:
         folder, run, results = night(
             root, number, first + number * DAY, version=version, rate=rate, seeds=40, **changes
         )
-        take_in_run(history, folder, run)
+        record_run_folder(history, folder, run)
         judged(history, folder, run)
         if number == nights - 1:
             film(folder, run, results)
             write_report(folder)
     schedule = Schedule("nightly", "nightly", "0 2 * * *", "Europe/Berlin", created_at=now - 3 * DAY, keep=60)
-    book.add(schedule)
-    book.add(Schedule("weekly-screening", "screening", "0 4 * * 6", created_at=now, arguments=("--seeds", "20")))
-    book.take_note(now, lambda one, at: str(root / f"{one.name}-{at:.0f}"))
+    schedule_store.add(schedule)
+    schedule_store.add(
+        Schedule("weekly-screening", "screening", "0 4 * * 6", created_at=now, arguments=("--seeds", "20"))
+    )
+    schedule_store.record_due(now, lambda one, at: str(root / f"{one.name}-{at:.0f}"))
     states = ((State.DONE, "no evidence of a difference"), (State.FAILED, "stopped early: the disk was full"))
-    for number, firing in enumerate(book.firings()):
+    for number, scheduled_run in enumerate(schedule_store.scheduled_runs()):
         state, outcome = states[number % 2]
-        book.change(firing, state=state, outcome=outcome, began_at=firing.due_at, ended_at=firing.due_at + 1800)
+        schedule_store.change(
+            scheduled_run,
+            state=state,
+            outcome=outcome,
+            began_at=scheduled_run.due_at,
+            ended_at=scheduled_run.due_at + 1800,
+        )
     running(history, "running-1")
-    history.tell("running-1", said(140))
+    history.write_live_status("running-1", said(140))
     running(history, "running-2", "screening", started_at=now - 7200)
-    history.tell("running-2", said(80, at=now - 1500, workers=False))
-    return history, book
+    history.write_live_status("running-2", said(80, at=now - 1500, workers=False))
+    return history, schedule_store

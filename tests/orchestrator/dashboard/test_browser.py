@@ -8,10 +8,10 @@ from urllib.parse import quote
 
 import pytest
 
-from results.entries import Counts
-from results.live import LiveSimulator, LiveWorker
-from results.run import RunStatus
-from suites.vocabulary import Cell, Protocol
+from robogauntlet.results.live_status import LiveSimulator, LiveWorker
+from robogauntlet.results.run_document import RunStatus
+from robogauntlet.results.store.history_records import Counts
+from robogauntlet.suites.episode import Cell, Protocol
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import running, said
 from tests.results.synthetic import document, row, run_folder
@@ -44,7 +44,7 @@ def seen(address, profile, budget=3000):
 
 def bad_live(done=5):
     line = LiveSimulator(simulator=BAD, planned=10, successes=done, failures=0, errors=0)
-    worker = LiveWorker(worker=BAD, simulator=BAD, doing=f"{BAD} {done}", since=0.0)
+    worker = LiveWorker(worker=BAD, simulator=BAD, activity=f"{BAD} {done}", since=0.0)
     return said(1).model_copy(update={"phase": BAD, "simulators": (line,), "workers": (worker,), "says": (BAD,)})
 
 
@@ -54,7 +54,7 @@ def is_owned(page):
 
 def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
     of = [Cell(policy, policy, f"null/{BAD}", Protocol(horizon=10)) for policy in (BAD, "other")]
-    named = {"suite_name": BAD, "suite_description": BAD, "reason": BAD, "suite_text": BAD}
+    named = {"description": BAD, "reason": BAD, "suite_text": BAD}
     with serving(tmp_path) as served:
         for run_id, status in (("one", "failure"), ("two", "success")):
             results = [row(cell, seed, status) for cell in of for seed in range(9)]
@@ -62,9 +62,9 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
             folder = run_folder(tmp_path / run_id, run, results)
             counted = {(cell.policy_digest, cell.task, "clean", 0): Counts(9, 9) for cell in of}
             served.history.record(run, folder, counted)
-        served.history.judge("two", BAD, "one", [BAD])
-        running(served.history, suite=BAD)
-        served.history.tell("running-1", bad_live())
+        served.history.write_verdict("two", BAD, "one", [BAD])
+        running(served.history)
+        served.history.write_live_status("running-1", bad_live())
         paths = ("/", "/runs/two", "/runs/running-1", "/compare?run=one&baseline=two", "/leaderboard?suite={}")
         paths += ("/history?policy={}", "/runs?suite={}", "/failures?run=one&policy={}&task={}")
         for path in paths:
@@ -79,11 +79,11 @@ def test_numbers_change_while_one_looks_without_loading_the_page_again(tmp_path)
     def tell(served, path):
         if path == "/api/live":
             asked.append(path)
-            served.history.tell("running-1", said(120 + 7 * len(asked)))
+            served.history.write_live_status("running-1", said(120 + 7 * len(asked)))
 
     with serving(tmp_path, before=tell) as served:
         running(served.history)
-        served.history.tell("running-1", said(120))
+        served.history.write_live_status("running-1", said(120))
         page = seen(served.address + "/", tmp_path / "profile", 9000)
         pages = served.asked.count("/")
     assert pages == 1
@@ -99,11 +99,11 @@ def test_a_script_in_what_a_run_says_later_is_not_run_either(tmp_path):
 
     def tell(served, path):
         if path == "/api/live":
-            served.history.tell("running-1", bad_live(next(number)))
+            served.history.write_live_status("running-1", bad_live(next(number)))
 
     with serving(tmp_path, before=tell) as served:
         running(served.history)
-        served.history.tell("running-1", bad_live(0))
+        served.history.write_live_status("running-1", bad_live(0))
         page = seen(served.address + "/", tmp_path / "profile", 7000)
     assert not is_owned(page)
     assert re.search(r'data-field="doing">[^<]*&lt;script&gt;.* [1-9]\d*<', page)
@@ -117,7 +117,7 @@ def test_a_run_that_ends_shows_what_came_of_it_without_a_reload(tmp_path):
 
     with serving(tmp_path, before=end) as served:
         running(served.history)
-        served.history.tell("running-1", said(120))
+        served.history.write_live_status("running-1", said(120))
         page = seen(served.address + "/runs/running-1", tmp_path / "profile", 7000)
     assert 'class="pill complete"' in page
     assert "progressbar" not in page
@@ -131,7 +131,7 @@ def test_an_old_number_is_said_to_be_old_when_the_server_fails(tmp_path):
 
     with serving(tmp_path, before=fail) as served:
         running(served.history)
-        served.history.tell("running-1", said(120))
+        served.history.write_live_status("running-1", said(120))
         page = seen(served.address + "/", tmp_path / "profile", 5000)
     assert re.search(r'id="note"[^>]*>The server does not answer', page)
 

@@ -12,9 +12,8 @@ from urllib.parse import urlsplit
 import httpx2
 import pytest
 
-from orchestrator.dashboard.files import known_file
-from orchestrator.dashboard.guard import is_loopback
-from results.report import write_report
+from robogauntlet.orchestrator.dashboard.files import known_file
+from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import night
 
@@ -22,7 +21,8 @@ TOKEN = "correct-horse-battery-staple"
 SERVE = [
     sys.executable,
     "-c",
-    "import sys, typer\nfrom orchestrator.cli.serve import serve\nfrom orchestrator.cli.shared import BadInput, fail\n"
+    "import sys, typer\nfrom robogauntlet.orchestrator.cli.serve import serve\n"
+    "from robogauntlet.orchestrator.cli.common import BadInput, fail\n"
     "app = typer.Typer()\napp.command()(serve)\n"
     "try:\n app()\nexcept BadInput as error:\n fail(str(error))\n sys.exit(2)\n",
 ]
@@ -194,14 +194,9 @@ def test_every_file_of_a_report_is_shown(tmp_path):
         assert known_file(folder, name) == folder / name
 
 
-def test_which_addresses_are_only_this_machines():
-    assert all(map(is_loopback, ("127.0.0.1", "127.9.9.9", "::1", "localhost")))
-    assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.1.5", "example.org", "localhost.evil.example", "")))
-
-
 def served_by_command(*arguments, token=None):
-    environment = {name: value for name, value in os.environ.items() if name != "GAUNTLET_TOKEN"}
-    environment |= {"GAUNTLET_TOKEN": token} if token else {}
+    environment = {name: value for name, value in os.environ.items() if name != "ROBOGAUNTLET_TOKEN"}
+    environment |= {"ROBOGAUNTLET_TOKEN": token} if token else {}
     return subprocess.run([*SERVE, *arguments], capture_output=True, text=True, timeout=120, env=environment)
 
 
@@ -209,7 +204,7 @@ def test_an_address_that_others_reach_needs_a_token():
     done = served_by_command("--host", "0.0.0.0")
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
-    assert "GAUNTLET_TOKEN" in done.stderr
+    assert "ROBOGAUNTLET_TOKEN" in done.stderr
 
 
 def test_a_port_that_is_taken_is_said_to_be(tmp_path):
@@ -218,7 +213,7 @@ def test_a_port_that_is_taken_is_said_to_be(tmp_path):
         done = served_by_command("--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
-    assert f"127.0.0.1:{port}: cannot listen there: Address already in use" in done.stderr
+    assert f"127.0.0.1:{port}: cannot listen: Address already in use" in done.stderr
 
 
 def test_the_command_serves_until_it_is_interrupted(tmp_path):

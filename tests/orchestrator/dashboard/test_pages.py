@@ -5,9 +5,9 @@ import time
 
 import pytest
 
-from orchestrator.calendar.schedule import Schedule, State
-from results.live import STALE_S
-from results.report import write_report
+from robogauntlet.orchestrator.schedules.schedule import Schedule, State
+from robogauntlet.results.live_status import STALE_S
+from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import night, running, said
 from tests.results.synthetic import document
@@ -33,7 +33,7 @@ def test_a_page_of_an_empty_store_says_so_and_is_well_formed(served, path):
 
 def test_the_overview_shows_what_runs_with_bars_workers_and_intervals(served):
     running(served.history)
-    served.history.tell("running-1", said(120))
+    served.history.write_live_status("running-1", said(120))
     page = served.get("/").text
     assert page.count('role="progressbar"') == 3
     assert 'aria-valuenow="121"' in page  # robosuite, with its error
@@ -44,7 +44,7 @@ def test_the_overview_shows_what_runs_with_bars_workers_and_intervals(served):
 
 def test_a_run_that_fell_silent_is_not_shown_as_running(served):
     running(served.history)
-    served.history.tell("running-1", said(at=time.time() - 7 * STALE_S))
+    served.history.write_live_status("running-1", said(at=time.time() - 7 * STALE_S))
     for path in ("/", "/runs", "/runs/running-1"):
         page = served.get(path).text
         assert "silent for 7 min" in page
@@ -54,7 +54,7 @@ def test_a_run_that_fell_silent_is_not_shown_as_running(served):
 
 def test_the_live_numbers_are_there_for_programs(served):
     running(served.history)
-    served.history.tell("running-1", said(120))
+    served.history.write_live_status("running-1", said(120))
     found = served.get("/api/live").json()["runs"]
     assert [(one["id"], one["state"], one["done"], one["planned"]) for one in found] == [
         ("running-1", "running", 361, 1500)
@@ -81,7 +81,7 @@ def test_runs_are_paged(served):
     assert run_links(first) == [f"run-{number:03}" for number in range(119, 69, -1)]
     assert run_links(last) == [f"run-{number:03}" for number in range(19, -1, -1)]
     assert "101 to 120 of 120 runs" in last
-    assert "There are only 3 pages" in served.get("/runs?page=9").text
+    assert "The list has only 3 pages" in served.get("/runs?page=9").text
 
 
 @pytest.mark.parametrize("page", ["0", "-1", "x", "1" * 40])
@@ -94,14 +94,14 @@ def test_a_page_number_that_cannot_be_is_answered_in_a_line(served, page):
 def test_runs_are_filtered_by_suite_status_and_policy(served):
     from tests.results.synthetic import cells
 
-    served.history.record(document(run_id="one", suite_name="a"))
-    served.history.record(document(run_id="two", suite_name="b", status="stopped"))
-    served.history.record(document(run_id="three", suite_name="b", of=cells(policies=("merged",))))
+    served.history.record(document(run_id="one", name="a"))
+    served.history.record(document(run_id="two", name="b", status="stopped"))
+    served.history.record(document(run_id="three", name="b", of=cells(policies=("merged",))))
     assert run_links(served.get("/runs?suite=a").text) == ["one"]
     assert run_links(served.get("/runs?status=stopped").text) == ["two"]
     assert run_links(served.get("/runs?policy=merged").text) == ["three"]
     assert run_links(served.get("/runs?suite=b&policy=oracle&status=").text) == ["two"]
-    assert "No run is like that" in served.get("/runs?suite=c").text
+    assert "No run matches" in served.get("/runs?suite=c").text
 
 
 def test_a_run_shows_counts_with_intervals_the_verdict_and_its_baseline(filled):
@@ -122,7 +122,7 @@ def test_a_run_shows_counts_with_intervals_the_verdict_and_its_baseline(filled):
 def test_a_run_that_is_not_there_is_said_not_to_be(filled):
     answer = filled.get("/runs/nothing")
     assert answer.status_code == 404
-    assert "The history has no run of this id." in answer.text
+    assert "The history has no run with this id." in answer.text
 
 
 def test_a_comparison_says_what_the_command_says(filled):
@@ -146,11 +146,11 @@ def test_a_comparison_whose_rows_are_elsewhere_is_answered_in_a_line(served):
 
 def test_the_history_draws_a_mark_per_night_that_leads_to_the_run(filled):
     page = filled.get("/history?policy=merged&suite=nightly&task=robosuite/Lift").text
-    plot = re.search(r'<svg class="nights".*?</svg>', page, re.DOTALL)[0]
+    plot = re.search(r'<svg class="history-plot".*?</svg>', page, re.DOTALL)[0]
     assert len(re.findall(r'<a href="/runs/[0-9a-f]+"', plot)) == 4
     assert 'class="bad"' in plot
     assert page.count('<th scope="row"') == 4
-    assert "No run is like that" in filled.get("/history?policy=nobody").text
+    assert "No run matches" in filled.get("/history?policy=nobody").text
 
 
 def test_the_style_of_the_plot_is_allowed_by_its_hash_alone(filled):
@@ -177,9 +177,11 @@ def test_a_run_whose_rows_are_gone_is_named_by_the_leaderboard_and_an_older_take
 
 def test_the_schedule_shows_when_it_is_due_and_what_became_of_it(served):
     schedule = Schedule("nightly", "mergevla", "0 2 * * *", "Europe/Berlin", created_at=time.time() - 86_400)
-    served.book.add(schedule)
-    served.book.take_note(time.time(), lambda one, at: "folder")
-    served.book.change(served.book.firings()[0], state=State.FAILED, outcome="the disk was full")
+    served.schedule_store.add(schedule)
+    served.schedule_store.record_due(time.time(), lambda one, at: "folder")
+    served.schedule_store.change(
+        served.schedule_store.scheduled_runs()[0], state=State.FAILED, outcome="the disk was full"
+    )
     page = served.get("/schedule").text
     assert "<code>0 2 * * *</code>" in page
     assert "Europe/Berlin" in page
@@ -225,12 +227,12 @@ def test_a_report_is_shown_in_a_sandbox_without_scripts(tmp_path):
 
 def test_numbers_for_prometheus_say_what_runs_what_was_found_and_what_is_due(served):
     running(served.history, suite='we"ird\nname')
-    served.history.tell("running-1", said(120))
-    served.history.record(document(run_id="old", suite_name="nightly", started_at=1.0))
-    served.history.judge("old", "improved", None, [])
-    served.history.record(document(run_id="new", suite_name="nightly", started_at=2.0))
-    served.history.judge("new", "regressed", None, [])
-    served.book.add(Schedule("night", "mergevla", "0 2 * * *", created_at=0.0))
+    served.history.write_live_status("running-1", said(120))
+    served.history.record(document(run_id="old", name="nightly", started_at=1.0))
+    served.history.write_verdict("old", "improved", None, [])
+    served.history.record(document(run_id="new", name="nightly", started_at=2.0))
+    served.history.write_verdict("new", "regressed", None, [])
+    served.schedule_store.add(Schedule("night", "mergevla", "0 2 * * *", created_at=0.0))
     text = served.get("/metrics").text
     assert 'robogauntlet_runs{status="running"} 1.0' in text
     assert 'robogauntlet_runs{status="complete"} 2.0' in text

@@ -4,10 +4,10 @@ import time
 
 import pytest
 
-from orchestrator.calendar.schedule import Schedule
+from robogauntlet.orchestrator.schedules.schedule import Schedule
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import running, said
-from tests.results.test_store_postgresql import server  # noqa: F401
+from tests.results.store.test_postgresql import server  # noqa: F401
 
 pytestmark = pytest.mark.slow
 
@@ -17,9 +17,9 @@ def test_every_page_is_made_from_postgresql_too(tmp_path, server):  # noqa: F811
     last, before = made[-1][1].run_id, made[-2][1].run_id
     with serving(tmp_path, url=server) as served:
         running(served.history)
-        served.history.tell("running-1", said(120))
-        served.book.add(Schedule("night", "mergevla", "0 2 * * *", created_at=time.time() - 86_400))
-        served.book.take_note(time.time(), lambda one, at: "folder")
+        served.history.write_live_status("running-1", said(120))
+        served.schedule_store.add(Schedule("night", "mergevla", "0 2 * * *", created_at=time.time() - 86_400))
+        served.schedule_store.record_due(time.time(), lambda one, at: "folder")
         expected = {
             "/": "▼ regressed",
             "/runs?suite=nightly&status=complete&policy=merged": "1 to 4 of 4 runs",

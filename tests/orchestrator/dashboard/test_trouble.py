@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from orchestrator.dashboard.memory import Memory
+from robogauntlet.orchestrator.dashboard.app_state import AnswerCache
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import running, said
 
@@ -28,7 +28,7 @@ def broken(tmp_path):
     fill(tmp_path, nights=1)
     with serving(tmp_path) as served:
         assert served.get("/healthz").text == "ok\n"
-        for one in (served.history, served.book):
+        for one in (served.history, served.schedule_store):
             one.close()  # what is connected keeps what it has read
         (tmp_path / "garbage").write_bytes(b"garbage, and much of it. " * 9999)
         (tmp_path / "garbage").replace(tmp_path / "history.sqlite")
@@ -43,7 +43,7 @@ def test_a_broken_store_is_a_line_and_never_a_trace(broken, path):
     assert "sqlalchemy" not in answer.text.lower()
     assert ".py" not in answer.text
     if path in PAGES:
-        assert "<h1>No answer</h1>" in answer.text
+        assert "<h1>Unavailable</h1>" in answer.text
     elif path == "/api/live":
         assert list(answer.json()) == ["error"]
     else:
@@ -57,8 +57,8 @@ def test_what_nobody_thought_of_is_a_line_and_never_a_trace(tmp_path):
             connection.exec_driver_sql("UPDATE runs SET started_at = 'no time'")
         page, programs = served.get("/"), served.get("/api/live")
     assert (page.status_code, programs.status_code) == (500, 500)
-    assert "Something went wrong" in page.text
-    assert programs.json() == {"error": "The server's log says what happened."}
+    assert "Internal error" in page.text
+    assert programs.json() == {"error": "An internal error; see the log of the server."}
 
 
 def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
@@ -71,7 +71,7 @@ def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
             done = 0
             while not ended.wait(0.05):
                 done += 1
-                served.history.tell("running-1", said(done))
+                served.history.write_live_status("running-1", said(done))
 
         def read(number):
             for turn in range(4):
@@ -92,7 +92,7 @@ def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
 
 
 def test_a_slow_answer_is_made_once_for_all_who_ask_at_once():
-    memory, made = Memory(2), []
+    memory, made = AnswerCache(2), []
 
     def make():
         time.sleep(0.05)
@@ -108,7 +108,7 @@ def test_a_slow_answer_is_made_once_for_all_who_ask_at_once():
 
 
 def test_old_answers_make_room_and_errors_are_not_kept():
-    memory = Memory(2)
+    memory = AnswerCache(2)
     assert [memory.get(key, lambda key=key: key) for key in "abca"] == [*"abca"]
     assert memory.get("a", lambda: "new") == "a"
     assert memory.get("b", lambda: "new") == "new"
@@ -118,7 +118,7 @@ def test_old_answers_make_room_and_errors_are_not_kept():
 
 
 def test_an_answer_is_kept_for_so_long_only():
-    memory = Memory(2, seconds=0.0)
+    memory = AnswerCache(2, seconds=0.0)
     memory.get("a", lambda: "old")
     time.sleep(0.001)
     assert memory.get("a", lambda: "new") == "new"

@@ -8,9 +8,9 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from results.carrying import export_run
-from results.run import store_url
-from results.store import Store
+from robogauntlet.results.run_document import store_url
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.run_archive import export_run
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import night
 from tests.results.synthetic import document
@@ -30,9 +30,9 @@ def exported(tmp_path_factory):
     root = tmp_path_factory.mktemp("elsewhere")
     folder, run, _ = night(root, 7, 1_790_000_000.0, seeds=2)
     rows = Store.open(store_url(folder, run), run.run_id)
-    export_run(run, rows, root / "run.gauntlet")
+    export_run(run, rows, root / "run.robogauntlet")
     rows.close()
-    return run, (root / "run.gauntlet").read_bytes()
+    return run, (root / "run.robogauntlet").read_bytes()
 
 
 def left_over(root):
@@ -53,11 +53,11 @@ def test_a_run_that_is_sent_in_is_there_with_its_report(served, exported):
 
 def test_a_run_that_is_here_already_is_refused_and_stays_as_it_is(served, exported):
     run, body = exported
-    served.history.record(document(run_id=run.run_id, suite_name="mine"))
+    served.history.record(document(run_id=run.run_id, name="mine"))
     answer = served.post("/runs", content=body)
     assert answer.status_code == 409
-    assert answer.text == f"run {run.run_id} is here already\n"
-    assert served.history.document(run.run_id).suite_name == "mine"
+    assert answer.text == f"run {run.run_id} exists already\n"
+    assert served.history.document(run.run_id).suite.name == "mine"
     assert not list(served.root.glob("*/run.json"))
 
 
@@ -76,7 +76,7 @@ def test_what_is_no_run_is_refused_in_a_line(served, body):
 
 
 def test_a_run_whose_rows_were_changed_is_refused(served, tmp_path, exported):
-    file = tmp_path / "forged.gauntlet"
+    file = tmp_path / "forged.robogauntlet"
     file.write_bytes(exported[1])
     with sqlite3.connect(file) as connection:
         text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | {"rows_hash": "0" * 16}
@@ -90,7 +90,7 @@ def test_a_run_whose_rows_were_changed_is_refused(served, tmp_path, exported):
 
 @pytest.mark.parametrize("forged", [{"run_id": "../<script>"}, {"store_url": "sqlite:////etc/passwd"}])
 def test_a_document_that_this_program_did_not_write_is_refused(served, tmp_path, exported, forged):
-    file = tmp_path / "forged.gauntlet"
+    file = tmp_path / "forged.robogauntlet"
     file.write_bytes(exported[1])
     with sqlite3.connect(file) as connection:
         text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | forged

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from adapters import catalog
-from orchestrator.environments import creating
-from orchestrator.environments.environment import Environment
-from suites.environments import EnvironmentEntry
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.environments import installer
+from robogauntlet.orchestrator.environments.environment import Environment
+from robogauntlet.suites.environments import EnvironmentEntry
 from tests.orchestrator.environments.gears import write_adapter, write_wheel
 
 
@@ -23,7 +23,7 @@ def gears(tmp_path_factory):
         patch.setenv("PYTHONPATH", os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")]))
         for name, value in {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(folder)}.items():
             patch.setenv(name, value)
-        patch.setenv("GAUNTLET_ENVIRONMENTS", str(folder / "environments"))
+        patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", str(folder / "environments"))
         catalog._load.cache_clear()
         yield folder
     catalog._load.cache_clear()
@@ -32,7 +32,7 @@ def gears(tmp_path_factory):
 @pytest.fixture
 def environment(gears, tmp_path, monkeypatch):
     """An environment for `bare`, in a folder of the test's own."""
-    monkeypatch.setenv("GAUNTLET_ENVIRONMENTS", str(tmp_path / "environments"))
+    monkeypatch.setenv("ROBOGAUNTLET_ENVIRONMENTS", str(tmp_path / "environments"))
 
     def declare(**entry):
         return Environment("bare", EnvironmentEntry(**entry), "the suite")
@@ -45,4 +45,4 @@ def made(gears):
     """The environments of `first` and `second`, made as their adapters say."""
     for name, version in (("first", "1.0"), ("second", "2.0")):
         entry = EnvironmentEntry(requirements=(f"gearbox=={version}",))
-        creating.create(Environment(name, entry, "its adapter"), lambda line: None)
+        installer.create(Environment(name, entry, "its adapter"), lambda line: None)

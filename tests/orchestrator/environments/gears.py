@@ -3,8 +3,8 @@
 import zipfile
 
 ADAPTER = """
-from adapters.contract import Simulator, TaskCard
-from adapters.null import NullSimulation
+from robogauntlet.adapters.contract import Simulator, TaskDescription
+from robogauntlet.adapters.null import NullSimulation
 
 
 class Gears(NullSimulation):
@@ -16,7 +16,7 @@ class Gears(NullSimulation):
 
 def simulator(name, requirements=()):
     return Simulator(
-        name=name, title=name, tasks={"Reach": TaskCard("reach the goal", 20)}, modules=("gearbox",),
+        name=name, title=name, tasks={"Reach": TaskDescription("reach the goal", 20)}, modules=("gearbox",),
         distributions=("gearbox",), open=Gears, requirements=requirements, renders=False,
     )
 

@@ -5,13 +5,20 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Adjusters, Dynamics, Light, Placeable, Unreachable, unit
-from adapters.catalog import open_simulation
-from adapters.frames import hash_state
-from adapters.viewpoints import looking_at
-from orchestrator.perturbations import perturbed
-from suites.photometry import encoded, linear
-from suites.vocabulary import Condition, Episode, Protocol, View
+from robogauntlet.adapters.camera_geometry import looking_at
+from robogauntlet.adapters.catalog import open_simulation
+from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.photometry import encoded, linear
+from robogauntlet.adapters.scene_control import (
+    DynamicsFactors,
+    Light,
+    PlacementRegion,
+    SceneControls,
+    Unreachable,
+    unit,
+)
+from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.suites.episode import Condition, Episode, Protocol, View
 
 TABLE = (slice(40, 90), slice(10, 90))
 """Where the table is in every image."""
@@ -28,7 +35,7 @@ class Scene:
     def __init__(self):
         self.inner = open_simulation("null/Reach", View())
         self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
-        self.adjusters = Adjusters(*[self] * 6)
+        self.scene_controls = SceneControls(*[self] * 6)
         self.told, self.shown_looks = [], 0
         aim = np.array([0.5, 0.0, 0.0])
         self.viewpoints = {
@@ -36,7 +43,7 @@ class Scene:
             "wrist": looking_at(np.array([0.05, 0.0, 0.0]), np.array([0.05, 0.0, 1.0]), 1.2, np.array([1.0, 0, 0])),
         }
         self.now = Light(np.ones(3), unit(np.array([0.5, 0.3, 0.8])))
-        self.texture, self.props, self.factors = None, (), Dynamics()
+        self.texture, self.props, self.factors = None, (), DynamicsFactors()
         self.tool = np.array([0.45, 0.0, 0.2]), np.array([1.0, 0.0, 0.0, 0.0])
         self.things = {"cube": np.array([0.5, 0.05, 0.02]), "other": np.array([0.5, -0.04, 0.02])}
 
@@ -85,7 +92,7 @@ class Scene:
         self.now = light
 
     def placeable(self):
-        return {"cube": Placeable(np.array([0.4, -0.1]), np.array([0.6, 0.1]))}
+        return {"cube": PlacementRegion(np.array([0.4, -0.1]), np.array([0.6, 0.1]))}
 
     def move(self, name, offset):
         self.things[name][:2] += offset
@@ -123,5 +130,5 @@ def begun(axis, severity, **which):
     """A scene, and the episode that was begun in it."""
     scene = Scene()
     simulation = perturbed(scene, episode(axis, severity, **which))
-    simulation.reset(4, Condition(axis, severity))
+    simulation.reset(4)
     return scene, simulation

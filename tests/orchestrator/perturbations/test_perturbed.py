@@ -6,16 +6,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from adapters.catalog import open_simulation
-from adapters.contract import AdapterError, ObservationSpec
-from adapters.viewpoints import turn_between
-from orchestrator.perturbations import images, perturbed, words
-from orchestrator.rollout import rollout
-from suites.axes import AXES, Changes
-from suites.paraphrases import OTHER_GOALS, PARAPHRASES
-from suites.vocabulary import Condition, View
+from robogauntlet.adapters.camera_geometry import rotation_between
+from robogauntlet.adapters.catalog import open_simulation
+from robogauntlet.adapters.contract import AdapterError, ObservationSpec
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.orchestrator.perturbations import images, instructions, perturbed
+from robogauntlet.suites.axes import AXES, Changes
+from robogauntlet.suites.episode import View
+from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
+from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import Scene, begun, episode
-from tests.orchestrator.test_rollout import Scripted
 
 IMAGE_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.IMAGES]
 ACTION_AXES = [name for name, axis in AXES.items() if axis.changes is Changes.ACTIONS]
@@ -43,15 +43,15 @@ def other_words(monkeypatch):
     found = dict(PARAPHRASES) | {"reach the goal": tuple(f"reach the goal, {kind}" for kind in range(1, 6))}
     goals = dict(OTHER_GOALS) | {"reach the goal": "leave the goal"}
     for name, table in (("PARAPHRASES", found), ("OTHER_GOALS", goals)):
-        monkeypatch.setattr(f"suites.axes.{name}", table)
-        monkeypatch.setattr(words, name, table)
+        monkeypatch.setattr(f"robogauntlet.suites.axes.{name}", table)
+        monkeypatch.setattr(instructions, name, table)
 
 
 @every_axis
 def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean_episode(axis):
     _, simulation = begun(axis, top(axis))
     clean = Scene()
-    clean.reset(4, Condition())
+    clean.reset(4)
     assert (simulation.state_hash() == clean.state_hash()) == AXES[axis].changes.starts_clean
     ours, theirs = simulation.observe(), clean.observe()
     assert (ours.instruction == theirs.instruction) == (AXES[axis].changes is not Changes.INSTRUCTION)
@@ -61,7 +61,7 @@ def test_the_world_the_instruction_and_what_the_robot_feels_stay_as_in_the_clean
 @pytest.mark.parametrize("axis", ACTION_AXES)
 def test_axes_of_actions_leave_the_images_alone(axis):
     clean = Scene()
-    clean.reset(4, Condition())
+    clean.reset(4)
     assert (looks(axis, 5, 1)[0][0] == clean.observe().images["third_person"]).all()
 
 
@@ -136,7 +136,7 @@ def test_action_noise_has_the_deviation_of_its_level_and_leaves_ignored_axes_alo
 
 def test_a_blur_that_changes_nothing_is_an_error():
     simulation = perturbed(open_simulation("null/Reach", View()), episode("blur", 5))
-    simulation.reset(4, Condition("blur", 5))
+    simulation.reset(4)
     simulation.observe()  # the null simulator's images are blank
     with pytest.raises(AdapterError, match="blur@5: expected blurred images, got what the cameras saw"):
         simulation.delivered()
@@ -173,9 +173,11 @@ def test_a_blind_policy_is_shown_black_images():
 
 
 def test_an_instruction_without_other_words_is_an_error(monkeypatch):
-    monkeypatch.setattr("suites.axes.PARAPHRASES", {})
+    monkeypatch.setattr("robogauntlet.suites.axes.PARAPHRASES", {})
     _, simulation = begun("instruction", 3)
-    with pytest.raises(AdapterError, match="instruction@3: there are no other words for 'reach the goal'"):
+    with pytest.raises(
+        AdapterError, match=r"instruction@3: suites/paraphrases.py has no paraphrases of 'reach the goal'"
+    ):
         simulation.observe()
 
 
@@ -200,7 +202,7 @@ def test_a_bump_moves_every_camera_on_its_own_and_the_other_axes_the_third_perso
     scene, _ = begun("camera-bump", 5)
     offsets = [scene.viewpoints[c].position - v.position for c, v in Scene().viewpoints.items()]
     assert not np.allclose(*offsets)
-    assert turn_between(Scene().viewpoints["wrist"], scene.viewpoints["wrist"]) == pytest.approx(np.radians(5))
+    assert rotation_between(Scene().viewpoints["wrist"], scene.viewpoints["wrist"]) == pytest.approx(np.radians(5))
 
 
 def test_an_orbit_goes_to_either_side():
@@ -218,14 +220,14 @@ def test_a_camera_that_does_not_move_is_an_error(monkeypatch):
 def test_a_simulation_whose_cameras_cannot_be_moved_is_refused():
     simulation = perturbed(open_simulation("null/Reach", View()), episode("camera-orbit", 3))
     with pytest.raises(AdapterError, match="camera-orbit@3: this simulation does not let cameras be moved"):
-        simulation.reset(4, Condition("camera-orbit", 3))
+        simulation.reset(4)
 
 
 def test_a_suite_that_does_not_show_the_moved_camera_is_refused():
     scene = Scene()
     scene.observation_spec = ObservationSpec(("wrist",), 96)
     with pytest.raises(AdapterError, match="expected a suite that shows camera 'third_person'"):
-        perturbed(scene, episode("camera-orbit", 3)).reset(4, Condition("camera-orbit", 3))
+        perturbed(scene, episode("camera-orbit", 3)).reset(4)
 
 
 def test_the_record_says_what_was_delivered():
@@ -245,7 +247,7 @@ def test_rendering_for_nobody_changes_nothing():
 
 
 def test_what_a_policy_never_looks_at_is_not_measured():
-    from policies.contract import Sees
+    from robogauntlet.policies.contract import PolicyInput
 
-    result = rollout(Scene(), Scripted(sees=Sees.NOTHING), episode("noise", 3))
+    result = rollout(Scene(), Scripted(sees=PolicyInput.NOTHING), episode("noise", 3))
     assert result.delivered is None

@@ -1,6 +1,6 @@
 """Looks are kept by seed and scene, those asked for last."""
 
-from orchestrator.perturbations.references import ReferenceLooks
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
 
 
 class Drawing:
@@ -14,13 +14,13 @@ class Drawing:
 
 
 def test_a_look_is_drawn_once_for_a_seed_and_a_scene():
-    references, draw = ReferenceLooks(), Drawing()
-    looks = [references.of(*key, draw)["third_person"] for key in ((1, "clean"), (1, "clean"), (2, "clean"), (1, "x"))]
+    references, draw = ReferenceImages(), Drawing()
+    looks = [references.get(*key, draw)["third_person"] for key in ((1, "clean"), (1, "clean"), (2, "clean"), (1, "x"))]
     assert looks == [1, 1, 2, 3]
 
 
 def test_the_looks_asked_for_last_are_kept():
-    references, draw = ReferenceLooks(most=2), Drawing()
+    references, draw = ReferenceImages(most=2), Drawing()
     for seed in (1, 2, 1, 3):
-        references.of(seed, "clean", draw)
-    assert [references.of(seed, "clean", draw)["third_person"] for seed in (1, 3, 2)] == [1, 3, 4]
+        references.get(seed, "clean", draw)
+    assert [references.get(seed, "clean", draw)["third_person"] for seed in (1, 3, 2)] == [1, 3, 4]

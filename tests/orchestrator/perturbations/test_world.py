@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from adapters.adjusting import Adjusters, Dynamics, Light, Unreachable
-from adapters.contract import AdapterError
-from orchestrator.perturbations import perturbed, stage
-from orchestrator.perturbations.objects import outside
-from orchestrator.perturbations.references import ReferenceLooks
-from orchestrator.rollout import rollout
-from policies.contract import Sees
-from suites.axes import AXES, Changes
-from suites.photometry import difference, linear
-from suites.vocabulary import Condition
+from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.photometry import difference, linear
+from robogauntlet.adapters.scene_control import DynamicsFactors, Light, SceneControls, Unreachable
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.orchestrator.perturbations import perturbed, table_and_distractors
+from robogauntlet.orchestrator.perturbations.objects import outside
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.policies.contract import PolicyInput
+from robogauntlet.suites.axes import AXES, Changes
+from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import TABLE, Scene, begun, episode
-from tests.orchestrator.test_rollout import Scripted
 
 SCENERY = [name for name, axis in AXES.items() if axis.changes in (Changes.LIGHTS, Changes.STAGE)]
 WORLD = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.BODIES)]
@@ -46,11 +45,11 @@ def test_the_first_look_and_the_next_show_the_perturbed_scene(axis):
     assert scene.shown_looks > 2
 
 
-def first_look(axis, references=None):
+def first_observation(axis, references=None):
     """What was delivered, the first look, and how often the scene was drawn for it."""
     scene = Scene()
     simulation = perturbed(scene, episode(axis, 3), references)
-    simulation.reset(4, Condition(axis, 3))
+    simulation.reset(4)
     images = simulation.observe().images
     return simulation.delivered(), images, scene.shown_looks
 
@@ -58,10 +57,10 @@ def first_look(axis, references=None):
 @pytest.mark.parametrize("axis", SCENERY)
 def test_a_kept_reference_saves_frames_and_changes_nothing(axis, monkeypatch):
     monkeypatch.setattr(Scene, "drift", 0)
-    references = ReferenceLooks()
-    delivered, images, frames = first_look(axis)
-    first_look(axis, references)
-    again, kept, fewer = first_look(axis, references)
+    references = ReferenceImages()
+    delivered, images, frames = first_observation(axis)
+    first_observation(axis, references)
+    again, kept, fewer = first_observation(axis, references)
     assert again == delivered
     assert all((kept[camera] == image).all() for camera, image in images.items())
     assert fewer == (frames - 3 if axis == "table" else 1)
@@ -70,7 +69,7 @@ def test_a_kept_reference_saves_frames_and_changes_nothing(axis, monkeypatch):
 @pytest.mark.parametrize("axis", SCENERY)
 def test_a_policy_that_does_not_look_has_nothing_rendered_for_it(axis):
     scene = Scene()
-    result = rollout(scene, Scripted(sees=Sees.NOTHING), episode(axis, 3))
+    result = rollout(scene, Scripted(sees=PolicyInput.NOTHING), episode(axis, 3))
     assert result.delivered is None
     assert scene.shown_looks == 0
 
@@ -88,9 +87,9 @@ def test_scenery_that_does_not_change_is_an_error(axis, monkeypatch):
 @pytest.mark.parametrize("axis", SCENERY + WORLD)
 def test_a_world_that_cannot_be_adjusted_is_refused(axis):
     scene = Scene()
-    scene.adjusters = Adjusters(cameras=scene)
+    scene.scene_controls = SceneControls(cameras=scene)
     with pytest.raises(AdapterError, match=rf"{axis}@3: this simulation does not let"):
-        perturbed(scene, episode(axis, 3)).reset(4, Condition(axis, 3))
+        perturbed(scene, episode(axis, 3)).reset(4)
 
 
 def test_light_that_misses_its_level_is_an_error(monkeypatch):
@@ -123,14 +122,16 @@ def test_distractors_are_as_many_as_asked_clear_of_the_things_and_half_in_the_ta
         scene, _ = begun("distractors", severity, seed=seed)
         state = scene.privileged_state()
         assert len(scene.props) == AXES["distractors"].value(severity)
-        own = [prop for prop in scene.props if prop.colour in stage.TASKS_COLOURS]
+        own = [prop for prop in scene.props if prop.colour in table_and_distractors.TASKS_COLOURS]
         assert len(own) == math.ceil(len(scene.props) / 2)
         for prop in scene.props:
             assert prop.position[2] == pytest.approx(prop.size / 2)
             reach = prop.size / math.sqrt(2) + 0.03 + 0.05
             for thing in ("cube", "other", "tcp"):
                 assert np.linalg.norm(prop.position[:2] - state[f"{thing}_position"][:2]) >= reach
-            way = stage.from_segment(prop.position[:2], state["cube_position"][:2], state["other_position"][:2])
+            way = table_and_distractors.from_segment(
+                prop.position[:2], state["cube_position"][:2], state["other_position"][:2]
+            )
             assert way >= reach
 
 
@@ -181,7 +182,7 @@ def test_an_object_is_not_put_onto_another():
         scene = Scene()
         scene.things["other"] = np.array([0.5, 0.12, 0.02])
 
-        perturbed(scene, episode("object-position", 1, seed=seed)).reset(4, Condition("object-position", 1))
+        perturbed(scene, episode("object-position", 1, seed=seed)).reset(4)
         assert np.linalg.norm(scene.things["cube"] - scene.things["other"]) >= 0.06
 
 
@@ -196,8 +197,8 @@ def test_the_arm_starts_at_a_distance_that_it_can_reach_and_turned(severity):
         assert position[0] <= 0.5
         assert position[2] >= 0.03
         turned = (Rotation.from_quat(quaternion) * Rotation.from_quat(own[1]).inv()).magnitude()
-        assert math.degrees(turned) == pytest.approx(axis.also[severity - 1])
-        assert simulation.delivered().statistics["turned"] == pytest.approx(axis.also[severity - 1])
+        assert math.degrees(turned) == pytest.approx(axis.secondary_levels[severity - 1])
+        assert simulation.delivered().statistics["turned"] == pytest.approx(axis.secondary_levels[severity - 1])
         starts.append(position)
     assert np.ptp(starts, axis=0).min() > 0.01
 
@@ -225,7 +226,7 @@ def test_things_become_heavier_and_either_more_or_less_slippery():
 
 
 def test_a_mass_that_stays_is_an_error(monkeypatch):
-    monkeypatch.setattr(Scene, "dynamics", lambda self: Dynamics())
+    monkeypatch.setattr(Scene, "dynamics", lambda self: DynamicsFactors())
     _, simulation = begun("dynamics", 4)
     with pytest.raises(AdapterError, match=r"dynamics@4: expected 3 times the mass, delivered 1.00"):
         simulation.delivered()

@@ -80,7 +80,7 @@ def answer(folder, kind):
 
 
 if __name__ == "__main__":
-    from policies.lerobot.child import torchvision_beside_any_torch
+    from robogauntlet.policies.lerobot.child import torchvision_beside_any_torch
 
     torchvision_beside_any_torch(torch)
     for one in sys.argv[2:]:

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adapters.contract import Observation
-from orchestrator.environments.environment import Environment, by_default
-from orchestrator.runner import EpisodeRunner
-from policies import catalog
-from policies.contract import PolicyError, PolicyMismatch, Query
-from policies.lerobot.acting import ProcessLost
-from policies.lerobot.card import FILES, read_checkpoint
-from suites.vocabulary import Episode, Protocol, View, content_hash
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.orchestrator.environments.environment import Environment, adapter_environment
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query
+from robogauntlet.policies.lerobot.checkpoint import FILES, read_checkpoint
+from robogauntlet.policies.lerobot.lerobot_policy import ProcessLost
+from robogauntlet.suites.episode import Episode, Protocol, View, content_hash
+from tests import ROOT
 
 MAKING = Path(__file__).with_name("making.py")
-ROOT = Path(__file__).parents[3]
 VIEW = View(("third_person",), 32)
 STEPS, LOOKS = 6, {"act": 3, "diffusion": 1}
 EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
@@ -28,15 +28,17 @@ EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
 
 @pytest.fixture(scope="session")
 def python():
-    """The Python of `gauntlet env create lerobot`, which `make test` makes beside the running environment."""
+    """The Python of `robogauntlet env create lerobot`, which `make test` makes beside the running environment."""
     with pytest.MonkeyPatch.context() as patch:
-        folder = os.environ.get("GAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
-        patch.setenv("GAUNTLET_ENVIRONMENTS", folder)
-        environment: Environment | None = by_default(catalog.find("lerobot"))
+        folder = os.environ.get("ROBOGAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
+        patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", folder)
+        environment: Environment | None = adapter_environment(catalog.find("lerobot"))
         if environment is None:
             return sys.executable
-        if environment.made is None:
-            pytest.skip(f"no environment in {folder}: GAUNTLET_ENVIRONMENTS={folder} gauntlet env create lerobot")
+        if environment.manifest is None:
+            pytest.skip(
+                f"no environment in {folder}: ROBOGAUNTLET_ENVIRONMENTS={folder} robogauntlet env create lerobot"
+            )
         return str(environment.python)
 
 
@@ -134,7 +136,7 @@ def test_an_episode_whose_process_dies_is_played_again_and_comes_out_the_same(pl
     played._process._process.kill()
     played._process._process.wait()
     played._began[EPISODE.id] = played._process
-    with pytest.raises(ProcessLost, match="ended while the episode was under way"):
+    with pytest.raises(ProcessLost, match="ended during the episode"):
         played.act([Query(EPISODE, 3, None)])
 
 
@@ -158,8 +160,8 @@ def test_the_hash_is_of_the_files_and_of_how_it_is_asked_not_of_where_it_lies(ba
 
 
 def test_a_checkpoint_trained_on_libero_s_data_is_asked_in_its_convention(bare):
-    card = read_checkpoint({"checkpoint": str(bare()), "convention": "libero"}).card
-    assert (card.turn, card.translation_scale, card.rotation_scale) == ("left-right", 0.0131, 0.118)
+    options = read_checkpoint({"checkpoint": str(bare()), "convention": "libero"}).options
+    assert (options.turn, options.translation_scale, options.rotation_scale) == ("left-right", 0.0131, 0.118)
 
 
 def test_a_checkpoint_says_how_often_it_looks_and_how_large(bare):
@@ -174,12 +176,12 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
 @pytest.mark.parametrize(
     ("changed", "options", "said"),
     [
-        ({"input_features": TWO}, {}, "which of observation.images.a, observation.images.b is which camera"),
+        ({"input_features": TWO}, {}, "a camera to each of observation.images.a, observation.images.b"),
         ({}, {"cameras": {"wrist": "observation.images.rear"}}, "expected a feature of the checkpoint"),
         ({"input_features": TWO}, {"cameras": {"wrist": "observation.images.a"}}, "needs observation.images.b"),
         ({"input_features": {"observation.state": {"shape": [6]}}}, {}, "expected observation.state of 8 numbers"),
         ({}, {"image_size": 64}, r"image_size: expected \[32, 32\], as the checkpoint was trained on"),
-        ({"output_features": {"action": {"shape": [6]}}}, {}, "which of the checkpoint's 6 numbers are our 7"),
+        ({"output_features": {"action": {"shape": [6]}}}, {}, "expected the 7 columns of an action"),
         ({"input_features": 3}, {}, "is no configuration of LeRobot"),
         ({}, {"device": "CPU 1"}, "device: String should match pattern"),
     ],
@@ -201,20 +203,20 @@ def test_a_folder_of_another_version_is_told_what_it_lacks(bare):
 
 def test_what_is_neither_a_folder_nor_on_the_hub_is_one_line(monkeypatch):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
-    with pytest.raises(PolicyError, match=r"^policy 'lerobot': no folder nobody/nothing, .* hub does not give it: .+$"):
+    with pytest.raises(PolicyError, match=r"^policy 'lerobot': no folder nobody/nothing, .* does not provide it: .+$"):
         catalog.digest("lerobot", {"checkpoint": "nobody/nothing"})
     with pytest.raises(PolicyError, match=r"expected a folder or an id on the hub, got './nothing'"):
         catalog.digest("lerobot", {"checkpoint": "./nothing"})
 
 
 def test_without_lerobot_the_line_says_how_to_install_it(bare):
-    with pytest.raises(PolicyError, match="expected LeRobot; install it: gauntlet env create lerobot"):
+    with pytest.raises(PolicyError, match="not installed; install it: robogauntlet env create lerobot"):
         catalog.load("lerobot", {"checkpoint": str(bare())})
 
 
 def test_an_option_that_is_none_fits_a_mismatch_of_images(bare):
-    from adapters.contract import ActionSpec, ObservationSpec
-    from policies.contract import check_fit
+    from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
+    from robogauntlet.policies.contract import check_fit
 
     spec = catalog.spec("lerobot", {"checkpoint": str(bare())})
     with pytest.raises(PolicyMismatch, match="made for 32 px images, the suite renders 96 px"):

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import torch
 
-from policies.mergevla.card import Card
-from policies.mergevla.checkpoint import load_checkpoint, save_checkpoint
-from policies.mergevla.config import LoraSettings
-from policies.mergevla.lora import add_lora, folded
-from policies.mergevla.merging.recipe import Recipe
-from policies.mergevla.merging_experts import merge_experts, read_experts
-from policies.mergevla.model import build
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet.policies.mergevla.merging.recipe import Recipe
+from robogauntlet.policies.mergevla.network.config import LoraSettings
+from robogauntlet.policies.mergevla.network.lora import add_lora, folded
+from robogauntlet.policies.mergevla.network.model import build
 from tests.policies.mergevla.shared import SMALL, task_statistics
 
 TASKS = ("null/Reach", "null/Slow", "null/Raise")
@@ -19,7 +19,9 @@ RANK = 2
 
 
 def save_base(folder: Path, seed=0, architecture=SMALL) -> Path:
-    save_checkpoint(folder, build(architecture, seed), Card(architecture, task_statistics(task="null/All")))
+    save_checkpoint(
+        folder, build(architecture, seed), CheckpointMetadata(architecture, task_statistics(task="null/All"))
+    )
     return folder
 
 
@@ -45,8 +47,8 @@ def save_expert(
         for parameter in model.parameters():
             if parameter.requires_grad or tune_all:
                 parameter += 0.05 * torch.randn(parameter.shape, generator=generator)
-    card = Card(architecture, task_statistics(seed, task), action_steps=action_steps, lora=lora)
-    save_checkpoint(folder, model, card, base=base)
+    metadata = CheckpointMetadata(architecture, task_statistics(seed, task), action_steps=action_steps, lora=lora)
+    save_checkpoint(folder, model, metadata, base=base)
     return folder
 
 
@@ -60,7 +62,7 @@ def save_experts(folder: Path, tasks=TASKS, architecture=SMALL) -> list[Path]:
 
 
 def merging(folders, recipe=None, instructions=INSTRUCTIONS, **changes):
-    return merge_experts(read_experts(folders), recipe or Recipe(**changes), instructions)
+    return merge_experts(read_experts(folders), recipe or Recipe.from_json(changes), instructions)
 
 
 def plain(folder):

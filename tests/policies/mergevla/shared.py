@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from adapters.contract import Observation
-from policies.contract import Query
-from policies.mergevla.config import TINY, ConvStem, ExpertConfig, LanguageModel, Quirks
-from policies.mergevla.model import build
-from policies.mergevla.normalisation import Statistics, TaskStatistics
-from policies.mergevla.tokens import tokenizer_for
-from suites.vocabulary import Episode, Protocol
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.policies.contract import Query
+from robogauntlet.policies.mergevla.network.config import TINY, ConvStem, ExpertConfig, LanguageModel, PaperCodeQuirks
+from robogauntlet.policies.mergevla.network.model import build
+from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics
+from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
+from robogauntlet.suites.episode import Episode, Protocol
 
 SMALL = replace(
     TINY,
@@ -32,7 +32,7 @@ def small_model(seed=0, **changes):
 
 
 def with_quirk(name):
-    return {"quirks": Quirks(**{name: True})}
+    return {"quirks": PaperCodeQuirks(**{name: True})}
 
 
 def inputs(architecture, batch=4, seed=0):

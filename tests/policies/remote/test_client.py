@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from adapters.contract import Observation
-from policies import catalog
-from policies.contract import PolicyError, Query, Sees
-from policies.remote.acting import card_chunk, resized
-from policies.remote.card import read_card
-from policies.remote.packing import pack, unpack
-from suites.vocabulary import Episode, Protocol, View
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import PolicyError, PolicyInput, Query
+from robogauntlet.policies.remote.conversion import decode_chunk, resize_image
+from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
+from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.remote_servers import answering, serving, speaking
 
 CHUNK = {"actions": np.linspace(-0.5, 0.5, 70).reshape(10, 7)}
@@ -42,7 +42,7 @@ def test_the_observation_is_sent_under_openpis_keys_and_the_chunk_comes_back():
     seen = []
     with speaking(answering({**CHUNK, "server_timing": {"infer_ms": 1.0}}, seen=seen)) as address:
         policy = remote(address)
-        assert (policy.spec.sees, policy.spec.cameras) == (Sees.OBSERVATION, ("third_person", "wrist"))
+        assert (policy.spec.sees, policy.spec.cameras) == (PolicyInput.OBSERVATION, ("third_person", "wrist"))
         policy.reset([query().episode])
         (decision,) = policy.act([query()])
         policy.close()
@@ -80,20 +80,22 @@ def test_a_card_says_how_to_send_and_how_to_read():
 
 
 def test_a_gripper_may_be_cut_at_a_threshold_in_the_servers_numbers():
-    card = read_card({"address": "a:1", "gripper_open": 1, "gripper_closed": 0, "gripper_threshold": 0.5})
+    options = read_options({"address": "a:1", "gripper_open": 1, "gripper_closed": 0, "gripper_threshold": 0.5})
     rows = np.zeros((3, 7))
     rows[:, 6] = [0.9, 0.1, 0.5]
-    np.testing.assert_array_equal(card_chunk(card, {"actions": rows})[:, 6], [-1, 1, -1])
+    np.testing.assert_array_equal(decode_chunk(options, {"actions": rows})[:, 6], [-1, 1, -1])
 
 
 def test_images_are_padded_or_stretched():
     image = np.full((32, 32, 3), 200, np.uint8)
-    padded = resized(read_card({"address": "a:1", "image_size": [20, 40]}), image)
+    padded = resize_image(read_options({"address": "a:1", "image_size": [20, 40]}), image)
     assert padded.shape == (20, 40, 3)
     assert not padded[:, :10].any()
     assert (padded[:, 10:30] == 200).all()
-    assert (resized(read_card({"address": "a:1", "image_size": [20, 40], "resize": "stretch"}), image) == 200).all()
-    assert resized(read_card({"address": "a:1", "image_size": 32}), image) is image
+    assert (
+        resize_image(read_options({"address": "a:1", "image_size": [20, 40], "resize": "stretch"}), image) == 200
+    ).all()
+    assert resize_image(read_options({"address": "a:1", "image_size": 32}), image) is image
 
 
 def wrong(chunk):
@@ -105,10 +107,7 @@ NAN[1, 2] = np.nan
 INFINITE[0, 6] = np.inf
 ANSWERS = {
     "no key": (answering({"action": np.zeros((4, 7))}), "expected 'actions' in the answer, got action; set option"),
-    "too wide": (
-        wrong(np.zeros((4, 8))),
-        r"expected 'actions' of shape \(n, 7\).* got \(4, 8\); say by option columns",
-    ),
+    "too wide": (wrong(np.zeros((4, 8))), r"expected 'actions' of shape \(n, 7\).* got \(4, 8\); choose the action"),
     "too narrow": (wrong(np.zeros((4, 6))), r"got \(4, 6\)"),
     "one row": (wrong(np.zeros(7)), r"got \(7,\)"),
     "empty": (wrong(np.zeros((0, 7))), r"got \(0, 7\)"),
@@ -128,8 +127,8 @@ ANSWERS = {
         answering('Traceback (most recent call last):\n  File "/home/x/serve.py"\nKeyError: "observation/joint"\n'),
         'got an error: KeyError: "observation/joint"$',
     ),
-    "empty text": (answering(""), r"got an error: \(nothing\)"),
-    "too big": (answering(b"\0" * (17 * 2**20)), "expected frames no bigger than 16 MiB, got one"),
+    "empty text": (answering(""), r"got an error: no message"),
+    "too big": (answering(b"\0" * (17 * 2**20)), "expected frames no larger than 16 MiB, got one"),
     "late": (answering(lambda c, f: time.sleep(1.0)), r"expected an answer within 0\.3 s, got none; raise timeout_s"),
 }
 
@@ -145,9 +144,9 @@ GREETINGS = {
     "no msgpack": (lambda c: c.send(b"\xc1"), "expected metadata on connection"),
     "a list": (lambda c: c.send(b"\x90"), "a mapping, got a list"),
     "nothing": (lambda c: time.sleep(1.2), "got nothing in time; is it another kind of server"),
-    "hangs up": (lambda c: c.close(), "got none: it hung up"),
-    "another version": (lambda c: c.send(pack({"gauntlet": {"version": 99}})), "speaks version 1, got version 99"),
-    "broken": (lambda c: c.send(pack({"gauntlet": {"version": 1}})), "expected what the policy needs"),
+    "hangs up": (lambda c: c.close(), "got none: it closed the connection"),
+    "another version": (lambda c: c.send(pack({"robogauntlet": {"version": 99}})), "speaks version 1, got version 99"),
+    "broken": (lambda c: c.send(pack({"robogauntlet": {"version": 1}})), "expected the policy's needs"),
 }
 
 
@@ -169,7 +168,7 @@ def test_a_server_of_something_else_is_one_line():
 
         thread = threading.Thread(target=talk)
         thread.start()
-        refused(f"ws://127.0.0.1:{listening.getsockname()[1]}", "it speaks no websocket")
+        refused(f"ws://127.0.0.1:{listening.getsockname()[1]}", "it is no websocket server")
         thread.join()
 
 
@@ -202,7 +201,7 @@ def test_without_an_identity_the_content_is_what_the_server_says_of_itself():
             digests.append(catalog.digest("openpi", {"address": address, **QUICK}))
     assert digests[0] == digests[2] != digests[1]
     with speaking(answering(CHUNK, metadata={})) as address:
-        refused(address, "expected metadata that tell what acts there, got none; give option identity")
+        refused(address, "expected metadata that identify the policy, got none; give option identity")
 
 
 def test_a_server_that_dies_between_two_queries_and_comes_back_costs_nothing():
@@ -258,7 +257,7 @@ def test_a_server_that_comes_back_as_another_is_refused():
     with speaking(once) as address:
         policy = remote(address)
         policy.act([query()])
-        with pytest.raises(PolicyError, match="expected what the run was planned with, got another policy"):
+        with pytest.raises(PolicyError, match="expected the policy that the run was planned with, got another policy"):
             policy.act([query(8)])
 
 
@@ -313,7 +312,7 @@ OPTIONS = {
         {"rotation": "quaternion-wxyz", "rotation_scale": 0.5},
         "rotation_scale: quaternions have",
     ),
-    "rotation": ({"rotation": "rpy"}, "rotation: Input should be 'axis-angle', 'euler'"),
+    "rotation": ({"rotation": "rpy"}, "rotation: expected 'axis-angle', 'euler'"),
     "gripper": ({"gripper_open": 1.0}, "expected gripper_open other than gripper_closed"),
     "scale": ({"translation_scale": float("nan")}, "translation_scale"),
     "size": ({"image_size": 8}, "image_size"),

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from adapters.contract import Observation
-from adapters.libero.tasks import libero_tasks
-from policies.contract import PolicyError, PolicyMismatch
-from policies.remote.acting import card_chunk, card_message
-from policies.remote.card import read_card
-from policies.remote.libero import BASES, base_of
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.adapters.libero.tasks import libero_tasks
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch
+from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
+from robogauntlet.policies.remote.libero import BASES, base_of
+from robogauntlet.policies.remote.server_options import read_options
 
 CARD = {"address": "a:1", "convention": "libero"}
 SEEN = Observation(
@@ -19,14 +19,14 @@ SEEN = Observation(
 
 
 def test_images_are_a_half_turn_of_what_the_simulator_gives_and_the_pose_is_the_worlds():
-    message = card_message(read_card(CARD), SEEN, "libero/goal-7-turn-on-stove")
+    message = encode_observation(read_options(CARD), SEEN, "libero/goal-7-turn-on-stove")
     as_libero_draws = SEEN.images["wrist"][::-1]
     np.testing.assert_array_equal(message["observation/wrist_image"], np.rot90(as_libero_draws, 2))
     np.testing.assert_allclose(message["observation/state"], [-0.26, 0.1, 1.112, 3.1, 0.1, 0.0, 0.03, -0.02])
 
 
 def test_an_answer_is_a_share_of_what_the_controller_does_and_the_gripper_stays():
-    chunk = card_chunk(read_card(CARD), {"actions": np.array([[1.0, 0, 0, 0, 0, -1.0, -1.0]])})
+    chunk = decode_chunk(read_options(CARD), {"actions": np.array([[1.0, 0, 0, 0, 0, -1.0, -1.0]])})
     np.testing.assert_allclose(chunk, [[0.0131, 0, 0, 0, 0, -0.118, -1.0]])
 
 
@@ -39,14 +39,14 @@ def test_every_task_has_a_place_of_the_robot():
 @pytest.mark.parametrize("task", ["robosuite/Lift", "libero/", "libero/10-0-attic1-tidy-up"])
 def test_a_task_of_something_else_is_refused(task):
     with pytest.raises(PolicyMismatch, match=f"convention libero: expected a task of LIBERO, got {task}"):
-        card_message(read_card(CARD), SEEN, task)
+        encode_observation(read_options(CARD), SEEN, task)
 
 
 def test_a_scale_beside_the_convention_is_refused():
-    with pytest.raises(PolicyError, match="expected no translation_scale and no turn, which convention libero says"):
-        read_card({**CARD, "translation_scale": 0.05, "turn": "half"})
+    with pytest.raises(PolicyError, match="expected no translation_scale and no turn, which convention libero sets"):
+        read_options({**CARD, "translation_scale": 0.05, "turn": "half"})
 
 
 def test_a_policy_of_which_nothing_is_said_stays_the_one_that_it_was():
-    assert "convention" not in read_card({"address": "a:1"}).declaration()
-    assert read_card(CARD).declaration()["convention"] == "libero"
+    assert "convention" not in read_options({"address": "a:1"}).declaration()
+    assert read_options(CARD).declaration()["convention"] == "libero"

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from adapters.contract import Observation
-from policies import catalog
-from policies.contract import PolicyError, Query
-from policies.remote.acting import resized
-from policies.remote.card import read_card
-from policies.remote.packing import pack
-from suites.vocabulary import Episode, Protocol, View
+from robogauntlet.adapters.contract import Observation
+from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import PolicyError, Query
+from robogauntlet.policies.remote.conversion import resize_image
+from robogauntlet.policies.remote.msgpack_numpy import pack
+from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.remote_servers import serving, speaking
 
 client = pytest.importorskip("openpi_client.websocket_client_policy")
@@ -74,5 +74,7 @@ def test_frames_and_pictures_are_theirs_to_the_byte(query):
     message = {**shown(query.observation), "one": np.float32(2), "plain": [1, 2.5, None, True]}
     assert pack(message) == packing.packb(message)
     for size in ((20, 40), (41, 20), (224, 300), (33, 97)):
-        ours = resized(read_card({"address": "a:1", "image_size": list(size)}), query.observation.images["wrist"])
+        ours = resize_image(
+            read_options({"address": "a:1", "image_size": list(size)}), query.observation.images["wrist"]
+        )
         np.testing.assert_array_equal(ours, images.resize_with_pad(query.observation.images["wrist"], *size))

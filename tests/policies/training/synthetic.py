@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from policies.training.lerobot import Recording, encode_episode
-from policies.training.writing import Attempt, DatasetWriter
+from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
+from robogauntlet.policies.training.lerobot_format import Recording, encode_episode
 
 SOURCE = {"task": "null/Reach", "noise": 0.1}
 

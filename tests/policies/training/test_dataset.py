@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from policies.training.dataset import Demonstrations, find_datasets, pooled_hash
-from policies.training.lerobot import DatasetError, image_key
-from policies.training.pool import Pool
+from robogauntlet.policies.training.dataset import Demonstrations, find_datasets, pooled_hash
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.lerobot_format import DatasetError, image_key
 from tests.policies.training.synthetic import recording, write
 
 LENGTHS = (6, 12, 3)
@@ -60,7 +60,7 @@ def test_reading_a_batch_does_not_change_the_data(dataset):
 
 def test_a_sample_depends_on_its_seed_and_step_alone(dataset):
     def drawn(seed: int, step: int) -> bytes:
-        return Pool([dataset]).sample(5, seed=seed, step=step, chunk_length=8).actions.tobytes()
+        return DatasetMixture([dataset]).sample(5, seed=seed, step=step, chunk_length=8).actions.tobytes()
 
     assert drawn(1, 7) == drawn(1, 7)
     assert len({drawn(1, 7), drawn(1, 8), drawn(2, 7)}) == 3

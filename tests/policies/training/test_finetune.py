@@ -1,4 +1,4 @@
-"""Training: it learns, it repeats, it can be stopped, its card says what happened, and mistakes are one line."""
+"""Training: it learns, it repeats, it can be stopped, its metadata says what happened, and mistakes are one line."""
 
 from dataclasses import replace
 
@@ -9,25 +9,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file
 
-from orchestrator.cli.policies.training import line
-from policies.contract import PolicyError
-from policies.mergevla.card import CARD, WEIGHTS, read_card, verified_card
-from policies.mergevla.checkpoint import load_checkpoint, load_tensors
-from policies.mergevla.config import LoraSettings, Quirks
-from policies.mergevla.normalisation import Statistics
-from policies.training.augmentation import shift
-from policies.training.dataset import Demonstrations
-from policies.training.finetune import Pace, Settings, finetune, pretrain
-from policies.training.lerobot import Recording, encode_episode
-from policies.training.options import settings_of
-from policies.training.pool import Pool
-from policies.training.reading import masked_l1
-from policies.training.schedule import Schedule, rate_at
-from policies.training.selection import held_out_l1
-from policies.training.state import STATE_FILE, History, TrainingError, load_state, save_state
-from policies.training.writing import Attempt, DatasetWriter
+from robogauntlet.orchestrator.cli.policies.training_progress import line
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors
+from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, WEIGHTS, CheckpointMetadata
+from robogauntlet.policies.mergevla.network.config import LoraSettings, PaperCodeQuirks
+from robogauntlet.policies.mergevla.network.normalisation import Statistics
+from robogauntlet.policies.training.batch_loss import masked_l1
+from robogauntlet.policies.training.dataset import Demonstrations
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture, shift
+from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
+from robogauntlet.policies.training.finetune import Schedule, Settings, TrainingStatus, finetune, pretrain, rate_at
+from robogauntlet.policies.training.lambda_selection import held_out_l1
+from robogauntlet.policies.training.lerobot_format import Recording, encode_episode
+from robogauntlet.policies.training.training_checkpoint import (
+    STATE_FILE,
+    History,
+    TrainingError,
+    load_state,
+    save_state,
+)
+from tests.policies.mergevla.network.test_pretrained import LITTLE
 from tests.policies.mergevla.shared import SMALL
-from tests.policies.mergevla.test_pretrained import LITTLE
 from tests.policies.training.synthetic import recording, write
 
 LORA = LoraSettings(4)
@@ -68,7 +71,7 @@ def data(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pool(data):
-    return Pool.open(data)
+    return DatasetMixture.open(data)
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +94,7 @@ def test_loss_falls(pool, tmp_path):
 
 
 def test_held_out_episodes_are_never_trained_on(data):
-    pool = Pool.open(data[:1])
+    pool = DatasetMixture.open(data[:1])
     seen = {row.tobytes() for step in range(30) for row in pool.sample(16, seed=0, step=step, chunk_length=8).states}
     held_out = {row.tobytes() for batch in pool.held_out(16, chunk_length=8) for row in batch.states}
     assert len(held_out) == 12
@@ -101,15 +104,15 @@ def test_held_out_episodes_are_never_trained_on(data):
 def test_held_out_episodes_have_no_part_in_the_statistics(tmp_path):
     odd = {"actions": np.full((12, 7), 0.9), "states": np.full((12, 8), 50.0)}
     write(tmp_path, [recording(0), recording(1), recording(2, **odd)])
-    (task,) = (pool := Pool.open([tmp_path])).tasks
+    (task,) = (pool := DatasetMixture.open([tmp_path])).tasks
     first = Demonstrations(tmp_path)
     assert pool.statistics.of(task) == Statistics.of(first.actions[:24], first.states[:24])
 
 
 def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
-    again = pretrain(pool, SMALL, tmp_path / "again", QUICK).card
-    other = pretrain(pool, SMALL, tmp_path / "other", replace(QUICK, seed=1)).card
-    assert again.tensor_hash == read_card(base).tensor_hash != other.tensor_hash
+    again = pretrain(pool, SMALL, tmp_path / "again", QUICK).metadata
+    other = pretrain(pool, SMALL, tmp_path / "other", replace(QUICK, seed=1)).metadata
+    assert again.tensor_hash == CheckpointMetadata.read(base).tensor_hash != other.tensor_hash
 
 
 @pytest.mark.parametrize(
@@ -124,14 +127,17 @@ def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
     ],
 )
 def test_what_is_said_to_decide_the_weights_does(pool, base, tmp_path, change):
-    assert pretrain(pool, SMALL, tmp_path, replace(QUICK, **change)).card.tensor_hash != read_card(base).tensor_hash
+    assert (
+        pretrain(pool, SMALL, tmp_path, replace(QUICK, **change)).metadata.tensor_hash
+        != CheckpointMetadata.read(base).tensor_hash
+    )
 
 
 def test_images_are_shifted_as_far_as_the_settings_say(tmp_path):
     write(tmp_path, [recording(seed) for seed in range(2)])
-    pool = Pool.open([tmp_path])
-    cards = [pretrain(pool, SMALL, tmp_path / str(px), replace(QUICK, largest_shift=px)).card for px in (0, 1)]
-    assert cards[0].tensor_hash != cards[1].tensor_hash
+    pool = DatasetMixture.open([tmp_path])
+    metadata = [pretrain(pool, SMALL, tmp_path / str(px), replace(QUICK, largest_shift=px)).metadata for px in (0, 1)]
+    assert metadata[0].tensor_hash != metadata[1].tensor_hash
 
 
 def test_adapters_begin_by_their_seed(pool, base, tmp_path):
@@ -143,11 +149,11 @@ def test_adapters_begin_by_their_seed(pool, base, tmp_path):
 
 
 def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_path):
-    pool = Pool.open(data[:1])
+    pool = DatasetMixture.open(data[:1])
     whole = finetune(pool, base, tmp_path / "whole", QUICK, lora=LORA)
     for steps in (1, 2):
-        assert finetune(pool, base, tmp_path / "parts", QUICK, lora=LORA, stop=stop_after(steps)).card is None
-    parts = finetune(Pool.open(data[:1]), base, tmp_path / "parts", QUICK, lora=LORA)
+        assert finetune(pool, base, tmp_path / "parts", QUICK, lora=LORA, stop=stop_after(steps)).metadata is None
+    parts = finetune(DatasetMixture.open(data[:1]), base, tmp_path / "parts", QUICK, lora=LORA)
     ours, theirs = (load_file(tmp_path / name / WEIGHTS) for name in ("whole", "parts"))
     assert ours.keys() == theirs.keys()
     assert all(torch.equal(ours[name], theirs[name]) for name in ours)
@@ -158,22 +164,22 @@ def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_
 
 def test_a_network_with_weights_that_no_gradient_reaches_is_continued(tmp_path):
     """The large size's towers: their last block is not read."""
-    pool = Pool.open([dataset(tmp_path, "Reach", range(3), size=LITTLE.image_size, steps=4)])
+    pool = DatasetMixture.open([dataset(tmp_path, "Reach", range(3), size=LITTLE.image_size, steps=4)])
     brief = replace(QUICK, steps=2, batch_size=2)
-    whole = pretrain(pool, LITTLE, tmp_path / "whole", brief).card
+    whole = pretrain(pool, LITTLE, tmp_path / "whole", brief).metadata
     pretrain(pool, LITTLE, tmp_path / "parts", brief, stop=stop_after(1))
-    assert pretrain(pool, LITTLE, tmp_path / "parts", brief).card.tensor_hash == whole.tensor_hash
+    assert pretrain(pool, LITTLE, tmp_path / "parts", brief).metadata.tensor_hash == whole.tensor_hash
 
 
 def test_the_papers_noise_is_repeated_when_a_training_is_continued_and_not_in_what_is_held_out(pool, tmp_path):
-    noisy = replace(SMALL, quirks=Quirks(training_noise=True))
+    noisy = replace(SMALL, quirks=PaperCodeQuirks(training_noise=True))
     whole = pretrain(pool, noisy, tmp_path / "whole", QUICK)
     pretrain(pool, noisy, tmp_path / "parts", QUICK, stop=stop_after(2))
     torch.manual_seed(1)
-    assert pretrain(pool, noisy, tmp_path / "parts", QUICK).card.tensor_hash == whole.card.tensor_hash
+    assert pretrain(pool, noisy, tmp_path / "parts", QUICK).metadata.tensor_hash == whole.metadata.tensor_hash
     checkpoint = load_checkpoint(tmp_path / "whole")
-    losses = held_out_l1(lambda task: checkpoint.model, checkpoint.card.statistics, pool)
-    assert np.mean(list(losses.values())) == pytest.approx(whole.card.metrics["held_out_l1"], rel=1e-5)
+    losses = held_out_l1(lambda task: checkpoint.model, checkpoint.metadata.statistics, pool)
+    assert np.mean(list(losses.values())) == pytest.approx(whole.metadata.metrics["held_out_l1"], rel=1e-5)
 
 
 def test_what_the_optimiser_knows_comes_back_on_the_device_of_its_weight(tmp_path):
@@ -210,31 +216,31 @@ def test_a_killed_training_continues_from_the_state_that_was_written(pool, base,
 
     with pytest.raises(KeyboardInterrupt):
         pretrain(pool, SMALL, tmp_path, replace(QUICK, save_s=0.0), listener=die)
-    assert pretrain(pool, SMALL, tmp_path, QUICK).card.tensor_hash == read_card(base).tensor_hash
+    assert pretrain(pool, SMALL, tmp_path, QUICK).metadata.tensor_hash == CheckpointMetadata.read(base).tensor_hash
 
 
-def test_the_card_says_what_it_was_trained_on_and_how(pool, base, data, tmp_path):
-    finetune(Pool.open(data[1:]), base, tmp_path, QUICK, lora=LORA)
-    card = verified_card(tmp_path)
-    assert card.tasks == ("null/Push",)
-    assert card.data_hash == Pool.open(data[1:]).data_hash
-    assert card.lora == LORA
-    assert card.base_hash == read_card(base).tensor_hash
-    assert card.metrics["seed"] == 0
-    assert 0.0 < card.metrics["train_l1"] < 2.0
-    assert 0.0 < card.metrics["held_out_l1"] < 2.0
-    assert read_card(base).tasks == ("null/Push", "null/Reach")
+def test_the_metadata_say_how_and_on_what_it_was_trained(pool, base, data, tmp_path):
+    finetune(DatasetMixture.open(data[1:]), base, tmp_path, QUICK, lora=LORA)
+    metadata = CheckpointMetadata.verified(tmp_path)
+    assert metadata.tasks == ("null/Push",)
+    assert metadata.data_hash == DatasetMixture.open(data[1:]).data_hash
+    assert metadata.lora == LORA
+    assert metadata.base_hash == CheckpointMetadata.read(base).tensor_hash
+    assert metadata.metrics["seed"] == 0
+    assert 0.0 < metadata.metrics["train_l1"] < 2.0
+    assert 0.0 < metadata.metrics["held_out_l1"] < 2.0
+    assert CheckpointMetadata.read(base).tasks == ("null/Push", "null/Reach")
 
 
 def test_an_expert_differs_from_its_base_in_adapters_and_action_expert_only(data, base, tmp_path):
-    finetune(Pool.open(data[:1]), base, tmp_path, QUICK, lora=LORA)
+    finetune(DatasetMixture.open(data[:1]), base, tmp_path, QUICK, lora=LORA)
     before, _ = load_tensors(base)
     after, _ = load_tensors(tmp_path)
     backbone = {name for name in before if name.startswith("backbone.")}
     assert all(torch.equal(before[name], after[name]) for name in backbone)
     assert {name.split(".")[0] for name in after.keys() - before.keys()} == {"backbone"}
     assert not torch.equal(before["action_expert.output.weight"], after["action_expert.output.weight"])
-    assert load_checkpoint(tmp_path).card.statistics != read_card(base).statistics
+    assert load_checkpoint(tmp_path).metadata.statistics != CheckpointMetadata.read(base).statistics
 
 
 def test_the_loss_leaves_out_what_is_masked():
@@ -260,23 +266,23 @@ def test_a_shift_moves_down_and_right_and_repeats_the_border():
 
 
 def test_progress_is_one_line():
-    said = line(Pace(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
+    said = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
     assert said == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
 
 
 def test_mistakes_are_one_line(pool, base, data, tmp_path):
     wide = dataset(tmp_path, "Wide", size=32)
     expert = tmp_path / "expert"
-    finetune(Pool.open(data[:1]), base, expert, QUICK, lora=LORA)
+    finetune(DatasetMixture.open(data[:1]), base, expert, QUICK, lora=LORA)
     mistakes = {
-        "expected 16 px images": lambda: finetune(Pool.open([wide]), base, tmp_path / "a", QUICK, lora=LORA),
-        "expected 16 px images of": lambda: Pool.open([data[0], wide]),
-        "expected a dataset": lambda: Pool.open([tmp_path / "nowhere"]),
-        "expected steps of 1 or more, got 0": lambda: replace(QUICK, steps=0),
-        "expected a shift of 0 or more, a seed of 0 to 2\\^63 - 1": lambda: replace(QUICK, seed=2**63),
-        "expected a shift of 0 or more, a seed of 0": lambda: replace(QUICK, seed=-1),
-        "expected a learning rate": lambda: replace(QUICK, learning_rate=2.0),
-        "expected a schedule out of cosine, constant": lambda: settings_of(1, 1, 1e-3, "step", 0, 0, 1),
+        "expected 16 px images": lambda: finetune(DatasetMixture.open([wide]), base, tmp_path / "a", QUICK, lora=LORA),
+        "expected 16 px images of": lambda: DatasetMixture.open([data[0], wide]),
+        "expected a dataset": lambda: DatasetMixture.open([tmp_path / "nowhere"]),
+        "steps: expected greater than 0, got 0": lambda: Settings.from_json({"steps": 0}),
+        "seed: expected less than 9223372036854775808": lambda: Settings.from_json({"seed": 2**63}),
+        "seed: expected greater than or equal to 0, got -1": lambda: Settings.from_json({"seed": -1}),
+        "learning_rate: expected less than 1, got 2.0": lambda: Settings.from_json({"learning_rate": 2.0}),
+        "schedule: expected 'cosine' or 'constant', got 'step'": lambda: Settings.from_json({"schedule": "step"}),
         "expected a base that stands alone": lambda: finetune(pool, expert, tmp_path / "b", QUICK, lora=LORA),
         "holds a finished one": lambda: pretrain(pool, SMALL, base, QUICK),
         "expected a checkpoint's folder or a hub id": lambda: finetune(pool, "none", tmp_path, QUICK, lora=LORA),
@@ -294,13 +300,13 @@ def test_a_stopped_training_is_not_continued_with_other_settings(pool, tmp_path)
     pretrain(pool, SMALL, tmp_path, QUICK, stop=stop_after(2))
     with pytest.raises(TrainingError, match="expected the same data, base and settings"):
         pretrain(pool, SMALL, tmp_path, replace(QUICK, seed=5))
-    assert not (tmp_path / CARD).exists()
+    assert not (tmp_path / METADATA_FILE).exists()
 
 
 def test_a_stopped_training_is_not_continued_with_its_data_in_another_order(data, tmp_path):
-    pretrain(Pool.open(data), SMALL, tmp_path, QUICK, stop=stop_after(2))
-    backwards = Pool([Demonstrations(folder) for folder in sorted(data, reverse=True)])
-    assert backwards.data_hash == Pool.open(data).data_hash
+    pretrain(DatasetMixture.open(data), SMALL, tmp_path, QUICK, stop=stop_after(2))
+    backwards = DatasetMixture([Demonstrations(folder) for folder in sorted(data, reverse=True)])
+    assert backwards.data_hash == DatasetMixture.open(data).data_hash
     with pytest.raises(TrainingError, match="expected the same data, base and settings"):
         pretrain(backwards, SMALL, tmp_path, QUICK)
 

@@ -8,9 +8,9 @@ import subprocess
 
 import pytest
 
-from results.report import write_report
+from robogauntlet.results.report import write_report
+from tests.results.analysis.test_policy_shift import COMPARE, PLAN, SEEDS, rows
 from tests.results.synthetic import document, run_folder
-from tests.results.test_shift import COMPARE, PLAN, SEEDS, rows
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = [
@@ -29,7 +29,7 @@ onload = () => {{
     width: page.documentElement.clientWidth,
     scroll: page.documentElement.scrollWidth,
     curves: drawn("svg.severity").length,
-    forests: drawn("svg.tax").length,
+    forests: drawn("svg.losses").length,
     maps: drawn(".maps table").length,
     policies: page.querySelectorAll(".maps thead tr:first-child th").length,
     cells: page.querySelectorAll(".maps td.right").length,
@@ -46,7 +46,7 @@ onload = () => {{
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "run"
-    return write_report(run_folder(folder, document(SEEDS, of=PLAN, compare=COMPARE), rows())).html.read_text()
+    return write_report(run_folder(folder, document(SEEDS, of=PLAN, compare=COMPARE), rows())).paths.html.read_text()
 
 
 def measured(page, width, folder):
@@ -73,11 +73,11 @@ def test_the_robustness_section_is_drawn_and_fits_the_page(page, width, tmp_path
     assert found["unnamed"] == 0
 
 
-def test_the_page_to_turn_over_by_hand_is_drawn_without_a_network(tmp_path):
+def test_the_interactive_page_is_drawn_without_a_network(tmp_path):
     folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, compare=COMPARE), rows())
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
     command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=8000", "--dump-dom"]
-    command.append(write_report(folder).explorer.as_uri())
+    command.append(write_report(folder).paths.explorer.as_uri())
     drawn = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
     body = drawn.partition("<body>")[2]
     assert body.count('class="updatemenu-header"') == 2  # to choose the axis, and the policy

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from results.media import look_path, video_path
-from results.report import write_report
-from results.report.media import collect_media
-from results.report.parquet import read_frame
-from suites.vocabulary import Condition
+from robogauntlet.results.media_paths import snapshot_path, video_path
+from robogauntlet.results.report import write_report
+from robogauntlet.results.report.media import collect_media
+from robogauntlet.results.report.parquet import read_frame
+from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, document, row, run_folder
 
 CLEAN, BLUR2, BLUR4 = Condition(), Condition("blur", 2), Condition("blur", 4)
@@ -29,7 +29,7 @@ def folder(tmp_path):
     return run_folder(tmp_path / "run", DOCUMENT, rows)
 
 
-DOCUMENT = document(3, PLAN, gate="oracle")
+DOCUMENT = document(3, PLAN, oracle_gate="oracle")
 
 
 def film(folder, cell, seed, size=100):
@@ -39,13 +39,13 @@ def film(folder, cell, seed, size=100):
 
 
 def look(folder, task, condition, shade):
-    path = look_path(folder, task, condition)
+    path = snapshot_path(folder, task, condition)
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.full((32, 64, 3), shade, np.uint8)).save(path)
 
 
 def media(folder, **options):
-    return collect_media(folder, DOCUMENT, read_frame(write_report(folder).episodes), **options)
+    return collect_media(folder, DOCUMENT, read_frame(write_report(folder).paths.episodes), **options)
 
 
 def of(policy, task, condition):
@@ -57,7 +57,7 @@ def test_what_fell_is_the_mildest_filmed_failure_of_each_simulator_and_not_of_th
         film(folder, of("experts", task, BLUR4), 0)
         film(folder, of("oracle", task, BLUR4), 0)
     film(folder, of("experts", TASKS[0], BLUR2), 2)
-    found = media(folder).fallen
+    found = media(folder).new_failures
     assert {(v.policy, v.task, v.condition, v.seed) for v in found} == {
         ("experts", TASKS[0], BLUR2, 2),
         ("experts", TASKS[1], BLUR4, 0),
@@ -68,8 +68,8 @@ def test_typical_videos_come_before_those_of_falls(folder):
     film(folder, of("experts", TASKS[0], CLEAN), 0, size=800)
     film(folder, of("experts", TASKS[0], BLUR2), 0, size=150)
     found = media(folder, budget=1000)
-    assert {v.status: v.source is not None for v in found.typical} == {"success": True, "failure": True}
-    assert [v.source is not None for v in found.fallen] == [False]
+    assert {v.status: v.source is not None for v in found.representative} == {"success": True, "failure": True}
+    assert [v.source is not None for v in found.new_failures] == [False]
     assert found.left_out == 1
 
 
@@ -78,7 +78,7 @@ def test_a_strip_holds_the_clean_look_and_one_for_each_severity(folder):
         look(folder, TASKS[0], condition, 90 * shade)
     strips = media(folder).strips
     assert list(strips) == ["blur"]
-    assert [(s.task, [x.condition for x in s.looks]) for s in strips["blur"]] == [(TASKS[0], [CLEAN, BLUR2, BLUR4])]
+    assert [(s.task, [x.condition for x in s.snapshots]) for s in strips["blur"]] == [(TASKS[0], [CLEAN, BLUR2, BLUR4])]
 
 
 def test_an_axis_that_shows_nothing_has_no_strip(folder):
@@ -105,18 +105,18 @@ def test_the_page_shows_strips_and_falls_with_their_axis(folder):
     look(folder, TASKS[0], CLEAN, 10)
     look(folder, TASKS[0], BLUR2, 80)
     film(folder, of("experts", TASKS[0], BLUR2), 1)
-    page = write_report(folder).html.read_text()
+    page = write_report(folder).paths.html.read_text()
     names = Found(page[page.index('id="axis-blur"') :]).names
     assert names == [
         f"{TASKS[0]}: clean",
         f"{TASKS[0]}: 2: 0.6 % of image width",
         f"failure of experts on {TASKS[0]}, seed 1",
     ]
-    assert "Filmed failures of episodes that succeed in the clean world: 1<" in page
+    assert "Recorded failures of episodes that succeed under the clean condition: 1<" in page
 
 
 def test_a_broken_look_does_not_cost_the_report(folder):
     look(folder, TASKS[0], CLEAN, 10)
-    path = look_path(folder, TASKS[0], BLUR2)
+    path = snapshot_path(folder, TASKS[0], BLUR2)
     path.write_bytes(b"\x89PNG\r\n\x1a\nbroken")
-    assert [x.condition for x in media(folder).strips["blur"][0].looks] == [CLEAN]
+    assert [x.condition for x in media(folder).strips["blur"][0].snapshots] == [CLEAN]

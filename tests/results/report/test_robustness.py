@@ -3,22 +3,23 @@
 import json
 import math
 import re
+from dataclasses import replace
 
 import pytest
 
-from results.report import read_findings, write_report
-from results.report import robustness as words
-from results.report.findings import findings
-from results.statistics.rates import Estimate, Interval
-from suites.vocabulary import Condition
+from robogauntlet.results.report import robustness as words
+from robogauntlet.results.report import write_report
+from robogauntlet.results.report.findings import findings
+from robogauntlet.results.statistics.rates import Estimate, Interval
+from robogauntlet.suites.episode import Condition
+from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows
 from tests.results.synthetic import cells, document, row, run_folder
-from tests.results.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows
 
 
 def test_what_is_beyond_the_last_level_says_so():
-    assert words.severity(Estimate(3.14, Interval(2.6, math.inf)), 5) == "3.1 [2.6, >5]"
-    assert words.severity(Estimate(math.inf, Interval(4.0, math.inf)), 4) == ">4 [4.0, >4]"
-    assert words.severity(None, 5) == words.severity(Estimate(math.nan, None), 5) == "–"
+    assert words.half_lost_text(Estimate(3.14, Interval(2.6, math.inf)), 5) == "3.1 [2.6, >5]"
+    assert words.half_lost_text(Estimate(math.inf, Interval(4.0, math.inf)), 4) == ">4 [4.0, >4]"
+    assert words.half_lost_text(None, 5) == words.half_lost_text(Estimate(math.nan, None), 5) == "–"
 
 
 def test_the_table_of_an_axis_names_levels_in_their_unit():
@@ -32,20 +33,27 @@ def test_the_table_of_an_axis_names_levels_in_their_unit():
 
 def test_the_delivered_table_sets_simulators_side_by_side():
     table = words.delivered_table(built())
-    assert table.header == ("axis", "severity", "asked", "maniskill", "pybullet", "apart")
+    assert table.header == ("axis", "severity", "requested", "maniskill", "pybullet", "spread")
     assert table.rows[0] == ("noise", "2", "28 dB PSNR", "27.72", "28.28", "2 %")
 
 
 def test_the_sentence_about_worlds_is_never_stronger_than_what_was_compared():
-    assert words.worlds(built()).startswith("All of 240 episodes on axes that move nothing started from")
-    assert words.worlds(built([r for r in rows() if r.axis != "clean"])).startswith(
-        "No episode on an axis that moves nothing has"
+    assert words.start_states_sentence(built()).startswith(
+        "All 240 episodes on axes that keep the start state started from"
+    )
+    assert words.start_states_sentence(built([r for r in rows() if r.axis != "clean"])).startswith(
+        "Start states were not compared"
     )
 
 
 @pytest.fixture(scope="module")
-def paths(tmp_path_factory):
+def report(tmp_path_factory):
     return write_report(run_folder(tmp_path_factory.mktemp("run") / "run", document(SEEDS, of=PLAN), rows()))
+
+
+@pytest.fixture(scope="module")
+def paths(report):
+    return report.paths
 
 
 def test_the_report_shows_a_chart_per_axis_and_all_numbers_as_text(paths):
@@ -53,37 +61,39 @@ def test_the_report_shows_a_chart_per_axis_and_all_numbers_as_text(paths):
     assert page.count('<svg class="severity"') == 2
     assert page.count("<polyline") == 4
     for content in (page, text):
-        assert "noise (N1): sensor noise, dB PSNR" in content
+        assert "noise (dB PSNR)" in content
         assert "Delivered" in content
 
 
 def test_the_summary_has_it_too(paths):
     found = json.loads(paths.summary.read_text())["robustness"]
     assert found["axes"] == ["noise", "blur"]
-    assert found["worlds"] == {"compared": 240, "differing": 0}
+    assert found["start_states"] == {"compared": 240, "differing": 0}
 
 
-def test_programs_and_the_terminal_are_told_the_same_findings_as_readers(paths):
-    found = read_findings(paths.summary.parent)
-    assert found
-    text = paths.markdown.read_text().replace("\\", "")
-    assert all(f"- {sentence}" in text for sentence in found)
+def test_programs_and_the_terminal_are_told_the_same_findings_as_readers(report):
+    assert report.findings
+    text = report.paths.markdown.read_text().replace("\\", "")
+    assert all(f"- {sentence}" in text for sentence in report.findings)
 
 
-def test_a_page_to_turn_over_by_hand_lies_beside_the_report_and_needs_no_network(paths):
+def test_the_interactive_page_needs_no_network(paths):
     page = paths.explorer.read_text()
     assert not re.search(r"""<(script|link|img)[^>]*(src|href)=["']?(https?:)?//""", page)
     assert 'href="explore.html"' in paths.html.read_text()
 
 
 def test_a_name_from_a_suite_is_text_in_that_page(tmp_path):
-    folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, suite_name="<script>alert(1)</script>"), rows())
-    assert "<script>alert(1)" not in write_report(folder).explorer.read_text()
+    plan, results = ([replace(one, policy=f"<script>{one.policy}") for one in ones] for ones in (PLAN, rows()))
+    folder = run_folder(tmp_path / "run", document(SEEDS, of=plan), results)
+    page = write_report(folder).paths.explorer.read_text()
+    assert "<script>merged" not in page
+    assert "merged" in page
 
 
 def test_nothing_is_found_about_a_floor_since_it_has_no_skill_to_lose():
     assert any(sentence.startswith("merged: ") for sentence in findings(built()))
-    assert not any(sentence.startswith("merged: ") for sentence in findings(built(floors=("merged",))))
+    assert not any(sentence.startswith("merged: ") for sentence in findings(built(no_skill_baselines=("merged",))))
 
 
 def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
@@ -92,8 +102,8 @@ def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
         for seed in range(SEEDS):
             failed = cell.policy == "oracle" and cell.condition.severity == 4 and seed < 3
             results.append(row(cell, seed, "failure" if failed else "success"))
-    run = document(SEEDS, of=GATED, gate="oracle")
-    paths = write_report(run_folder(tmp_path / "run", run, results))
+    run = document(SEEDS, of=GATED, oracle_gate="oracle")
+    paths = write_report(run_folder(tmp_path / "run", run, results)).paths
     section = paths.html.read_text().partition('id="robustness"')[2].partition("</section>")[0]
     assert not re.search(r"\bnan\b", section)
     assert "level left out" in section
@@ -104,12 +114,12 @@ def test_controls_are_set_beside_the_clean_rate_and_without_a_gate_the_report_sa
     plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1), Condition("wrong-goal", 1)))
     found = built([row(cell, seed) for cell in plan for seed in range(5)], plan)
     table = words.controls_table(found)
-    assert table.header == ("policy", "simulator", "clean", "black images", "lost", "another goal", "lost")
+    assert table.header == ("policy", "simulator", "clean", "blind", "lost", "wrong-goal", "lost")
     assert table.rows[0][:2] == ("expert", "all")
-    assert words.gate(found).startswith("No oracle gates these numbers")
+    assert words.oracle_gate_sentence(found).startswith("There is no oracle gate")
 
 
 def test_a_run_without_perturbations_has_no_such_section(tmp_path):
-    paths = write_report(run_folder(tmp_path / "run", document(1), []))
+    paths = write_report(run_folder(tmp_path / "run", document(1), [])).paths
     assert "Robustness" not in paths.html.read_text()
     assert json.loads(paths.summary.read_text())["robustness"] is None

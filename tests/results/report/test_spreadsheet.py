@@ -5,18 +5,17 @@ import io
 
 import pytest
 
-from results.report.spreadsheet import HEADER, render_csv
-from results.tables import build_tables
-from suites.vocabulary import Condition
-from tests.results.synthetic import cells, document, rows
+from robogauntlet.results.report.summary import CSV_HEADER, render_csv
+from robogauntlet.suites.episode import Condition
+from tests.results.synthetic import cells, document, rows, tables_of
 
 PLAN = cells(("oracle",), ("maniskill/PushCube-v1",), (Condition(), Condition("noise", 4)))
 
 
 def test_every_cell_has_a_line_with_its_rate_interval_and_level():
-    tables = build_tables(document(10, of=PLAN), rows(PLAN, errors=1))
+    tables = tables_of(document(10, of=PLAN), rows(PLAN, errors=1))
     lines = list(csv.DictReader(io.StringIO(render_csv(tables))))
-    assert tuple(lines[0]) == HEADER
+    assert tuple(lines[0]) == CSV_HEADER
     clean, noisy = lines
     assert (clean["axis"], clean["level"], clean["unit"]) == ("clean", "", "")
     assert (noisy["severity"], noisy["level"], noisy["unit"]) == ("4", "18.4", "dB PSNR")
@@ -27,6 +26,6 @@ def test_every_cell_has_a_line_with_its_rate_interval_and_level():
 
 
 def test_cells_without_rows_have_no_rate():
-    lines = list(csv.DictReader(io.StringIO(render_csv(build_tables(document(10, of=PLAN), [])))))
+    lines = list(csv.DictReader(io.StringIO(render_csv(tables_of(document(10, of=PLAN), [])))))
     assert {line["rate"] for line in lines} == {""}
     assert {line["missing"] for line in lines} == {"10"}

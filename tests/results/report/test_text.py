@@ -1,14 +1,13 @@
-"""Promises of results/report/text.py."""
+"""Promises of results/report/formatting.py."""
 
 from __future__ import annotations
 
 import pytest
 
-from results.report import text
-from results.statistics.rates import Interval, RateBounds
-from results.tables import build_tables
-from suites.vocabulary import Condition
-from tests.results.synthetic import cells, document, rows
+from robogauntlet.results.report import formatting
+from robogauntlet.results.statistics.rates import Interval, RateBounds
+from robogauntlet.suites.episode import Condition
+from tests.results.synthetic import cells, document, rows, tables_of
 
 
 @pytest.mark.parametrize(
@@ -25,7 +24,7 @@ from tests.results.synthetic import cells, document, rows
     ],
 )
 def test_a_rate_is_never_rounded_onto_certainty(value, shown):
-    assert text.percent(value) == shown
+    assert formatting.percent(value) == shown
 
 
 @pytest.mark.parametrize(
@@ -33,23 +32,23 @@ def test_a_rate_is_never_rounded_onto_certainty(value, shown):
     [(None, "–"), (0, "0 s"), (0.0042, "4.2 ms"), (7.314, "7.31 s"), (59.999, "1 min 0 s"), (725, "12 min 5 s")],
 )
 def test_times_have_a_fitting_unit(value, shown):
-    assert text.seconds(value) == shown
+    assert formatting.seconds(value) == shown
 
 
 def test_long_times_are_in_hours():
-    assert text.seconds(12_000) == "3 h 20 min"
+    assert formatting.seconds(12_000) == "3 h 20 min"
 
 
 def test_bounds_that_are_close_get_a_digit_more():
     interval = Interval(0, 1)
-    assert text.bounds(RateBounds(0.468, 0.472, interval)) == "46.8–47.2 %"
-    assert text.bounds(RateBounds(0.4, 0.9, interval)) == "40–90 %"
-    assert text.bounds(None) == "–"
+    assert formatting.bounds(RateBounds(0.468, 0.472, interval)) == "46.8–47.2 %"
+    assert formatting.bounds(RateBounds(0.4, 0.9, interval)) == "40–90 %"
+    assert formatting.bounds(None) == "–"
 
 
 @pytest.mark.parametrize("hostile", ["a|b", "<script>alert(1)</script>", "[click](http://x)", "a\nb", "`x`", "**b**"])
 def test_markdown_makes_names_harmless(hostile):
-    drawn = text.markdown(text.TextTable(("name", "n"), ((hostile, "1"),), 1))
+    drawn = formatting.markdown(formatting.TextTable(("name", "n"), ((hostile, "1"),), 1))
     lines = drawn.splitlines()
     assert len(lines) == 3
     assert lines[1] == "| --- | ---: |"
@@ -59,7 +58,7 @@ def test_markdown_makes_names_harmless(hostile):
 
 
 def test_the_summary_has_a_row_per_policy_and_a_column_per_simulator():
-    table = text.summary_table(build_tables(document(4), rows(planned=4, errors=1)))
+    table = formatting.summary_table(tables_of(document(4), rows(planned=4, errors=1)))
     assert table.header == ("policy", "maniskill", "pybullet", "robosuite", "all", "mean of tasks", "errors")
     assert [line[0] for line in table.rows] == ["oracle", "random"]
     assert all(len(line) == len(table.header) for line in table.rows)
@@ -68,7 +67,7 @@ def test_the_summary_has_a_row_per_policy_and_a_column_per_simulator():
 
 def test_several_conditions_get_a_column_and_a_row_each():
     plan = cells(conditions=(Condition("light", 2), Condition()))
-    table = text.summary_table(build_tables(document(4, plan), rows(plan, 4)))
+    table = formatting.summary_table(tables_of(document(4, plan), rows(plan, 4)))
     assert table.header[:2] == ("policy", "condition")
     assert [line[:2] for line in table.rows] == [
         ("oracle", "clean"),
@@ -79,7 +78,7 @@ def test_several_conditions_get_a_column_and_a_row_each():
 
 
 def test_tables_of_tasks_and_times_are_rectangular():
-    tables = build_tables(document(4), rows(planned=4))
-    for table in (text.task_table(tables, "maniskill"), text.timing_table(tables.timing)):
+    tables = tables_of(document(4), rows(planned=4))
+    for table in (formatting.task_table(tables, "maniskill"), formatting.timing_table(tables.timing)):
         assert table.rows
         assert all(len(line) == len(table.header) for line in table.rows)

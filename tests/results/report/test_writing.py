@@ -13,15 +13,14 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from results.record import FIELDS, describe_fields
-from results.report import ReportPaths, Summary, write_report
-from results.report import writing as module
-from results.report.media import collect_media, last_frame, task_picture
-from results.report.parquet import read_frame
-from results.run import Provenance, RunError, RunStatus
-from results.store import StoreError
-from results.tables import build_tables
-from tests.results.synthetic import cells, document, row, rows, run_folder
+from robogauntlet.results.record import FIELDS, describe_fields
+from robogauntlet.results.report import ReportPaths, Summary, write_report
+from robogauntlet.results.report import write as module
+from robogauntlet.results.report.media import collect_media, last_frame, task_picture
+from robogauntlet.results.report.parquet import read_frame
+from robogauntlet.results.run_document import Provenance, RunError, RunStatus
+from robogauntlet.results.store.episode_store import StoreError
+from tests.results.synthetic import cells, document, row, rows, run_folder, tables_of
 
 HOSTILE = "<script>alert('x')</script>"
 
@@ -58,7 +57,7 @@ class Page(HTMLParser):
 
 def report(tmp_path, run=None, results=None):
     folder = run_folder(tmp_path / "run", run or document(4), rows(planned=4, errors=1) if results is None else results)
-    return write_report(folder)
+    return write_report(folder).paths
 
 
 def film(folder, result, frames=12, colour=(10, 200, 30), name=None):
@@ -84,7 +83,7 @@ def picture(folder, task, content=None):
 
 def test_a_report_is_five_files_and_nothing_is_printed(tmp_path, capsys):
     paths = report(tmp_path)
-    assert paths == ReportPaths.of(tmp_path / "run")
+    assert paths == ReportPaths.in_folder(tmp_path / "run")
     names = {path.name for path in (tmp_path / "run").iterdir()}
     written = {"report.html", "report.md", "summary.json", "episodes.parquet", "cells.csv"}
     assert names == written | {"run.json", "episodes.sqlite"}
@@ -104,7 +103,7 @@ def test_parquet_has_every_row_and_every_field_with_its_sentence(tmp_path):
 
 
 def test_parquet_is_written_in_pieces(tmp_path, monkeypatch):
-    monkeypatch.setattr("results.report.parquet.BATCH", 10)
+    monkeypatch.setattr("robogauntlet.results.report.parquet.BATCH", 10)
     file = pq.ParquetFile(report(tmp_path).episodes)
     assert [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)] == [10, 10, 10, 2]
 
@@ -113,7 +112,7 @@ def test_summary_is_what_its_model_says(tmp_path):
     run, results = document(4), rows(planned=4, errors=1)
     content = report(tmp_path, run, results).summary.read_text()
     summary = Summary.model_validate_json(content)
-    tables = build_tables(run, results)
+    tables = tables_of(run, results)
     assert summary.total == tables.total
     assert summary.cells == tables.cells
     assert summary.policies == tables.by_policy
@@ -139,7 +138,18 @@ def test_the_shape_of_the_summary_is_stable():
             "rows_hash",
             "run_id",
         ),
-        *("simulators", "skipped", "started_at", "status", "suite_hash", "suite_name", "timing", "total", "workers"),
+        *(
+            "shared_workers",
+            "simulators",
+            "skipped",
+            "started_at",
+            "status",
+            "suite_hash",
+            "suite_name",
+            "timing",
+            "total",
+            "workers",
+        ),
     ]
     assert sorted(schema["$defs"]["Tally"]["properties"]) == [
         *("bounds", "done", "errors", "failures", "interval", "mean_seconds", "mean_steps", "missing", "planned"),
@@ -151,7 +161,7 @@ def test_the_page_fetches_nothing_and_runs_nothing(tmp_path):
     folder = run_folder(tmp_path / "run", document(4), results := rows(planned=4))
     film(folder, results[0])
     picture(folder, results[0].task)
-    text = write_report(folder).html.read_text()
+    text = write_report(folder).paths.html.read_text()
     page = Page(text)
     assert "script" not in page.tags
     assert all(value.startswith(("data:", "#")) for value in page.fetched)
@@ -171,8 +181,7 @@ def test_a_script_in_any_name_is_escaped(tmp_path, where):
     run = document(
         3,
         plan,
-        suite_name=HOSTILE if where == "suite" else "suite",
-        suite_description=HOSTILE if where == "suite" else "",
+        description=HOSTILE if where == "suite" else "",
         suite_text=HOSTILE if where == "suite" else "",
         suite_path=HOSTILE if where == "suite" else "",
         instructions={plan[0].task: HOSTILE} if where == "instruction" else {},
@@ -183,7 +192,7 @@ def test_a_script_in_any_name_is_escaped(tmp_path, where):
     results = [row(plan[0], 0), row(plan[0], 1, "error", error=HOSTILE if where == "error" else "broken")]
     folder = run_folder(tmp_path / "run", run, results)
     picture(folder, "a/b")
-    paths = write_report(folder)
+    paths = write_report(folder).paths
     page = Page(paths.html.read_text())
     assert "script" not in page.tags
     assert HOSTILE in page.text
@@ -205,8 +214,8 @@ def test_an_interrupted_run_still_gives_a_readable_report(tmp_path):
 @pytest.mark.parametrize("status", list(RunStatus))
 def test_a_run_without_rows_says_so(tmp_path, status):
     paths = report(tmp_path, document(4, status=status, elapsed_s=0.0), [])
-    assert "This run has no rows yet" in Page(paths.html.read_text()).text
-    assert "This run has no rows yet" in paths.markdown.read_text()
+    assert "This run has no results yet" in Page(paths.html.read_text()).text
+    assert "This run has no results yet" in paths.markdown.read_text()
     assert pq.read_table(paths.episodes).num_rows == 0
     assert Summary.model_validate_json(paths.summary.read_text()).total.missing == 32
 
@@ -214,7 +223,7 @@ def test_a_run_without_rows_says_so(tmp_path, status):
 def test_errors_come_with_the_command_that_replays_them(tmp_path):
     page = Page(report(tmp_path).html.read_text())
     example = cells()[0].episode(0).id
-    assert f"gauntlet replay {example} --run {tmp_path / 'run'}" in page.text
+    assert f"robogauntlet replay {example} --run {tmp_path / 'run'}" in page.text
     assert "WorkerDied: signal 9" in page.text
 
 
@@ -234,7 +243,7 @@ def test_a_report_is_replaced_as_a_whole_or_not_at_all(tmp_path, monkeypatch):
 
 def test_a_report_can_be_written_again(tmp_path):
     first = report(tmp_path).html.read_text()
-    assert write_report(tmp_path / "run").html.read_text() == first
+    assert write_report(tmp_path / "run").paths.html.read_text() == first
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
@@ -268,7 +277,7 @@ def test_videos_are_the_first_success_and_the_first_failure_that_were_filmed(tmp
     for result in (results[3], results[4], results[5], results[2], results[6]):
         film(folder, result)
     film(folder, None, name="0123456789abcdef")
-    page = Page(write_report(folder).html.read_text())
+    page = Page(write_report(folder).paths.html.read_text())
     assert [(video["aria-label"].split(" of ")[0], video["aria-label"][-1]) for video in page.videos] == [
         ("success", "3"),
         ("failure", "2"),
@@ -288,11 +297,13 @@ def test_the_smallest_videos_come_first_and_the_rest_is_counted(tmp_path):
     videos.mkdir(parents=True)
     (videos / f"{results[0].episode_id}.mp4").write_bytes(b"x" * 900)
     (videos / f"{results[1].episode_id}.mp4").write_bytes(b"x" * 200)
-    frame = read_frame(write_report(folder).episodes)
-    chosen = {video.status: video for video in collect_media(folder, document(2, [cell]), frame, budget=1000).typical}
+    frame = read_frame(write_report(folder).paths.episodes)
+    chosen = {
+        video.status: video for video in collect_media(folder, document(2, [cell]), frame, budget=1000).representative
+    }
     assert chosen["failure"].source is not None
     assert chosen["success"].source is None
-    page = Page(write_report(folder, video_budget=1000).html.read_text())
+    page = Page(write_report(folder, video_budget=1000).paths.html.read_text())
     assert len(page.videos) == 1
     assert "1 video left out" in page.text
 
@@ -305,7 +316,7 @@ def test_a_broken_picture_or_video_does_not_cost_the_report(tmp_path):
     videos.mkdir(parents=True)
     (videos / f"{cell.episode(0).id}.mp4").write_bytes(b"broken")
     (videos / f"{cell.episode(1).id}.mp4").write_bytes(b"")
-    page = Page(write_report(folder).html.read_text())
+    page = Page(write_report(folder).paths.html.read_text())
     assert len(page.videos) == 1
     assert "poster" not in page.videos[0]
     assert task_picture(folder, cell.task) is None

@@ -5,20 +5,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import rankdata
 
-from results.statistics.agreement import kendall_tau, rank_violation
+from robogauntlet.results.statistics.rank_agreement import kendall, rank_violation
 
 scores = st.lists(st.floats(0, 1), min_size=2, max_size=8)
 
 
 def test_tau_by_hand():
-    assert kendall_tau([1, 2, 3, 4], [1, 2, 4, 3]) == pytest.approx(4 / 6)  # five pairs agree, one does not
-    assert kendall_tau([1, 2, 3], [3, 2, 1]) == pytest.approx(-1)
-    assert kendall_tau([1, 1, 1], [1, 2, 3]) is None
-    assert kendall_tau([1], [1]) is None
+    assert kendall([1, 2, 3, 4], [1, 2, 4, 3])[0] == pytest.approx(4 / 6)  # five pairs agree, one does not
+    assert kendall([1, 2, 3], [3, 2, 1])[0] == pytest.approx(-1)
+    assert kendall([1, 1, 1], [1, 2, 3]) is None
+    assert kendall([1], [1]) is None
 
 
 def test_rank_violation_by_hand():
-    # Order agrees but for the second and third, whose scores on the first side are 0.2 apart.
+    # CollectionRequest agrees but for the second and third, whose scores on the first side are 0.2 apart.
     assert rank_violation([0.1, 0.5, 0.7, 0.9], [0.1, 0.6, 0.4, 0.9]) == pytest.approx((0 + 0.2 + 0.2 + 0) / 4)
     assert rank_violation([0.5], [0.5]) is None
 
@@ -35,6 +35,6 @@ def test_the_reverse_order_violates_by_the_distance_to_the_farthest(found):
 
 
 def test_unlike_numbers_of_scores_are_refused():
-    for measure in (kendall_tau, rank_violation):
+    for measure in (kendall, rank_violation):
         with pytest.raises(ValueError, match="got 2 and 3"):
             measure([1, 2], [1, 2, 3])

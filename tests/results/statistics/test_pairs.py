@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from results.statistics.pairs import (
+from robogauntlet.results.statistics.pairs import (
     Pairs,
     can_reject,
     detectable_drop,
-    heterogeneity,
     is_no_worse,
     mcnemar,
     mcnemar_worse,
@@ -22,7 +21,7 @@ from results.statistics.pairs import (
     paired_ratio,
     pooled,
 )
-from results.statistics.rates import wilson_interval
+from robogauntlet.results.statistics.rates import wilson_interval
 
 count = st.integers(0, 200)
 tables = st.builds(Pairs, count, count, count, count).filter(lambda pairs: pairs.trials > 0)
@@ -162,15 +161,6 @@ def test_mcnemar_rejects_equal_rates_in_at_most_one_experiment_of_twenty():
 def test_pooling_adds_the_strata_up():
     assert pooled([Pairs(1, 2, 3, 4), Pairs(10, 20, 30, 40)]) == Pairs(11, 22, 33, 44)
     assert pooled([]) == Pairs(0, 0, 0, 0)
-
-
-def test_strata_of_opposite_directions_differ_and_alike_ones_do_not():
-    opposite = [Pairs(10, 12, 0, 10), Pairs(10, 0, 12, 10)]
-    alike = [Pairs(10, 12, 4, 10), Pairs(10, 11, 4, 10)]
-    assert heterogeneity(opposite, np.random.default_rng(0)) < 0.01
-    assert heterogeneity(alike, np.random.default_rng(0)) > 0.5
-    assert heterogeneity([Pairs(1, 5, 0, 1), Pairs(9, 4, 0, 1)], np.random.default_rng(0)) is None
-    assert heterogeneity([Pairs(1, 5, 2, 1)], np.random.default_rng(0)) is None
 
 
 def test_no_worse_is_shown_by_enough_pairs_not_by_a_test_that_finds_nothing():

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from results.statistics.pairs import Pairs, paired_difference
-from results.statistics.rates import wilson_interval
-from results.statistics.severity import area, falling_trend, half_lost, retention, severity_curve
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference
+from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet.results.statistics.severity import area, falling_trend, half_lost, retention, severity_curve
 
 LEVELS = np.arange(6.0)
 kept = st.lists(st.floats(0, 1.5), min_size=6, max_size=6).map(np.array)

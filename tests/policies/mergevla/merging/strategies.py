@@ -9,7 +9,7 @@ entries = st.floats(-4.0, 4.0, width=32, allow_subnormal=False)
 
 
 @st.composite
-def taus(draw, min_experts=1, max_experts=4, grid=False):
+def task_vectors(draw, min_experts=1, max_experts=4, grid=False):
     """Task vectors of a matrix, a vector, a scalar and an empty weight.
 
     `grid` draws multiples of 1/8 up to 2, so that zeros, ties and exact cancellation are common.
@@ -26,7 +26,7 @@ def taus(draw, min_experts=1, max_experts=4, grid=False):
     }
 
 
-def random_taus(experts, shape=(6, 8), seed=0, scale=1.0):
+def random_task_vectors(experts, shape=(6, 8), seed=0, scale=1.0):
     """Gaussian task vectors of a matrix `w` and a vector `b`."""
     generator = torch.Generator().manual_seed(seed)
     return {
@@ -38,8 +38,8 @@ def random_taus(experts, shape=(6, 8), seed=0, scale=1.0):
     }
 
 
-def copied(taus):
-    return {expert: {name: delta.clone() for name, delta in tau.items()} for expert, tau in taus.items()}
+def copied(task_vectors):
+    return {expert: {name: delta.clone() for name, delta in vector.items()} for expert, vector in task_vectors.items()}
 
 
 def equal(a, b):

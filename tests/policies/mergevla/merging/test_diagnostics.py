@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError
 import pytest
 import torch
 
-from policies.mergevla.merging.diagnostics import (
+from robogauntlet.policies.mergevla.merging.diagnostics import (
     block_distances,
     bytes_per_task,
     cosine,
@@ -17,12 +17,10 @@ from policies.mergevla.merging.diagnostics import (
     report,
     selfish_rate,
 )
-from policies.mergevla.merging.errors import ExpertsDiffer
-from policies.mergevla.merging.merged import merge
-from policies.mergevla.merging.recipe import MaskRule
-from tests.policies.mergevla.merging.strategies import random_taus
-
-BLOCKS = r"blocks\.(\d+)\."
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
+from robogauntlet.policies.mergevla.merging.merge import merge
+from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+from tests.policies.mergevla.merging.strategies import random_task_vectors
 
 
 def bits(*entries):
@@ -48,22 +46,24 @@ def generator():
 )
 def test_the_null_is_that_of_independent_gaussian_experts(operator, experts, keep, selfish, cos):
     """Known values to two digits, lambda 0.6; their own rounding is 0.005, the simulation's error about 0.002."""
-    null = gaussian_null({f"e{i}": 1.0 for i in range(experts)}, operator, generator=generator(), shape=(500, 500))
+    null = gaussian_null(
+        {f"e{i}": 1.0 for i in range(experts)}, Recipe(operator), generator=generator(), shape=(500, 500)
+    )
     assert sum(null.keep.values()) / experts == pytest.approx(keep, abs=0.008)
     assert null.selfish == pytest.approx(selfish, abs=0.008)
     assert sum(null.cosine.values()) / experts == pytest.approx(cos, abs=0.008)
 
 
 def test_the_mean_instead_of_the_sum_removes_the_masks_selectivity():
-    null = gaussian_null({f"e{i}": 1.0 for i in range(4)}, "mean", generator=generator())
+    null = gaussian_null({f"e{i}": 1.0 for i in range(4)}, Recipe("mean"), generator=generator())
     assert null.keep["e0"] > 0.7
 
 
 def test_the_null_repeats_for_equal_generators_and_depends_on_relative_scales_alone():
     scales = {"a": 1.0, "b": 3.0}
-    null = gaussian_null(scales, generator=generator())
-    assert null == gaussian_null(scales, generator=generator())
-    assert null.keep == gaussian_null({"a": 0.25, "b": 0.75}, generator=generator()).keep
+    null = gaussian_null(scales, Recipe("ta"), generator=generator())
+    assert null == gaussian_null(scales, Recipe("ta"), generator=generator())
+    assert null.keep == gaussian_null({"a": 0.25, "b": 0.75}, Recipe("ta"), generator=generator()).keep
     assert null.keep["a"] < null.keep["b"] - 0.2
 
 
@@ -82,59 +82,69 @@ def test_cosine_by_hand():
 
 
 def test_independent_experts_are_as_selfish_as_the_null_says():
-    experts = random_taus(4, shape=(300, 300))
-    observed = mask_statistics(experts, merge(experts, "ties"))
+    experts = random_task_vectors(4, shape=(300, 300))
+    observed = mask_statistics(experts, merge(experts, Recipe("ties")))
     assert observed.selfish == pytest.approx(0.727, abs=0.01)
 
 
 def test_without_masks_everything_is_kept_by_all():
-    experts = random_taus(3)
-    statistics = mask_statistics(experts, merge(experts, rule=MaskRule.NONE))
+    experts = random_task_vectors(3)
+    statistics = mask_statistics(experts, merge(experts, Recipe("ta", masks=MaskRule.NONE)))
     assert set(statistics.keep.values()) == {1.0}
     assert statistics.selfish == 0.0
 
 
 def test_statistics_of_other_experts_are_refused():
     with pytest.raises(ExpertsDiffer, match="expected the merged experts expert0, expert1, got expert0"):
-        mask_statistics(random_taus(1), merge(random_taus(2)))
+        mask_statistics(random_task_vectors(1), merge(random_task_vectors(2), Recipe("ta")))
 
 
 def test_block_distances_by_hand():
     experts = {
-        "a": {"blocks.0.w": torch.tensor([3.0, 0.0]), "blocks.1.w": torch.tensor([1.0]), "out": torch.tensor([9.0])},
-        "b": {"blocks.0.w": torch.tensor([0.0, 3.0]), "blocks.1.w": torch.tensor([1.0]), "out": torch.tensor([1.0])},
-        "c": {"blocks.0.w": torch.tensor([3.0, 0.0]), "blocks.1.w": torch.tensor([-1.0]), "out": torch.tensor([0.0])},
+        "a": {
+            "action_expert.blocks.0.w": torch.tensor([3.0, 0.0]),
+            "action_expert.blocks.1.w": torch.tensor([1.0]),
+            "out": torch.tensor([9.0]),
+        },
+        "b": {
+            "action_expert.blocks.0.w": torch.tensor([0.0, 3.0]),
+            "action_expert.blocks.1.w": torch.tensor([1.0]),
+            "out": torch.tensor([1.0]),
+        },
+        "c": {
+            "action_expert.blocks.0.w": torch.tensor([3.0, 0.0]),
+            "action_expert.blocks.1.w": torch.tensor([-1.0]),
+            "out": torch.tensor([0.0]),
+        },
     }
     # Block 0: two unrelated pairs and an equal one; block 1: an equal pair and two opposite ones.
     expected = (2 * math.sqrt(2) / 3, 4 / 3)
-    assert block_distances(experts, BLOCKS) == pytest.approx(expected)
-    assert block_distances({"a": experts["a"]}, BLOCKS) == (0.0, 0.0)
+    assert block_distances(experts) == pytest.approx(expected)
+    assert block_distances({"a": experts["a"]}) == (0.0, 0.0)
 
 
 def test_bytes_per_task_by_hand():
-    tau = {"w": torch.zeros(3, 5), "gate": torch.zeros(())}
+    vector = {"w": torch.zeros(3, 5), "gate": torch.zeros(())}
     head = {"out": torch.zeros(7), "norm": torch.zeros(2, dtype=torch.bfloat16)}
-    costs = bytes_per_task(tau, head, lora_rank=4)
+    costs = bytes_per_task(vector, head, lora_rank=4)
     assert (costs.mask, costs.head, costs.lora) == (2 + 1, 28 + 4, 4 * 4 * 8)
-    assert bytes_per_task(tau, head, masks=0).mask == 0
-    assert bytes_per_task(tau, head).lora is None
+    assert bytes_per_task(vector, head, masks=0).mask == 0
+    assert bytes_per_task(vector, head).lora is None
 
 
 @pytest.mark.parametrize("rule", MaskRule)
 def test_a_report_is_frozen_and_json_holds_all_of_it(rule):
-    experts = random_taus(3)
+    experts = random_task_vectors(3)
     heads = {expert: {"out": torch.zeros(2)} for expert in experts}
-    blocks = {expert: {"blocks.0.w": tau["w"], "blocks.1.w": tau["b"]} for expert, tau in experts.items()}
-    merged = merge(experts, "ties", rule=rule, options={"trim": 0.1})
-    made = report(
-        experts, merged, generator=generator(), heads=heads, lora_rank=2, blocks={"action_expert": (blocks, BLOCKS)}
-    )
+    weights = {
+        expert: {"action_expert.blocks.0.w": vector["w"], "action_expert.blocks.1.w": vector["b"]}
+        for expert, vector in experts.items()
+    }
+    merged = merge(experts, Recipe("ties", masks=rule, options={"trim": 0.1}))
+    made = report(experts, merged, generator=generator(), heads=heads, lora_rank=2, weights=weights)
     with pytest.raises(FrozenInstanceError):
         made.entries = 0  # type: ignore[misc]
     read = json.loads(made.to_json())
-    assert read["operator"] == "ties"
-    assert read["options"] == {"trim": 0.1}
-    assert read["rule"] == rule.value
     assert read["entries"] == 6 * 8 + 6
     assert read["observed"]["keep"].keys() == read["null"]["cosine"].keys() == experts.keys()
     assert read["bytes_per_task"]["expert0"]["head"] == 8
@@ -142,14 +152,14 @@ def test_a_report_is_frozen_and_json_holds_all_of_it(rule):
 
 
 def test_chance_is_that_of_the_merge_reported_on():
-    experts = random_taus(3)
-    made = report(experts, merge(experts, "ta", alpha=0.5, lambdas=0.3), generator=generator())
-    chance = gaussian_null(made.scales, "ta", generator=generator(), alpha=0.5, lambdas=0.3)
-    assert made.null == chance != gaussian_null(made.scales, "ta", generator=generator(), lambdas=0.3)
+    experts = random_task_vectors(3)
+    made = report(experts, merge(experts, Recipe("ta", alpha=0.5, lambda_=0.3)), generator=generator())
+    chance = gaussian_null(made.scales, Recipe("ta", alpha=0.5, lambda_=0.3), generator=generator())
+    assert made.null == chance != gaussian_null(made.scales, Recipe("ta", lambda_=0.3), generator=generator())
 
 
 def test_a_report_on_experts_that_changed_nothing_holds_no_nan():
     experts = {expert: {"w": torch.zeros(2, 2)} for expert in "ab"}
-    made = report(experts, merge(experts, "ties"), generator=generator())
+    made = report(experts, merge(experts, Recipe("ties")), generator=generator())
     assert made.observed.keep == {"a": 0.0, "b": 0.0}
     assert "NaN" not in made.to_json()

@@ -7,11 +7,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from policies.mergevla.merging.elementwise import task_arithmetic
-from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
-from policies.mergevla.merging.masks import (
+from robogauntlet.policies.mergevla.merging.elementwise import task_arithmetic
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
+from robogauntlet.policies.mergevla.merging.masks import (
     MaskMismatch,
-    add,
     lambdas_of,
     masked,
     pack_mask,
@@ -20,7 +19,7 @@ from policies.mergevla.merging.masks import (
     task_masks,
     unpack_mask,
 )
-from tests.policies.mergevla.merging.strategies import copied, equal, random_taus, taus
+from tests.policies.mergevla.merging.strategies import copied, equal, random_task_vectors, task_vectors
 
 lambdas = st.floats(0, 2, exclude_min=True)
 shapes = st.lists(st.integers(0, 9), max_size=4).map(tuple)
@@ -40,33 +39,28 @@ def vector(*entries):
 
 
 def test_the_rule_by_hand():
-    tau, merged = vector(1, 1, -1, 0, 0, 3), vector(2.5, 3, 1, 0, 5, 3)
+    own, merged = vector(1, 1, -1, 0, 0, 3), vector(2.5, 3, 1, 0, 5, 3)
     # 0.6 |tau_merge - tau|: 0.9, 1.2, 1.2, 0, 3, 0.
-    assert task_mask(tau, merged)["w"].tolist() == [True, False, False, False, False, True]
-    assert task_mask(tau, merged, 0.5)["w"].tolist() == [True, False, False, False, False, True]  # 1 > 1 is not
-    assert task_mask(tau, merged, 0.49)["w"].tolist() == [True, True, True, False, False, True]
+    assert task_mask(own, merged)["w"].tolist() == [True, False, False, False, False, True]
+    assert task_mask(own, merged, 0.5)["w"].tolist() == [True, False, False, False, False, True]  # 1 > 1 is not
+    assert task_mask(own, merged, 0.49)["w"].tolist() == [True, True, True, False, False, True]
 
 
-def test_a_task_reads_the_merged_value_where_the_mask_keeps_it_and_the_base_elsewhere():
-    base = {"w": torch.tensor([10.0, 20.0]), "norm": torch.tensor([7.0])}
-    mask = {"w": torch.tensor([True, False])}
+def test_a_task_reads_the_merged_value_where_the_mask_keeps_it_and_nothing_elsewhere():
     merged = vector(1, 2)
-    read = add(base, masked(merged, mask))
-    assert read["w"].tolist() == [11, 20]
-    assert read["norm"].tolist() == [7]
-    assert base["w"].tolist() == [10, 20]
+    assert masked(merged, {"w": torch.tensor([True, False])})["w"].tolist() == [1, 0]
     assert merged["w"].tolist() == [1, 2]
 
 
 @settings(max_examples=50)
-@given(experts=taus(grid=True))
+@given(experts=task_vectors(grid=True))
 def test_a_vanishing_lambda_keeps_everything_that_a_task_changed_and_nothing_else(experts):
     for expert, mask in task_masks(experts, task_arithmetic(experts), 1e-9).items():
         assert all(torch.equal(mask[name], experts[expert][name] != 0) for name in mask)
 
 
 @settings(max_examples=50)
-@given(experts=taus(), one=lambdas, other=lambdas)
+@given(experts=task_vectors(), one=lambdas, other=lambdas)
 def test_masks_shrink_as_lambda_grows(experts, one, other):
     merged = task_arithmetic(experts)
     low, high = (task_masks(experts, merged, value) for value in sorted((one, other)))
@@ -75,7 +69,7 @@ def test_masks_shrink_as_lambda_grows(experts, one, other):
 
 
 @settings(max_examples=25)
-@given(experts=taus(max_experts=1), value=lambdas)
+@given(experts=task_vectors(max_experts=1), value=lambdas)
 def test_a_lone_expert_keeps_all_of_itself(experts, value):
     merged = task_arithmetic(experts)
     mask = task_masks(experts, merged, value)["expert0"]
@@ -83,7 +77,7 @@ def test_a_lone_expert_keeps_all_of_itself(experts, value):
 
 
 def test_each_task_may_have_its_own_lambda():
-    experts = random_taus(2)
+    experts = random_task_vectors(2)
     merged = task_arithmetic(experts)
     both = task_masks(experts, merged, {"expert0": 0.2, "expert1": 1.5})
     assert equal(both["expert0"], task_mask(experts["expert0"], merged, 0.2))
@@ -91,12 +85,12 @@ def test_each_task_may_have_its_own_lambda():
 
 
 def test_masks_leave_their_arguments_alone():
-    experts = random_taus(2)
+    experts = random_task_vectors(2)
     merged = task_arithmetic(experts)
     before = copied({**experts, "merged": merged})
     made = task_masks(experts, merged)
     masked(merged, made["expert0"])
-    assert all(equal(before[name], tau) for name, tau in {**experts, "merged": merged}.items())
+    assert all(equal(before[name], vector) for name, vector in {**experts, "merged": merged}.items())
 
 
 @settings(max_examples=100)
@@ -112,7 +106,7 @@ def test_a_packed_mask_unpacks_to_itself(mask):
 def test_a_packed_mask_survives_safetensors():
     from safetensors.torch import load, save
 
-    mask = task_mask(*random_taus(2, shape=(13, 7)).values())
+    mask = task_mask(*random_task_vectors(2, shape=(13, 7)).values())
     assert equal(unpack_mask(load(save(pack_mask(mask)))), mask)
 
 
@@ -163,8 +157,3 @@ def damage(**parts):
 def test_a_damaged_packed_mask_is_refused(packed, message):
     with pytest.raises(MaskMismatch, match=message):
         unpack_mask(packed)
-
-
-def test_a_base_that_lacks_a_merged_weight_is_refused():
-    with pytest.raises(ExpertsDiffer, match="weight w is missing"):
-        add({}, vector(1))

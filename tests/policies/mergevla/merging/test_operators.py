@@ -8,12 +8,17 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from policies.contract import PolicyError
-from policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
-from policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
-from policies.mergevla.merging.operators import OPERATORS, UnknownOperator, find_operator, merge_taus
-from policies.mergevla.merging.spectral import knots, task_singular_vectors
-from tests.policies.mergevla.merging.strategies import close, copied, equal, random_taus, taus
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
+from robogauntlet.policies.mergevla.merging.operators import (
+    OPERATORS,
+    UnknownOperator,
+    find_operator,
+    merge_task_vectors,
+)
+from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors
+from tests.policies.mergevla.merging.strategies import close, copied, equal, random_task_vectors, task_vectors
 
 QUICK = {"wudi": {"steps": 3}}
 ORDER_FREE = ("mean", "ta", "ties", "emr")
@@ -23,7 +28,7 @@ every_operator = pytest.mark.parametrize("operator", OPERATORS)
 
 
 def run(operator, experts):
-    return merge_taus(operator, experts, options=QUICK.get(operator))
+    return merge_task_vectors(operator, experts, options=QUICK.get(operator))
 
 
 def row(*entries):
@@ -36,7 +41,7 @@ def row(*entries):
 
 @every_operator
 @settings(max_examples=15)
-@given(experts=taus(grid=True))
+@given(experts=task_vectors(grid=True))
 def test_gives_fp32_of_the_same_names_and_shapes_twice_alike_and_leaves_its_arguments_alone(operator, experts):
     before = copied(experts)
     merged = run(operator, experts)
@@ -53,22 +58,22 @@ def test_gives_fp32_of_the_same_names_and_shapes_twice_alike_and_leaves_its_argu
 
 @every_operator
 @settings(max_examples=15)
-@given(experts=taus(max_experts=3))
+@given(experts=task_vectors(max_experts=3))
 def test_zero_deltas_merge_to_zero(operator, experts):
-    zeros = {expert: {n: torch.zeros_like(d) for n, d in tau.items()} for expert, tau in experts.items()}
+    zeros = {expert: {n: torch.zeros_like(d) for n, d in vector.items()} for expert, vector in experts.items()}
     assert all(not delta.any() for delta in run(operator, zeros).values())
 
 
 @pytest.mark.parametrize("operator", ["ta", "ties", "dare", "knots", "wudi", "emr"])
 def test_an_expert_that_changed_nothing_changes_nothing(operator):
     # Not so for the mean, for TSV, and for what WUDI averages, where the number of experts counts.
-    experts = {expert: {"w": tau["w"]} for expert, tau in random_taus(2).items()}
+    experts = {expert: {"w": vector["w"]} for expert, vector in random_task_vectors(2).items()}
     assert close(run(operator, experts), run(operator, {**experts, "idle": {"w": torch.zeros(6, 8)}}))
 
 
 @pytest.mark.parametrize("operator", ORDER_FREE)
 @settings(max_examples=25)
-@given(data=st.data(), experts=taus(min_experts=2))
+@given(data=st.data(), experts=task_vectors(min_experts=2))
 def test_does_not_depend_on_the_order_of_the_experts_to_the_last_bit(operator, data, experts):
     shuffled = data.draw(st.permutations(list(experts.values())))
     permuted = dict(zip(experts, shuffled, strict=True))
@@ -84,25 +89,25 @@ def test_a_sum_that_cancels_does_not_depend_on_the_order_either(operator):
 
 @pytest.mark.parametrize("operator", ["tsv", "knots", "wudi"])
 def test_spectral_operators_do_not_depend_on_the_order_of_the_experts_beyond_rounding(operator):
-    experts = random_taus(3)
+    experts = random_task_vectors(3)
     assert close(run(operator, experts), run(operator, dict(reversed(experts.items()))))
 
 
 @pytest.mark.parametrize("operator", ["mean", "ta", "ties", "wudi", "emr"])
 @settings(max_examples=25)
-@given(experts=taus(max_experts=1))
+@given(experts=task_vectors(max_experts=1))
 def test_one_expert_merges_to_itself(operator, experts):
     assert equal(run(operator, experts), experts["expert0"])
 
 
 @settings(max_examples=25)
-@given(experts=taus(max_experts=1))
+@given(experts=task_vectors(max_experts=1))
 def test_one_expert_merges_to_itself_under_tsv_but_for_rounding(experts):
     assert close(task_singular_vectors(experts), experts["expert0"], 1e-4)
 
 
 @settings(max_examples=25)
-@given(experts=taus(max_experts=1))
+@given(experts=task_vectors(max_experts=1))
 def test_one_expert_merges_to_itself_under_knots_but_for_the_cut_off(experts):
     assert close(knots(experts, cutoff=0.0), experts["expert0"])
     lost = (knots(experts, cutoff=0.5)["block.weight"] - experts["expert0"]["block.weight"]).double()
@@ -110,7 +115,7 @@ def test_one_expert_merges_to_itself_under_knots_but_for_the_cut_off(experts):
 
 
 def test_one_expert_does_not_merge_to_itself_under_dare_unless_nothing_is_dropped():
-    experts = random_taus(1)
+    experts = random_task_vectors(1)
     assert not close(dare(experts), experts["expert0"])
     assert equal(dare(experts, drop=0.0), experts["expert0"])
 
@@ -118,26 +123,21 @@ def test_one_expert_does_not_merge_to_itself_under_dare_unless_nothing_is_droppe
 @pytest.mark.parametrize("operator", sorted(OPERATORS.keys() - {"dare"} - SIGNLESS))
 @pytest.mark.parametrize("scale", [1e-30, 1e30])
 def test_deltas_whose_squares_leave_fp32_are_merged_all_the_same(operator, scale):
-    deltas = random_taus(1, scale=scale)
+    deltas = random_task_vectors(1, scale=scale)
     options = {"cutoff": 0.0} if operator == "knots" else QUICK.get(operator)
-    merged = merge_taus(operator, deltas, options=options)["w"]
+    merged = merge_task_vectors(operator, deltas, options=options)["w"]
     torch.testing.assert_close(merged, deltas["expert0"]["w"], rtol=1e-4, atol=1e-5 * scale)
 
 
 @every_operator
 def test_alpha_scales_the_result(operator):
-    experts = random_taus(3)
-    half = merge_taus(operator, experts, alpha=0.5, options=QUICK.get(operator))
+    experts = random_task_vectors(3)
+    half = merge_task_vectors(operator, experts, alpha=0.5, options=QUICK.get(operator))
     assert all(torch.equal(half[n], delta * 0.5) for n, delta in run(operator, experts).items())
 
 
-def test_the_registry_says_what_each_operator_is_and_cannot_be_changed():
+def test_the_registry_has_every_operator_and_cannot_be_changed():
     assert set(OPERATORS) == {"mean", "ta", "ties", "dare", "tsv", "knots", "wudi", "emr"} | SIGNLESS
-    for name, operator in OPERATORS.items():
-        assert operator.name == name
-        assert operator.summary
-        assert "\n" not in operator.summary
-        assert len(operator.arxiv) == 10
     with pytest.raises(TypeError):
         OPERATORS["ta"] = OPERATORS["mean"]  # type: ignore[index]
 
@@ -176,13 +176,13 @@ def test_ties_trims_the_smallest_entries_of_an_expert_over_all_its_weights():
 
 
 @settings(max_examples=25)
-@given(experts=taus(grid=True), trim=st.floats(0, 0.99))
+@given(experts=task_vectors(grid=True), trim=st.floats(0, 0.99))
 def test_ties_sums_nothing_that_disagrees(experts, trim):
     merged = ties(experts, trim=trim)
     for name, delta in merged.items():
-        magnitude = sum(tau[name].abs() for tau in experts.values())
+        magnitude = sum(vector[name].abs() for vector in experts.values())
         assert torch.all(delta.abs() <= magnitude)
-        assert torch.all((delta == 0) | torch.stack([tau[name] * delta > 0 for tau in experts.values()]).any(0))
+        assert torch.all((delta == 0) | torch.stack([vector[name] * delta > 0 for vector in experts.values()]).any(0))
 
 
 def test_emr_by_hand():
@@ -207,18 +207,18 @@ def test_emr_rescalers_of_experts_that_changed_nothing_are_one():
 
 
 def test_dare_is_task_arithmetic_in_expectation():
-    experts = random_taus(2, shape=(40, 50))
+    experts = random_task_vectors(2, shape=(40, 50))
     draws, drop = 200, 0.8
     average = sum(dare(experts, drop=drop, seed=seed)["w"].double() for seed in range(draws)) / draws
     # Each entry's variance is that of a rescaled coin, sum_m tau_m² drop / (1 - drop), over the number of draws.
-    variance = sum(tau["w"].double().square() for tau in experts.values()) * drop / (1 - drop) / draws
+    variance = sum(vector["w"].double().square() for vector in experts.values()) * drop / (1 - drop) / draws
     z = (average - task_arithmetic(experts)["w"].double()) / variance.sqrt()
     assert abs(z.mean()) < 4 / math.sqrt(z.numel())
     assert 0.9 < z.std() < 1.1
 
 
 def test_dare_drops_the_share_that_it_is_told():
-    kept = dare(random_taus(1, shape=(200, 200)), drop=0.9)["w"] != 0
+    kept = dare(random_task_vectors(1, shape=(200, 200)), drop=0.9)["w"] != 0
     assert abs(kept.double().mean() - 0.1) < 4 * math.sqrt(0.09 / kept.numel())
 
 
@@ -230,8 +230,8 @@ def test_dare_drops_other_entries_of_each_expert_and_weight():
 
 
 def test_dare_drops_the_same_of_an_expert_whoever_else_is_merged():
-    experts = random_taus(2)
-    alone = {expert: dare({expert: tau}) for expert, tau in experts.items()}
+    experts = random_task_vectors(2)
+    alone = {expert: dare({expert: vector}) for expert, vector in experts.items()}
     assert close(dare(experts), task_arithmetic(alone))
     assert not equal(dare(experts), dare(experts, seed=1))
 
@@ -257,26 +257,26 @@ def test_dare_drops_the_same_of_an_expert_whoever_else_is_merged():
 )
 def test_options_out_of_range_are_refused_in_one_line(operator, options):
     with pytest.raises(OutOfRange, match=f"^expected {next(iter(options))} .*got ") as refusal:
-        merge_taus(operator, random_taus(2), options=options)
+        merge_task_vectors(operator, random_task_vectors(2), options=options)
     assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("alpha", [0.0, -1.0, math.inf, math.nan])
 def test_an_alpha_out_of_range_is_refused(alpha):
     with pytest.raises(OutOfRange, match="alpha"):
-        merge_taus("ta", random_taus(2), alpha=alpha)
+        merge_task_vectors("ta", random_task_vectors(2), alpha=alpha)
 
 
 def test_unknown_operators_and_options_are_refused():
     with pytest.raises(UnknownOperator, match="unknown merge operator 'tie'; did you mean 'ties'"):
         find_operator("tie")
     with pytest.raises(UnknownOperator, match="operator 'ta' has no option 'trim'; it has: none"):
-        merge_taus("ta", random_taus(2), options={"trim": 0.5})
+        merge_task_vectors("ta", random_task_vectors(2), options={"trim": 0.5})
 
 
 @every_operator
 @pytest.mark.parametrize(
-    ("tau", "message"),
+    ("vector", "message"),
     [
         ({"w": torch.zeros(6, 8)}, "weight b is missing"),
         ({"w": torch.zeros(6, 8), "b": torch.zeros(6), "c": torch.zeros(1)}, "weight c is unexpected"),
@@ -285,9 +285,9 @@ def test_unknown_operators_and_options_are_refused():
         ({"w": torch.full((6, 8), math.nan), "b": torch.zeros(6)}, "expected finite numbers"),
     ],
 )
-def test_experts_that_differ_are_refused_in_one_line(operator, tau, message):
+def test_experts_that_differ_are_refused_in_one_line(operator, vector, message):
     with pytest.raises(ExpertsDiffer, match=message) as refusal:
-        run(operator, {**random_taus(1), "odd": tau})
+        run(operator, {**random_task_vectors(1), "odd": vector})
     assert isinstance(refusal.value, PolicyError)
     assert "\n" not in str(refusal.value)
     assert "odd" in str(refusal.value)

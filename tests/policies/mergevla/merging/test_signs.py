@@ -7,18 +7,22 @@ import pytest
 import torch
 from hypothesis import given, settings
 
-from policies.mergevla.merging.diagnostics import mask_statistics
-from policies.mergevla.merging.errors import ExpertsDiffer
-from policies.mergevla.merging.masks import MaskMismatch
-from policies.mergevla.merging.merged import merge
-from policies.mergevla.merging.recipe import MaskRule
-from policies.mergevla.merging.signs import flat, magnitude, read_signs, sign_readings
-from tests.policies.mergevla.merging.strategies import close, random_taus, taus
+from robogauntlet.policies.mergevla.merging.diagnostics import mask_statistics
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
+from robogauntlet.policies.mergevla.merging.masks import MaskMismatch
+from robogauntlet.policies.mergevla.merging.merge import merge
+from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.signs import flat, magnitude, read_signs, sign_readings
+from tests.policies.mergevla.merging.strategies import close, random_task_vectors, task_vectors
 
 
-def distance(taus, merged):
+def distance(task_vectors, merged):
     """Sum over experts of the squared distance between what is read and the expert's own vector."""
-    return sum((merged.of(e)[n] - d).double().square().sum().item() for e, tau in taus.items() for n, d in tau.items())
+    return sum(
+        (merged.of(e)[n] - d).double().square().sum().item()
+        for e, vector in task_vectors.items()
+        for n, d in vector.items()
+    )
 
 
 def test_a_task_reads_shared_magnitudes_with_its_own_signs_and_row_scales_by_hand():
@@ -39,43 +43,47 @@ def test_magnitudes_and_flat_rows_by_hand():
 
 
 @settings(max_examples=25)
-@given(experts=taus(max_experts=1))
+@given(experts=task_vectors(max_experts=1))
 def test_one_expert_is_read_as_it_is(experts):
     # Up to the rounding of magnitudes to bf16, eight bits.
-    assert close(merge(experts, "magnitude", rule=MaskRule.SIGNS).of("expert0"), experts["expert0"], 2**-7)
+    assert close(merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS)).of("expert0"), experts["expert0"], 2**-7)
 
 
 @settings(max_examples=25)
-@given(experts=taus(min_experts=2))
+@given(experts=task_vectors(min_experts=2))
 def test_no_magnitudes_serve_the_experts_better(experts):
-    best = distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS))
+    best = distance(experts, merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS)))
     for operator in ("flat", "ties", "emr", "mean"):
-        assert best <= distance(experts, merge(experts, operator, rule=MaskRule.SIGNS)) * 1.02 + 1e-4
+        assert best <= distance(experts, merge(experts, Recipe(operator, masks=MaskRule.SIGNS))) * 1.02 + 1e-4
 
 
 def test_magnitudes_are_nowhere_negative_and_do_not_depend_on_the_order_beyond_rounding():
-    experts = random_taus(4)
+    experts = random_task_vectors(4)
     found = magnitude(experts)
     assert all((delta >= 0).all() for delta in found.values())
     assert close(found, magnitude(dict(reversed(experts.items()))))
 
 
 def test_alpha_cancels():
-    experts = random_taus(3)
-    one, half = (merge(experts, "ties", rule=MaskRule.SIGNS, alpha=alpha).of("expert1") for alpha in (1.0, 0.5))
+    experts = random_task_vectors(3)
+    one, half = (
+        merge(experts, Recipe("ties", masks=MaskRule.SIGNS, alpha=alpha)).of("expert1") for alpha in (1.0, 0.5)
+    )
     assert close(one, half, 2**-7)
 
 
 def test_an_expert_that_changed_nothing_reads_nothing():
-    experts = random_taus(2)
+    experts = random_task_vectors(2)
     experts["idle"] = {name: torch.zeros_like(delta) for name, delta in experts["expert0"].items()}
-    assert not any(delta.any() for delta in merge(experts, "magnitude", rule=MaskRule.SIGNS).of("idle").values())
+    assert not any(
+        delta.any() for delta in merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS)).of("idle").values()
+    )
 
 
 def test_a_sign_bit_tells_more_than_a_mask_bit_of_unrelated_experts():
-    experts = random_taus(9, shape=(64, 64))
-    signs = mask_statistics(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS))
-    masks = mask_statistics(experts, merge(experts, "ties", rule=MaskRule.TASK))
+    experts = random_task_vectors(9, shape=(64, 64))
+    signs = mask_statistics(experts, merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS)))
+    masks = mask_statistics(experts, merge(experts, Recipe("ties", masks=MaskRule.TASK)))
     assert min(signs.cosine.values()) > max(masks.cosine.values())
     assert set(signs.keep.values()) == {1.0}
     assert signs.selfish == 0.0
@@ -95,25 +103,27 @@ def test_signs_and_row_scales_for_another_model_are_refused_in_one_line():
 
 
 @settings(max_examples=25)
-@given(experts=taus(min_experts=2))
+@given(experts=task_vectors(min_experts=2))
 def test_every_round_reads_what_the_rounds_before_left_over_and_brings_the_task_nearer(experts):
-    distances = [distance(experts, merge(experts, "magnitude", rule=MaskRule.SIGNS, rounds=n)) for n in (1, 2, 3)]
+    distances = [
+        distance(experts, merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS, rounds=n))) for n in (1, 2, 3)
+    ]
     assert all(after <= before * 1.02 + 1e-4 for before, after in pairwise(distances))
 
 
 def test_two_rounds_are_the_first_and_the_merge_of_what_it_left_over():
-    experts = random_taus(4)
-    both, first = (merge(experts, "magnitude", rule=MaskRule.SIGNS, rounds=n) for n in (2, 1))
-    left = {e: {n: d - first.of(e)[n] for n, d in tau.items()} for e, tau in experts.items()}
-    second = merge(left, "magnitude", rule=MaskRule.SIGNS)
-    assert (both.rounds, first.rounds) == (2, 1)
+    experts = random_task_vectors(4)
+    both, first = (merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS, rounds=n)) for n in (2, 1))
+    left = {e: {n: d - first.of(e)[n] for n, d in vector.items()} for e, vector in experts.items()}
+    second = merge(left, Recipe("magnitude", masks=MaskRule.SIGNS))
+    assert (both.recipe.rounds, first.recipe.rounds) == (2, 1)
     assert close(both.of("expert2"), {n: d + second.of("expert2")[n] for n, d in first.of("expert2").items()})
 
 
 def test_two_bits_of_unrelated_experts_are_as_near_as_the_second_round_of_one_bit_deltas():
-    experts = random_taus(9, shape=(64, 64))
+    experts = random_task_vectors(9, shape=(64, 64))
     one, two = (
-        mask_statistics(experts, merge(experts, "flat", rule=MaskRule.SIGNS, rounds=n)).cosine["expert0"]
+        mask_statistics(experts, merge(experts, Recipe("flat", masks=MaskRule.SIGNS, rounds=n))).cosine["expert0"]
         for n in (1, 2)
     )
     assert one == pytest.approx((2 / np.pi) ** 0.5, abs=0.01)  # E|x| of a standard normal

@@ -6,9 +6,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 
-from policies.mergevla.merging.elementwise import mean, task_arithmetic
-from policies.mergevla.merging.spectral import knots, task_singular_vectors, wudi
-from tests.policies.mergevla.merging.strategies import random_taus, taus
+from robogauntlet.policies.mergevla.merging.elementwise import mean, task_arithmetic
+from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors, wudi
+from tests.policies.mergevla.merging.strategies import random_task_vectors, task_vectors
 
 
 def test_tsv_recovers_orthogonal_deltas_of_low_rank():
@@ -24,9 +24,9 @@ def test_tsv_recovers_orthogonal_deltas_of_low_rank():
 
 
 def test_tsv_keeps_as_many_triplets_as_the_matrix_has_for_all_experts_together():
-    experts = random_taus(3, shape=(9, 12))
+    experts = random_task_vectors(3, shape=(9, 12))
     merged = task_singular_vectors(experts)["w"].double()
-    kept = [torch.linalg.svdvals(tau["w"].double())[:3] for tau in experts.values()]
+    kept = [torch.linalg.svdvals(vector["w"].double())[:3] for vector in experts.values()]
     # The left and right vectors are orthonormal, so the kept values are those of the result.
     expected = torch.cat(kept).sort(descending=True).values
     torch.testing.assert_close(torch.linalg.svdvals(merged), expected, rtol=1e-5, atol=1e-5)
@@ -40,12 +40,12 @@ def test_knots_leaves_out_what_is_not_above_its_cut_off():
 
 @pytest.mark.parametrize("operator", [task_singular_vectors, wudi])
 def test_spectral_operators_average_what_is_no_matrix(operator):
-    experts = random_taus(3)
+    experts = random_task_vectors(3)
     assert torch.equal(operator(experts)["b"], mean(experts)["b"])
 
 
 @settings(max_examples=25)
-@given(experts=taus(min_experts=2))
+@given(experts=task_vectors(min_experts=2))
 def test_knots_as_mergevla_codes_it_is_task_arithmetic_up_to_the_cut_off(experts):
     cutoff = 1e-4
     coded, plain = knots(experts, aligned="sum", cutoff=cutoff), task_arithmetic(experts)
@@ -65,21 +65,21 @@ def test_knots_as_published_elects_signs_in_the_shared_space():
 
 def interference(merged, experts):
     return sum(
-        ((merged["w"] - tau["w"]) @ tau["w"].T).square().sum().item() / tau["w"].square().sum().item()
-        for tau in experts.values()
+        ((merged["w"] - vector["w"]) @ vector["w"].T).square().sum().item() / vector["w"].square().sum().item()
+        for vector in experts.values()
     )
 
 
 def test_wudi_lowers_the_interference_that_it_is_defined_by():
-    experts = random_taus(3, scale=0.05)
+    experts = random_task_vectors(3, scale=0.05)
     start = interference(task_arithmetic(experts), experts)
     assert interference(wudi(experts), experts) < start
     assert torch.equal(wudi(experts, steps=0)["w"], task_arithmetic(experts)["w"])
 
 
 def test_wudi_with_enough_steps_reaches_the_least_interference_there_is():
-    experts = random_taus(3, scale=0.05)
-    deltas = [tau["w"].double() for tau in experts.values()]
+    experts = random_task_vectors(3, scale=0.05)
+    deltas = [vector["w"].double() for vector in experts.values()]
     grams = [delta.T @ delta / delta.square().sum() for delta in deltas]
     # Setting the gradient to zero: tau sum_m G_m = sum_m tau_m G_m.
     least = sum(delta @ gram for delta, gram in zip(deltas, grams, strict=True)) @ torch.linalg.pinv(sum(grams))

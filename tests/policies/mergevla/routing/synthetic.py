@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from policies.mergevla.routing.contract import Sighting
-from policies.mergevla.routing.features import Labelled
-from policies.mergevla.tokens import tokenizer_for
+from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation
+from robogauntlet.policies.mergevla.routing.features import LabelledFeatures
 from tests.policies.mergevla.shared import INSTRUCTIONS, SMALL, small_model
 
 EXPERTS = ("null/Push", "null/Open", "null/Reach")
@@ -42,13 +42,13 @@ def values(block):
     return block.v_adapter.weight, block.v_task.weight
 
 
-def sighting(seed, task=None, instruction=None):
+def observation(seed, task=None, instruction=None):
     """Frames of a task are alike: a pattern of its own under noise."""
     generator = torch.Generator().manual_seed(seed)
     index = seed % len(EXPERTS) if task is None else EXPERTS.index(task)
     pattern = torch.rand(2, 3, 16, 16, generator=torch.Generator().manual_seed(1000 + index))
     noise = torch.rand(2, 3, 16, 16, generator=generator)
-    return Sighting(
+    return FirstObservation(
         images=0.8 * pattern + 0.2 * noise,
         instruction=INSTRUCTIONS[index] if instruction is None else instruction,
         proprioception=np.zeros(8),
@@ -57,12 +57,12 @@ def sighting(seed, task=None, instruction=None):
     )
 
 
-def sightings(count=7):
-    return [sighting(seed) for seed in range(count)]
+def observations(count=7):
+    return [observation(seed) for seed in range(count)]
 
 
 def frames(first, count, experts=EXPERTS):
-    return {e: [sighting(first + 100 * i, e) for i in range(count)] for e in experts}
+    return {e: [observation(first + 100 * i, e) for i in range(count)] for e in experts}
 
 
 def gaussians(seed, count=40, classes=("a", "b", "c", "d"), dim=12, apart=8.0, spread=1.0):
@@ -71,4 +71,4 @@ def gaussians(seed, count=40, classes=("a", "b", "c", "d"), dim=12, apart=8.0, s
     labels = tuple(name for name in classes for _ in range(count))
     centres = {name: np.random.default_rng([7, ord(name)]).normal(size=dim) * apart / np.sqrt(2) for name in classes}
     noise = generator.normal(size=(len(labels), dim)) * spread
-    return Labelled(torch.tensor(np.array([centres[name] for name in labels]) + noise).float(), labels)
+    return LabelledFeatures(torch.tensor(np.array([centres[name] for name in labels]) + noise).float(), labels)

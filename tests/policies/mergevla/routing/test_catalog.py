@@ -6,12 +6,12 @@ import pytest
 import torch
 from safetensors.torch import load, save
 
-from policies.contract import PolicyError
-from policies.mergevla.routing.catalog import NAMES, fit_routers, router
-from policies.mergevla.routing.contract import RoutingError
-from policies.mergevla.routing.features import Pooling, Reading, features_of, labelled
-from policies.mergevla.routing.gaussian import Calibration, fit
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, sighting, sightings
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers, router
+from robogauntlet.policies.mergevla.routing.contract import RoutingError
+from robogauntlet.policies.mergevla.routing.features import FeatureSpec, Pooling, features_of, labelled_features
+from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit, fit
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, observation, observations
 
 FITTED = ("calibrated", "nearest-centroid")
 
@@ -34,7 +34,7 @@ def test_all_routers_are_there():
 @pytest.mark.parametrize("sees_instruction", [True, False])
 def test_fitted_routers_route_new_frames_right_after_safetensors(name, sees_instruction, candidates, stored):
     chosen = router(name, sees_instruction=sees_instruction, stored=load(save(stored)))
-    new = [sighting(9000 + i, task) for i in range(4) for task in EXPERTS]
+    new = [observation(9000 + i, task) for i in range(4) for task in EXPERTS]
     routed = chosen.route(new, candidates)
     assert [one.choice for one in routed] == [one.task for one in new]
     assert all(one.unknown is not None and one.rejected is not None for one in routed)
@@ -42,45 +42,45 @@ def test_fitted_routers_route_new_frames_right_after_safetensors(name, sees_inst
 
 @pytest.mark.parametrize("name", FITTED)
 def test_a_frame_of_no_known_task_is_rejected(name, candidates, stored):
-    strange = sighting(0)
+    strange = observation(0)
     black = type(strange)(strange.images * 0, "", strange.proprioception, "0", strange.task)
     assert router(name, sees_instruction=False, stored=stored).route([black], candidates)[0].rejected
 
 
 def test_the_calibrated_scores_are_log_probabilities(candidates, stored):
-    for routed in router("calibrated", stored=stored).route(sightings(), candidates):
+    for routed in router("calibrated", stored=stored).route(observations(), candidates):
         assert torch.tensor(list(routed.scores.values())).exp().sum() == pytest.approx(1.0)
 
 
 def test_flat_features_keep_the_patches_places_and_the_mean_does_not(candidates):
-    batch, width = sightings(5), 16
+    batch, width = observations(5), 16
     patches = candidates.hidden_states(None, batch[0].images[None], [""]).task[-1].shape[1]
     shapes = {
-        Reading(pooling=Pooling.FLAT): (patches + 1) * width,
-        Reading(pooling=Pooling.MEAN): 2 * width,
-        Reading(False, layer=0): 2 * width,
+        FeatureSpec(pooling=Pooling.FLAT): (patches + 1) * width,
+        FeatureSpec(pooling=Pooling.MEAN): 2 * width,
+        FeatureSpec(False, layer=0): 2 * width,
     }
     assert {r: features_of(candidates, batch, r).shape[1] for r in shapes} == shapes
     with pytest.raises(RoutingError, match="expected a layer from -3 to 2, got 3"):
-        features_of(candidates, batch, Reading(layer=3))
+        features_of(candidates, batch, FeatureSpec(layer=3))
 
 
 def test_another_layer_is_remembered(candidates):
-    reading = Reading(False, 1)
-    parts = (labelled(candidates, part, reading) for part in (frames(0, 4), frames(50, 4)))
-    back = Calibration.from_tensors(fit(*parts, reading).as_tensors())
-    assert back.reading == Reading(False, 1)
+    feature_spec = FeatureSpec(False, 1)
+    parts = (labelled_features(candidates, part, feature_spec) for part in (frames(0, 4), frames(50, 4)))
+    back = GaussianRouterFit.from_tensors(fit(*parts, feature_spec).as_tensors())
+    assert back.feature_spec == FeatureSpec(False, 1)
 
 
 @pytest.mark.parametrize("name", FITTED)
 @pytest.mark.parametrize(("told", "sees_instruction"), [("instructed", True), ("unaided", False)])
 def test_the_layer_in_the_middle_is_read(name, told, sees_instruction, candidates, stored):
     assert candidates.architecture.language.layers == 2
-    assert Reading.from_tensor(stored[f"{name}/{told}/reading"]) == Reading(sees_instruction, layer=1)
+    assert FeatureSpec.from_tensor(stored[f"{name}/{told}/reading"]) == FeatureSpec(sees_instruction, layer=1)
 
 
 def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(candidates, stored):
-    new = [sighting(9000 + i, task) for i in range(4) for task in EXPERTS]
+    new = [observation(9000 + i, task) for i in range(4) for task in EXPERTS]
     short = [replace(one, instruction=" ".join(one.instruction.split()[::2])) for one in new]
     routed = router("calibrated", stored=stored).route(short, candidates)
     assert [one.choice for one in routed] == [one.task for one in new]
@@ -103,11 +103,11 @@ def test_a_router_that_is_not_fitted_is_refused(name, stored):
 @pytest.mark.parametrize("name", FITTED)
 def test_a_router_fitted_to_other_experts_is_refused(name, stored):
     with pytest.raises(PolicyError, match="got null/Push: the model has no such expert"):
-        router(name, stored=stored).route(sightings(1), SmallCandidates(EXPERTS[1:]))
+        router(name, stored=stored).route(observations(1), SmallCandidates(EXPERTS[1:]))
 
 
 def test_an_expert_without_frames_is_refused(candidates):
-    with pytest.raises(RoutingError, match="expected first frames of expert null/Open, got none"):
+    with pytest.raises(RoutingError, match="expected first observations of expert null/Open, got none"):
         fit_routers(candidates, {**frames(0, 4), "null/Open": []}, frames(50, 4))
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from policies.mergevla.routing.catalog import NAMES, fit_routers, router
-from policies.mergevla.routing.contract import RoutingError, answer
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, sighting, sightings
+from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers, router
+from robogauntlet.policies.mergevla.routing.contract import RoutingError, answer
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, observation, observations
 
 PASSES = {"paper-coded": 3, "paper-written": 3, "calibrated": 1, "nearest-centroid": 1}
 
@@ -31,9 +31,9 @@ def close(a, b):
 
 @pytest.mark.parametrize("sees_instruction", [True, False])
 @pytest.mark.parametrize("name", NAMES)
-def test_an_answer_depends_on_its_own_sighting_alone(name, sees_instruction, candidates, stored):
+def test_an_answer_depends_on_its_own_first_observation_alone(name, sees_instruction, candidates, stored):
     chosen = router(name, sees_instruction=sees_instruction, stored=stored)
-    batch = sightings()
+    batch = observations()
     together = chosen.route(batch, candidates)
     assert [answer.scores.keys() for answer in together] == [set(EXPERTS)] * len(batch)
     assert all(close(chosen.route([one], candidates)[0], a) for one, a in zip(batch, together, strict=True))
@@ -43,14 +43,14 @@ def test_an_answer_depends_on_its_own_sighting_alone(name, sees_instruction, can
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_order_of_the_experts_changes_nothing(name, candidates, stored):
-    chosen, batch = router(name, stored=stored), sightings()
+    chosen, batch = router(name, stored=stored), observations()
     reordered = SmallCandidates(EXPERTS[::-1])
     assert all(map(close, chosen.route(batch, candidates), chosen.route(batch, reordered)))
 
 
 @pytest.mark.parametrize("name", ["paper-coded", "paper-written"])
 def test_a_candidate_leaves_no_trace_on_the_next(name, candidates):
-    batch = sightings(3)
+    batch = observations(3)
     fewer = SmallCandidates(EXPERTS[1:])
     all_of_them, some = (router(name).route(batch, c) for c in (candidates, fewer))
     for a, b in zip(all_of_them, some, strict=True):
@@ -61,14 +61,14 @@ def test_a_candidate_leaves_no_trace_on_the_next(name, candidates):
 def test_a_decision_takes_the_passes_that_it_says(name, stored):
     candidates = SmallCandidates()
     chosen = router(name, stored=stored)
-    chosen.route(sightings(2), candidates)
+    chosen.route(observations(2), candidates)
     assert len(candidates.passes) == chosen.passes(3) == PASSES.get(name, 0)
     assert chosen.passes(9) == {3: 9, 1: 1, 0: 0}[chosen.passes(3)]
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_blanked_instruction_is_not_seen(name, candidates, stored):
-    told = [sighting(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
+    told = [observation(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
     told[1] = replace(told[0], instruction=told[1].instruction)
     blind = router(name, sees_instruction=False, stored=stored)
     assert not blind.sees_instruction
@@ -98,13 +98,13 @@ def test_of_equal_scores_the_first_name_is_chosen():
         ({"proprioception": np.zeros(7)}, r"expected proprioception of shape \(8,\), got \(7,\)"),
     ],
 )
-def test_a_sighting_of_another_shape_is_refused(change, message):
+def test_a_first_observation_of_another_shape_is_refused(change, message):
     with pytest.raises(RoutingError, match=message):
-        replace(sighting(0), **change)
+        replace(observation(0), **change)
 
 
 @pytest.mark.parametrize("name", PASSES)
 def test_images_of_another_size_are_refused(name, candidates, stored):
-    large = replace(sighting(0), images=torch.zeros(2, 3, 32, 32))
+    large = replace(observation(0), images=torch.zeros(2, 3, 32, 32))
     with pytest.raises(RoutingError, match=r"expected images of shape \(2, 3, 16, 16\), got \(2, 3, 32, 32\)"):
         router(name, stored=stored).route([large], candidates)

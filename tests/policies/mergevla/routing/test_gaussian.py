@@ -8,13 +8,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from policies.mergevla.routing.contract import RoutingError
-from policies.mergevla.routing.features import Labelled, Reading
-from policies.mergevla.routing.gaussian import Calibration, fit, ledoit_wolf
-from policies.mergevla.routing.thresholds import conformal_threshold, temperature_of
+from robogauntlet.policies.mergevla.routing.calibration import conformal_threshold, temperature_of
+from robogauntlet.policies.mergevla.routing.contract import RoutingError
+from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures
+from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit, fit, ledoit_wolf
 from tests.policies.mergevla.routing.synthetic import gaussians
 
-READING = Reading()
+READING = FeatureSpec()
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_an_outlier_is_far_and_known_ones_stay_under_the_threshold(calibration):
 def test_the_order_of_frames_and_labels_changes_nothing(calibration):
     data = gaussians(0)
     order = torch.randperm(len(data.labels), generator=torch.Generator().manual_seed(0))
-    shuffled = Labelled(data.features[order], tuple(data.labels[i] for i in order))
+    shuffled = LabelledFeatures(data.features[order], tuple(data.labels[i] for i in order))
     again = fit(shuffled, gaussians(1), READING)
     new = gaussians(2).features
     assert torch.allclose(again.scores(new), calibration.scores(new), rtol=1e-4, atol=1e-4)
@@ -93,7 +93,7 @@ def test_the_order_of_frames_and_labels_changes_nothing(calibration):
 
 def test_a_constant_feature_is_harmless():
     def with_constant(data):
-        return Labelled(torch.cat([data.features, torch.ones(len(data.labels), 1)], dim=1), data.labels)
+        return LabelledFeatures(torch.cat([data.features, torch.ones(len(data.labels), 1)], dim=1), data.labels)
 
     fitted = fit(with_constant(gaussians(0)), with_constant(gaussians(1)), READING)
     assert torch.isfinite(fitted.scores(with_constant(gaussians(2)).features)).all()
@@ -110,16 +110,16 @@ def test_overconfidence_is_cooled_and_confidence_never_exceeds_the_model():
 def test_the_threshold_is_the_conformal_quantile():
     assert conformal_threshold(torch.arange(1.0, 101.0)) == 96.0
     assert conformal_threshold(torch.arange(5.0)) == 4.0
-    with pytest.raises(RoutingError, match="expected held-out first frames"):
+    with pytest.raises(RoutingError, match="expected held-out first observations"):
         conformal_threshold(torch.empty(0))
 
 
 def test_tensors_give_the_same_calibration_back(calibration):
     tensors = calibration.as_tensors()
-    back = Calibration.from_tensors(tensors)
+    back = GaussianRouterFit.from_tensors(tensors)
     assert back.as_tensors().keys() == tensors.keys()
     assert all(torch.equal(tensors[name], tensor) for name, tensor in back.as_tensors().items())
-    assert (back.experts, back.reading) == (calibration.experts, calibration.reading)
+    assert (back.experts, back.feature_spec) == (calibration.experts, calibration.feature_spec)
 
 
 @pytest.mark.parametrize(
@@ -136,21 +136,21 @@ def test_tensors_give_the_same_calibration_back(calibration):
 def test_tensors_that_do_not_read_are_refused(calibration, name, value, message):
     tensors = {**calibration.as_tensors(), name: value}
     with pytest.raises(RoutingError, match=message):
-        Calibration.from_tensors({key: tensor for key, tensor in tensors.items() if tensor is not None})
+        GaussianRouterFit.from_tensors({key: tensor for key, tensor in tensors.items() if tensor is not None})
 
 
 def test_features_that_do_not_fit_are_refused(calibration):
     with pytest.raises(RoutingError, match=r"expected features of shape \(n, 12\), got \(1, 13\)"):
         calibration.distances(torch.zeros(1, 13))
     with pytest.raises(RoutingError, match=r"expected features of shape \(2, d\), one row per label, got \(3, 4\)"):
-        Labelled(torch.zeros(3, 4), ("a", "b"))
+        LabelledFeatures(torch.zeros(3, 4), ("a", "b"))
     with pytest.raises(RoutingError, match="expected finite features"):
-        Labelled(torch.full((1, 2), torch.inf), ("a",))
-    with pytest.raises(RoutingError, match="expected held-out first frames of a, b, c, d, got a, b, c"):
+        LabelledFeatures(torch.full((1, 2), torch.inf), ("a",))
+    with pytest.raises(RoutingError, match="expected held-out first observations of a, b, c, d, got a, b, c"):
         fit(gaussians(0), gaussians(1).without("d"), READING)
-    same = Labelled(torch.ones(4, 3), ("a", "a", "b", "b"))
-    with pytest.raises(RoutingError, match="expected first frames that differ"):
+    same = LabelledFeatures(torch.ones(4, 3), ("a", "a", "b", "b"))
+    with pytest.raises(RoutingError, match="expected first observations that differ"):
         fit(same, same, READING)
-    twice = Labelled(torch.tensor([[0.0], [0.0], [1.0], [1.0]]), ("a", "a", "b", "b"))
+    twice = LabelledFeatures(torch.tensor([[0.0], [0.0], [1.0], [1.0]]), ("a", "a", "b", "b"))
     with pytest.raises(RoutingError, match=r"differ within a task, .*; give it more demonstrations"):
         fit(twice, twice, READING)

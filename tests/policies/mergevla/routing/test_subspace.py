@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from policies.mergevla.routing.subspace import (
+from robogauntlet.policies.mergevla.routing.subspace import (
     PaperCodedRouter,
     PaperWrittenRouter,
     energy,
     hidden_index,
     leading_right_vectors,
 )
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, sightings, values
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, observations, values
 
 
 def naive_energy(tokens, weight):
@@ -25,7 +25,7 @@ def hidden(candidates, expert, one):
 
 @pytest.mark.parametrize(("kept_blocks", "layer"), [(1, 2), (0, 2)])
 def test_the_coded_router_projects_like_onto_like_one_layer_on(kept_blocks, layer):
-    candidates, batch = SmallCandidates(kept_blocks=kept_blocks), sightings(3)
+    candidates, batch = SmallCandidates(kept_blocks=kept_blocks), observations(3)
     for one, routed in zip(batch, PaperCodedRouter().route(batch, candidates), strict=True):
         for expert in EXPERTS:
             states = hidden(candidates, expert, one)
@@ -37,7 +37,7 @@ def test_the_coded_router_projects_like_onto_like_one_layer_on(kept_blocks, laye
 
 
 def test_the_written_router_crosses_the_pairs_at_the_last_layer():
-    candidates, batch = SmallCandidates(), sightings(3)
+    candidates, batch = SmallCandidates(), observations(3)
     for one, routed in zip(batch, PaperWrittenRouter().route(batch, candidates), strict=True):
         for expert in EXPERTS:
             states = hidden(candidates, expert, one)
@@ -55,9 +55,9 @@ def test_the_coded_router_reads_block_index_plus_two(layers, kept, index):
 def test_subspaces_are_computed_once_for_a_model_and_anew_for_another(kind):
     router, one, other = kind(), SmallCandidates(), SmallCandidates(EXPERTS[:2])
     for _ in range(2):
-        router.route(sightings(2), one)
+        router.route(observations(2), one)
     assert one.factorised == 3
-    assert router.route(sightings(1), other)[0].scores.keys() == set(EXPERTS[:2])
+    assert router.route(observations(1), other)[0].scores.keys() == set(EXPERTS[:2])
     assert other.factorised == 2
 
 

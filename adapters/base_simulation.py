@@ -1,0 +1,47 @@
+"""The common part of simulations that render single cameras on demand."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+from robogauntlet.adapters.contract import PICTURE_SIZE, ActionSpec, FloatArray, Image, Observation, ObservationSpec
+from robogauntlet.adapters.frames import proprioception
+from robogauntlet.suites.episode import View
+
+
+class BaseSimulation(ABC):
+    """The half of a `robogauntlet.adapters.contract.Simulation` that observes.
+
+    Subclasses add `draw` and, of the contract, `reset`, `step`, `privileged_state`, `state_hash`, `render_device` and
+    `close`.
+    """
+
+    def __init__(self, view: View, instruction: str, action_spec: ActionSpec) -> None:
+        """Take what all episodes share.
+
+        Args:
+            view: Cameras and image size for policies.
+            instruction: The goal in words.
+            action_spec: Bounds of an action.
+        """
+        self.view, self.instruction = view, instruction
+        self.action_spec = action_spec
+        self.observation_spec = ObservationSpec(view.cameras, view.image_size)
+
+    @abstractmethod
+    def draw(self, camera: str, size: int) -> Image:
+        """Render a new upright image of the present state, (size, size, 3)."""
+
+    @abstractmethod
+    def privileged_state(self) -> Mapping[str, FloatArray]:
+        """Return the true state, as the contract defines it."""
+
+    def observe(self) -> Observation:
+        """Render the cameras of the view and read the arm."""
+        images = {camera: self.draw(camera, self.view.image_size) for camera in self.view.cameras}
+        return Observation(images, proprioception(self.privileged_state()), self.instruction)
+
+    def picture(self) -> Image:
+        """Render the third-person view, (256, 256, 3)."""
+        return self.draw("third_person", PICTURE_SIZE)

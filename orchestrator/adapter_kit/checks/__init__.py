@@ -1,0 +1,23 @@
+"""The checks of an adapter: a module for each family, a function that yields violations for each check."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from robogauntlet.orchestrator.adapter_kit.checks import (
+    actions,
+    axes,
+    cameras,
+    observations,
+    resources,
+    scene,
+    scene_control,
+    seeds,
+    types,
+)
+from robogauntlet.orchestrator.adapter_kit.checks.check import Check
+
+FAMILIES = (types, seeds, observations, actions, cameras, scene_control, scene, axes, resources)
+CHECKS: Mapping[str, Check] = MappingProxyType({check.name: check for family in FAMILIES for check in family.CHECKS})
+"""Every check by name, in the order in which they run: the foundations of the others first."""

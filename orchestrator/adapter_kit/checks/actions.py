@@ -1,0 +1,249 @@
+"""The action specification is true, in metres and radians of the base frame, and the task can be solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robogauntlet.adapters.contract import ACTION_NAMES, FloatArray, Simulation
+from robogauntlet.orchestrator.adapter_kit.checks.check import Check, NotApplicable, Violation, check, expect
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.policies.oracles import OraclePolicy, scripts
+from robogauntlet.results.record import Status
+from robogauntlet.suites.episode import Episode, Protocol
+
+LENGTH, ANGLE = 0.01, 0.03
+"""Translation (m) and rotation (rad) of a step in the checks, where the simulation accepts as much."""
+RUN_UP, MEASURED = 4, 5
+"""Steps until the motion is steady, and steps that are measured then."""
+TOLERANCE = 0.3
+"""Relative error of the distance along the axis that is accepted."""
+ASIDE, ASIDE_ANGLE = 0.2, 0.27
+"""Share of the distance or angle that may go along, or about, the other axes."""
+DRAG = 0.08
+"""Angle by which an ignored rotation may turn the tool because it carries the arm along (rad)."""
+OPEN_WIDTH, CLOSED_WIDTH = 0.04, 0.012
+"""Smallest sum of the finger positions of an open gripper, and largest of a closed one (m)."""
+FACTORS = {
+    -1.0: "the other sign",
+    0.01: "a controller in centimetres",
+    0.001: "a controller in millimetres",
+    100.0: "actions taken for centimetres",
+    np.pi / 180.0: "a controller in degrees",
+    180.0 / np.pi: "actions taken for degrees",
+}
+"""Factor of a wrong distance to its likely cause."""
+GRIPPING = 15
+"""Steps after which the fingers have arrived."""
+ORACLE_SEEDS = range(2)
+
+
+def _lifted(subject: CheckedTask, back: FloatArray | None = None) -> Simulation:
+    """Bring the tool to rest a little above the start, then execute some steps of `back`."""
+    simulation = subject.reset()
+    height = min(0.02, simulation.action_spec.max_translation)
+    for _ in range(3):
+        simulation.step(subject.action(dz=height))
+    if back is not None:
+        for _ in range(RUN_UP + MEASURED):
+            simulation.step(back.copy())
+    for _ in range(6):
+        simulation.step(subject.action())
+    return simulation
+
+
+def _position(simulation: Simulation) -> FloatArray:
+    return np.array(simulation.privileged_state()["tcp_position"])
+
+
+def _translation(name: str) -> Check:
+    axis = ACTION_NAMES.index(name)
+
+    @check(f"action-{name}", look="Simulation.step: scale, sign and frame (the robot's base) of the controller's input")
+    def translation(subject: CheckedTask) -> Iterator[Violation]:
+        """In steady motion, a translation moves the tool by as many metres, along its axis of the base frame."""
+        length = min(LENGTH, subject.simulation.action_spec.max_translation)
+        distance = MEASURED * length
+        for sign in (1, -1):
+            action = subject.action(**{name: sign * length})
+            # A tool may start at the edge of its controller's range, so it first moves the other way, but not down.
+            back = None if (name, sign) == ("dz", 1) else subject.action(**{name: -sign * length})
+            simulation = _lifted(subject, back)
+            for _ in range(RUN_UP):
+                simulation.step(action)
+            start = _position(simulation)
+            for _ in range(MEASURED):
+                simulation.step(action)
+            moved = sign * (_position(simulation) - start)
+            aside = float(np.abs(np.delete(moved, axis)).max())
+            numbers = ", ".join(f"{sign * m:+.3f} m in {a}" for m, a in zip(moved, "xyz", strict=True))
+            yield from expect(
+                abs(moved[axis] - distance) <= TOLERANCE * distance and aside <= ASIDE * distance,
+                f"{MEASURED} steps of {sign * length:+g} m in {name} to move the tool by {sign * distance:+.3f} m",
+                f"it moved by {numbers}{hint(moved[axis] / distance)}",
+            )
+
+    return translation
+
+
+def hint(factor: float) -> str:
+    """The likely cause of a distance that is wrong by this factor; empty if none is known."""
+    for known, meaning in FACTORS.items():
+        if abs(factor / known - 1.0) < TOLERANCE:
+            return f" ({meaning}?)"
+    return ""
+
+
+def _rotation(name: str) -> Check:
+    axis = ACTION_NAMES.index(name) - 3
+
+    @check(
+        f"action-{name}", look="Simulation.step: scale, sign and frame of the rotation (axis-angle, base frame, rad)"
+    )
+    def rotation(subject: CheckedTask) -> Iterator[Violation]:
+        """In steady motion, a rotation turns the tool by as many radians about its axis of the base frame."""
+        ignored = subject.ignores(name)
+        angle = ANGLE if ignored else min(ANGLE, subject.simulation.action_spec.max_rotation)
+        simulation = _lifted(subject)
+        action = subject.action(**{name: angle})
+        for _ in range(RUN_UP):
+            simulation.step(action)
+        start = _orientation(simulation)
+        for _ in range(MEASURED):
+            simulation.step(action)
+        turned = (_orientation(simulation) * start.inv()).as_rotvec()
+        total = MEASURED * angle
+        numbers = ", ".join(f"{t:+.3f} rad about {a}" for t, a in zip(turned, "xyz", strict=True))
+        seen = f"it turned by {numbers}{hint(turned[axis] / total)}"
+        if ignored:
+            still = np.abs(turned).max() <= DRAG
+            yield from expect(still, f"no turn from {name}, which is declared ignored", seen)
+            return
+        about_others = np.abs(np.delete(turned, axis)).max()
+        yield from expect(
+            abs(turned[axis] - total) <= TOLERANCE * total and about_others <= ASIDE_ANGLE * total,
+            f"{MEASURED} steps of {angle:+g} rad in {name} to turn the tool by {total:+.3f} rad",
+            seen,
+        )
+
+    return rotation
+
+
+def _orientation(simulation: Simulation) -> Rotation:
+    return Rotation.from_quat(simulation.privileged_state()["tcp_quaternion"])
+
+
+@check("action-gripper", look="Simulation.step and finger_positions: -1 opens, +1 closes")
+def gripper(subject: CheckedTask) -> Iterator[Violation]:
+    """The gripper opens at -1 and closes at +1, unless it is declared ignored."""
+    widths = {}
+    for command in (-1.0, 1.0):
+        simulation = subject.reset()
+        height = min(0.005, simulation.action_spec.max_translation)
+        for _ in range(GRIPPING):
+            simulation.step(subject.action(dz=height, gripper=command))
+        widths[command] = float(np.abs(simulation.privileged_state()["finger_positions"]).sum())
+    seen = f"{widths[-1.0]:.3f} m apart after {GRIPPING} steps at -1, {widths[1.0]:.3f} m at +1"
+    if subject.ignores("gripper"):
+        still = abs(widths[1.0] - widths[-1.0]) <= 1e-3
+        yield from expect(still, "fingers that stay, since `gripper` is declared ignored", seen)
+        return
+    yield from expect(
+        widths[-1.0] > OPEN_WIDTH and widths[1.0] < CLOSED_WIDTH,
+        f"fingers more than {OPEN_WIDTH:g} m apart at -1, less than {CLOSED_WIDTH:g} m at +1",
+        seen,
+    )
+
+
+@check("action-ignored", look="`ignored` of the ActionSpec, and how step uses these numbers")
+def ignored(subject: CheckedTask) -> Iterator[Violation]:
+    """Dimensions that are declared ignored have no effect, each other dimension has one."""
+    spec = subject.simulation.action_spec
+    bounds = np.where(spec.high > 0.0, spec.high, ANGLE)
+    moving = subject.action(dx=0.5 * spec.max_translation, gripper=0.5)
+    moving[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
+    usual = _end(subject, moving)
+    for number, name in enumerate(ACTION_NAMES):
+        differs = False
+        for value in (-bounds[number], bounds[number]):
+            other = moving.copy()
+            other[number] = value
+            differs = differs or _end(subject, other) != usual
+        if differs and name in spec.ignored:
+            yield Violation(f"no effect of {name}, which is declared ignored", "another state after 5 steps")
+        elif not differs and name not in spec.ignored:
+            yield Violation(f"an effect of {name}, or its name in `ignored`", "the same state after 5 steps")
+
+
+@check("action-clipped", look="Simulation.step: clip to action_spec.low and .high")
+def clipped(subject: CheckedTask) -> Iterator[Violation]:
+    """An action beyond the bounds is clipped to them."""
+    spec = subject.simulation.action_spec
+    signs = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+    signs[[ACTION_NAMES.index(name) for name in spec.ignored]] = 0.0
+    same = _end(subject, signs * spec.high) == _end(subject, 3.0 * signs * spec.high)
+    yield from expect(same, "3 times the bounds to do what the bounds do", "another state after 5 steps")
+
+
+@check("action-unchanged", look="Simulation.step: work on a copy of the action")
+def unchanged(subject: CheckedTask) -> Iterator[Violation]:
+    """A step does not write to the action that it is given."""
+    simulation = subject.reset()
+    action = subject.random_actions(3, 1)[0]
+    given = action.copy()
+    simulation.step(given)
+    seen = f"{np.round(given, 4).tolist()} after {np.round(action, 4).tolist()}"
+    yield from expect((given == action).all(), "the action as it was given", seen)
+
+
+def _end(subject: CheckedTask, action: FloatArray) -> str:
+    """State hash after 5 steps of an action."""
+    simulation = subject.reset()
+    for _ in range(5):
+        simulation.step(action.copy())
+    return simulation.state_hash()
+
+
+@check("start-is-no-success", look="the success predicate in Simulation.step")
+def start_is_no_success(subject: CheckedTask) -> Iterator[Violation]:
+    """The first step of an episode neither succeeds nor terminates."""
+    for seed in ORACLE_SEEDS:
+        outcome = subject.reset(seed).step(subject.action())
+        running = not (outcome.success or outcome.terminated)
+        yield from expect(running, f"no success at the first step of seed {seed}, and no end", outcome)
+
+
+@check(
+    "oracle", look="the success predicate, the horizon of the TaskDescription, or the task's script (policies/oracles)"
+)
+def oracle(subject: CheckedTask) -> Iterator[Violation]:
+    """The task's oracle succeeds within the horizon."""
+    if subject.task not in scripts():
+        raise NotApplicable(
+            f"the task has no oracle; add one as the entry point '{subject.simulator.name}' of robogauntlet.oracles"
+        )
+    horizon = subject.description.horizon
+    for seed in ORACLE_SEEDS:
+        episode = Episode("oracle", "oracle", subject.task, seed, Protocol(horizon, 1, subject.view))
+        row = rollout(subject.simulation, OraclePolicy(), episode)
+        held = "held once, not for 5 steps in a row" if row.success_once else "never held"
+        yield from expect(
+            row.status == Status.SUCCESS,
+            f"success of the oracle within {horizon} steps from seed {seed}",
+            f"{row.status} after {row.steps} steps; the predicate {held}",
+        )
+
+
+CHECKS = (
+    *(_translation(name) for name in ACTION_NAMES[:3]),
+    *(_rotation(name) for name in ACTION_NAMES[3:6]),
+    gripper,
+    ignored,
+    clipped,
+    unchanged,
+    start_is_no_success,
+    oracle,
+)

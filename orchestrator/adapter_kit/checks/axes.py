@@ -1,0 +1,70 @@
+"""Each perturbation of the scene is delivered as requested, changes nothing else, and is undone by the next reset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from robogauntlet.adapters.contract import AdapterError, Simulation, UnsupportedCondition
+from robogauntlet.adapters.scene_control import ADJUSTABLE
+from robogauntlet.orchestrator.adapter_kit.checks.check import (
+    Check,
+    NotApplicable,
+    Violation,
+    check,
+    expect,
+    expect_restored,
+)
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
+from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.suites.axes import AXES, Axis
+from robogauntlet.suites.episode import Condition, Episode, Protocol
+
+SEED = 7
+SCENE_AXES = tuple(axis for axis in AXES.values() if str(axis.changes) in ADJUSTABLE)
+"""Axes that need scene controls. The others act between policy and simulation, see decision 5."""
+
+
+def _axis_check(axis: Axis) -> Check:
+    look = f"`scene_controls.{axis.changes}`, which orchestrator/perturbations uses"
+
+    @check(f"axis-{axis.name}", look=look, once=True)
+    def delivered(subject: CheckedTask) -> Iterator[Violation]:
+        """The axis delivers its level at the mildest and at the strongest severity, and a reset undoes it."""
+        if reason := why_unadjusted(axis, subject.task):
+            raise NotApplicable(reason)
+        start = subject.start(SEED)
+        protocol = Protocol(subject.description.horizon, 8, subject.view)
+        for severity in (1, len(axis.levels)):
+            condition, level = Condition(axis.name, severity), axis.value(severity)
+            episode = Episode("check", "check", subject.task, SEED, protocol, condition)
+            try:
+                value = _delivered(perturbed(subject.simulation, episode, subject.references))
+            except UnsupportedCondition as error:
+                raise NotApplicable(str(error)) from None
+            except AdapterError as error:
+                yield Violation(f"{level:g} {axis.unit}", str(error))
+                continue
+            near = value is not None and abs(value - level) <= axis.tolerance
+            yield from expect(near, f"{level:g} {axis.unit} within {axis.tolerance:g}", value)
+            yield from expect_restored(subject, start, f"the clean episode after {condition}", picture=False)
+
+    return delivered
+
+
+def _delivered(simulation: Simulation) -> float | None:
+    """Return the level that a perturbed episode delivers, in the unit of its axis, at its first observation.
+
+    Raises:
+        AdapterError: It differs from the requested level.
+    """
+    assert isinstance(simulation, Perturbed)
+    simulation.reset(SEED)
+    simulation.check_start()
+    simulation.observe()
+    delivered = simulation.delivered()
+    return None if delivered is None else delivered.value
+
+
+CHECKS = tuple(_axis_check(axis) for axis in SCENE_AXES)

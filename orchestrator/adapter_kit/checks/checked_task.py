@@ -1,0 +1,189 @@
+"""The open task on which checks run."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from robogauntlet.adapters.contract import (
+    ACTION_NAMES,
+    AdapterError,
+    FloatArray,
+    Image,
+    Simulation,
+    Simulator,
+    TaskDescription,
+)
+from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.suites.episode import CAMERAS, RenderProfile, View
+from robogauntlet.support import errors
+
+SIZE = 96
+VIEW = View(CAMERAS, SIZE, RenderProfile.FAST)
+STEP, TURN = 0.02, 0.05
+"""Scale of random actions (m, rad), where the simulation accepts as much."""
+
+
+class CannotOpen(Exception):
+    """The task cannot be opened: the check `opens` reports it, the others are skipped."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """The start of an episode."""
+
+    seed: int
+    state: str
+    """State hash."""
+    images: Mapping[str, Image]
+    picture: Image
+
+
+class CheckedTask:
+    """A task that is opened at first use and shared by all checks, each of which begins with a reset."""
+
+    def __init__(
+        self, simulator: Simulator, task: str, view: View = VIEW, loaded_by_declaring: frozenset[str] = frozenset()
+    ) -> None:
+        """Take a task of a simulator.
+
+        Args:
+            simulator: The declaration.
+            task: Name of the task in the simulator.
+            view: Cameras and image size.
+            loaded_by_declaring: Modules that loading the entry point imported.
+        """
+        self.simulator, self._short, self.view = simulator, task, view
+        self.loaded_by_declaring = loaded_by_declaring
+        self.opening_s: float | None = None
+        """Time that opening took, once it is open."""
+        self.references = ReferenceImages()
+        """Images of clean episodes, with which perturbations are compared."""
+        self._starts: dict[int, Start] = {}
+
+    @property
+    def task(self) -> str:
+        """`simulator/task`."""
+        return f"{self.simulator.name}/{self._short}"
+
+    @property
+    def description(self) -> TaskDescription:
+        """The task, as the simulator declares it."""
+        return self.simulator.tasks[self._short]
+
+    @cached_property
+    def _outcome(self) -> Simulation | Exception:
+        began = time.perf_counter()
+        try:
+            simulation = self.open()
+            simulation.reset(0)
+        except Exception as error:  # an adapter may raise anything; the check `opens` reports it
+            return error
+        self.opening_s = time.perf_counter() - began
+        return simulation
+
+    @property
+    def why_not_open(self) -> Exception | None:
+        """The error of opening, if there was one."""
+        return self._outcome if isinstance(self._outcome, Exception) else None
+
+    @property
+    def simulation(self) -> Simulation:
+        """The open task.
+
+        Raises:
+            CannotOpen: It cannot be opened.
+        """
+        if isinstance(self._outcome, Exception):
+            raise CannotOpen from self._outcome
+        return self._outcome
+
+    def open(self) -> Simulation:
+        """Open the task once more; the caller closes it."""
+        return self.simulator.open(self._short, self.view)
+
+    @contextmanager
+    def another(self) -> Iterator[Simulation]:
+        """Open the task once more, for a block."""
+        simulation = self.open()
+        try:
+            yield simulation
+        finally:
+            simulation.close()
+
+    @property
+    def scene_controls(self) -> SceneControls:
+        """The scene controls of the open task."""
+        return scene_controls_of(self.simulation)
+
+    def reset(self, seed: int = 0) -> Simulation:
+        """Start an episode of the open task."""
+        self.simulation.reset(seed)
+        return self.simulation
+
+    def start(self, seed: int) -> Start:
+        """Return the start of a seed's episode, recorded at the first call, which resets."""
+        if seed not in self._starts:
+            simulation = self.reset(seed)
+            images = {camera: image.copy() for camera, image in simulation.observe().images.items()}
+            self._starts[seed] = Start(seed, simulation.state_hash(), images, simulation.picture().copy())
+        return self._starts[seed]
+
+    def differences(self, start: Start, *, picture: bool = True) -> Iterator[str]:
+        """Yield how the simulation differs from a start now."""
+        simulation = self.simulation
+        if (state := simulation.state_hash()) != start.state:
+            yield f"state hash {state} instead of {start.state}"
+        after = simulation.observe().images
+        if other := [camera for camera, image in start.images.items() if (after[camera] != image).any()]:
+            yield f"other images of {', '.join(other)}"
+        elif picture and (simulation.picture() != start.picture).any():
+            yield "another picture"
+
+    def ignores(self, name: str) -> bool:
+        """Return whether an action dimension is declared to have no effect."""
+        return name in self.simulation.action_spec.ignored
+
+    def action(self, **values: float) -> FloatArray:
+        """An action (7,) with an open gripper and the given numbers."""
+        action = np.zeros(len(ACTION_NAMES))
+        action[-1] = -1.0
+        for name, value in values.items():
+            action[ACTION_NAMES.index(name)] = value
+        return action
+
+    def random_actions(self, seed: int, count: int) -> FloatArray:
+        """Actions (count, 7), drawn uniformly within the bounds."""
+        scale = np.minimum([STEP] * 3 + [TURN] * 3 + [1.0], self.simulation.action_spec.high)
+        return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(ACTION_NAMES))) * scale
+
+    def close(self) -> None:
+        """Close the task if it is open."""
+        if "_outcome" in self.__dict__ and not isinstance(self._outcome, Exception):
+            self._outcome.close()
+
+
+def describe(error: BaseException) -> str:
+    """Describe an exception in one line; an AdapterError by its message alone."""
+    return errors.first_line(error) if isinstance(error, AdapterError) else errors.describe(error)
+
+
+def exact(state: Mapping[str, FloatArray]) -> str:
+    """All bytes of a privileged state, as text."""
+    return b"".join(np.asarray(state[name], np.float64).tobytes() for name in sorted(state)).hex()
+
+
+def changed(before: Image, after: Image, by: int = 8) -> float:
+    """Share of the pixels of two images that differ by more than this in some channel."""
+    return float((np.abs(before.astype(int) - after).max(axis=2) > by).mean())
+
+
+def most_changed(before: Mapping[str, Image], after: Mapping[str, Image], by: int = 8) -> float:
+    """The largest share of changed pixels of any camera."""
+    return max(changed(before[camera], after[camera], by) for camera in before)

@@ -1,0 +1,1 @@
+"""Connects the simulator toysim to RoboGauntlet."""

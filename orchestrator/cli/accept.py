@@ -1,0 +1,26 @@
+"""`robogauntlet accept`: make a run the baseline of later runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, open_history, print_line
+
+
+def accept(
+    run: Annotated[str, typer.Argument(help="Name of a run's folder, or the beginning of its id.")],
+    url: HistoryUrl = None,
+) -> None:
+    """Make a run the baseline of later runs.
+
+    Use it for a run that was found worse than its baseline, or not comparable with it, and is right nevertheless.
+    """
+    with open_history(url) as history:
+        entry = history.find(Path(run).name)
+        if entry is None:
+            raise BadInput(f"no run '{run}' in the history; see: robogauntlet history")
+        history.accept(entry.run_id)
+    print_line(f"{entry.name}: later runs of {entry.suite} are compared with it")

@@ -1,0 +1,175 @@
+"""Consoles, options, exit codes and messages that the verbs share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.runs.plan import WHOLE, Plan, PlanError, find_suite, load_registry, make_plan
+from robogauntlet.results.run_document import RUN_FILE
+from robogauntlet.results.store.database import StoreError, file_url, parse
+from robogauntlet.results.store.history_import import record_run_folders
+from robogauntlet.results.store.run_history import HISTORY_FILE, History
+from robogauntlet.suites.environments import EnvironmentEntry
+from robogauntlet.suites.loading import SuiteError, load_suite
+from robogauntlet.suites.selection import SuiteSelection
+
+RUNS = Path("runs")
+EXIT_BAD_INPUT = 2
+EXIT_STOPPED = 3
+EXIT_INTERRUPTED = 130
+
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+if not out.is_terminal and "COLUMNS" not in os.environ:
+    out.width = 160  # files and pipes have no width
+
+SuiteArgument = Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")]
+RunArgument = Annotated[Path, typer.Argument(help="Run folder.")]
+NewestRunArgument = Annotated[Path | None, typer.Argument(help="Run folder; by default the newest one under runs/.")]
+Policies = Annotated[
+    list[str] | None,
+    typer.Option("--policy", help="Only this policy of the suite, or policies that match a pattern. Repeatable."),
+]
+Tasks = Annotated[
+    list[str] | None,
+    typer.Option("--task", help="Only this task of the suite, or tasks that match a pattern. Repeatable."),
+]
+SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N seeds of the suite.")]
+StoreUrl = Annotated[
+    str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
+]
+HistoryUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--history",
+        envvar="ROBOGAUNTLET_HISTORY",
+        show_envvar=True,
+        help="URL of the history, the store that lists all runs; by default history.sqlite beside the run folders.",
+    ),
+]
+
+
+class BadInput(Exception):
+    """The command cannot be carried out as given; the message has one line per problem."""
+
+
+def fail(message: str) -> None:
+    """Print each line of a message to standard error."""
+    for line in message.splitlines():
+        err.print(f"robogauntlet: {line}", markup=False, soft_wrap=True)
+
+
+def print_line(line: str) -> None:
+    """Print a line as it is to standard output: no markup, no wrapping."""
+    out.print(line, markup=False, soft_wrap=True)
+
+
+def read_plan(
+    suite: str, *, part: SuiteSelection = WHOLE, only: tuple[str, ...] = (), require_installed: bool = True
+) -> Plan:
+    """Return the plan of a suite file or shipped suite; see `make_plan` for the options.
+
+    Args:
+        suite: A file, or the name of a shipped suite.
+        part: The part to plan.
+        only: Simulators that must be able to run.
+        require_installed: See `make_plan`.
+
+    Raises:
+        BadInput: The suite is wrong or cannot be run.
+    """
+    try:
+        return make_plan(find_suite(suite), part=part, only=only, require_installed=require_installed)
+    except (SuiteError, PlanError) as error:
+        raise BadInput(str(error)) from None
+
+
+def declared_environments(suite: str) -> dict[str, EnvironmentEntry]:
+    """Return the environments that a suite declares.
+
+    Raises:
+        BadInput: The suite is wrong.
+    """
+    try:
+        return load_suite(find_suite(suite), load_registry()).environments
+    except SuiteError as error:
+        raise BadInput(str(error)) from None
+
+
+def environment_resolver(declared: Mapping[str, EnvironmentEntry] | None = None) -> EnvironmentResolver:
+    """Return the resolver of the simulators' environments.
+
+    Raises:
+        BadInput: The user's configuration is wrong.
+    """
+    try:
+        return EnvironmentResolver(declared)
+    except SuiteError as error:
+        raise BadInput(str(error)) from None
+
+
+def newest_run(root: Path = RUNS) -> Path:
+    """Return the run folder under `root` that was changed last.
+
+    Raises:
+        BadInput: `root` holds no run.
+    """
+    documents = sorted(root.glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime)
+    if not documents:
+        raise BadInput(f"no run under {root}/; name one")
+    return documents[-1].parent
+
+
+def history_url(url: str | None, root: Path = RUNS) -> str:
+    """Return the URL of the history: the given one, or that of the file beside the run folders.
+
+    Raises:
+        BadInput: `url` is not the URL of a store.
+    """
+    if url is None:
+        return file_url((root / HISTORY_FILE).absolute())
+    try:
+        return parse(url).render_as_string(hide_password=False)
+    except StoreError as error:
+        raise BadInput(str(error)) from None
+
+
+def runs_root(url: str | None) -> Path:
+    """Return the folder of the run folders: the folder of a history that is a file, else `runs`."""
+    parsed = parse(history_url(url))
+    return Path(parsed.database).parent if parsed.get_backend_name() == "sqlite" and parsed.database else RUNS
+
+
+@contextmanager
+def open_history(url: str | None, root: Path | None = None) -> Iterator[History]:
+    """Open the history and record in it the runs under `root` that it does not list yet.
+
+    Args:
+        url: URL of the history; None for the file beside the run folders.
+        root: Folder of the run folders; None for `runs_root(url)`.
+
+    Raises:
+        BadInput: The history cannot be opened, read or written.
+    """
+    root = root or runs_root(url)
+    try:
+        if url is None:
+            root.mkdir(parents=True, exist_ok=True)
+        history = History.open(history_url(url, root))
+        try:
+            record_run_folders(history, root)
+            yield history
+        finally:
+            history.close()
+    except StoreError as error:
+        raise BadInput(str(error)) from None
+    except OSError as error:
+        raise BadInput(f"{root}: {error.strerror}") from None

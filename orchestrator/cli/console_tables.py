@@ -1,0 +1,98 @@
+"""Result tables on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from robogauntlet.orchestrator.cli.common import out
+from robogauntlet.results.analysis.tables import Tables
+from robogauntlet.results.report import Report
+from robogauntlet.results.report.formatting import NOTHING, TextTable, rate_text, summary_table
+from robogauntlet.results.report.merging_cost import compact_table, overall_table
+from robogauntlet.suites.episode import Condition
+
+MAX_CONDITIONS = 4
+"""With more conditions, only the first is printed per task; the report has all of them."""
+
+
+def print_summary(report: Report) -> None:
+    """Print success per task, simulator and condition, the findings, and the cost of merging, as in the report."""
+    tables, merging, findings = report.tables, report.merging, report.findings
+    if not tables.total.done:
+        out.print("no episode has been played yet")
+        return
+    out.print()
+    many = len(tables.conditions) > MAX_CONDITIONS
+    shown = tables.conditions[:1] if many else tables.conditions
+    where = f", {shown[0]}" if many else ""
+    out.print(rich_table(_per_task(tables, shown), title=f"Success rate with 95 % Wilson interval, per task{where}"))
+    out.print()
+    if many:
+        out.print(rich_table(_per_condition(tables), title="Per condition, over all tasks and simulators"))
+    else:
+        out.print(rich_table(_fitting(summary_table(tables)), title="Per simulator"))
+    out.print()
+    for finding in findings:
+        out.print(f"- {finding}", markup=False)
+    if findings:
+        out.print()
+    if merging is None:
+        return
+    for comparison in merging.routed:
+        sides = f"expert ({merging.expert}), oracle-routed ({merging.oracle_routed}), routed ({comparison.policy})"
+        title = f"Success of {sides}; accuracy of the router"
+        out.print(rich_table(compact_table(comparison), title=title))
+        out.print()
+    out.print(rich_table(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
+    out.print()
+
+
+def _per_task(tables: Tables, conditions: Sequence[Condition]) -> TextTable:
+    """Tasks x policies; a line per condition if there are several."""
+    several = len(conditions) > 1
+    cell_of = {(cell.task, cell.condition, cell.policy): cell for cell in tables.cells}
+    lines = dict.fromkeys((cell.task, cell.condition) for cell in tables.cells if cell.condition in conditions)
+    rows = []
+    for task, condition in lines:
+        cells = [cell_of.get((task, condition, policy)) for policy in tables.policies]
+        counts = sorted({cell.tally.verdicts for cell in cells if cell is not None})
+        rows.append(
+            (
+                task,
+                *((str(condition),) if several else ()),
+                *(NOTHING if cell is None else rate_text(cell.tally) for cell in cells),
+                "/".join(map(str, counts)),
+                str(sum(cell.tally.errors for cell in cells if cell is not None)),
+            )
+        )
+    header = ("task", *(("condition",) if several else ()), *tables.policies, "n", "errors")
+    return TextTable(header, tuple(rows), 2 if several else 1)
+
+
+def _per_condition(tables: Tables) -> TextTable:
+    """Conditions x policies, all tasks together."""
+    total_of = {(total.condition, total.policy): total for total in tables.by_policy}
+    rows = []
+    for condition in tables.conditions:
+        totals = [total_of.get((condition, policy)) for policy in tables.policies]
+        rows.append((str(condition), *(NOTHING if total is None else rate_text(total.tally) for total in totals)))
+    return TextTable(("condition", *tables.policies), tuple(rows), 1)
+
+
+def _fitting(table: TextTable) -> TextTable:
+    """The table; on a narrow terminal without its last two columns (mean of tasks, errors)."""
+    if out.width >= 24 * len(table.header):
+        return table
+    return TextTable(table.header[:-2], tuple(row[:-2] for row in table.rows), table.labels)
+
+
+def rich_table(table: TextTable, *, title: str) -> Table:
+    """Return the table for the terminal."""
+    drawn = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    for i, name in enumerate(table.header):
+        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=True)
+    for row in table.rows:
+        drawn.add_row(*row)
+    return drawn

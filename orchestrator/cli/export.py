@@ -1,0 +1,187 @@
+"""`robogauntlet export`: write a run as one file, or its episodes as datasets."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from robogauntlet.orchestrator.cli.common import (
+    EXIT_INTERRUPTED,
+    EXIT_STOPPED,
+    BadInput,
+    RunArgument,
+    StoreUrl,
+    fail,
+    out,
+    print_line,
+)
+from robogauntlet.orchestrator.replay.replay import ReplayError, environments_of, policy_sources
+from robogauntlet.orchestrator.runs.progress import RecordingProgress
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.results.api import OpenRun
+from robogauntlet.results.folder_lock import FolderError
+from robogauntlet.results.report import export_formats
+from robogauntlet.results.report.formatting import counted
+from robogauntlet.results.report.parquet import write_parquet
+from robogauntlet.results.run_document import RunDocument, RunError, RunStatus, read_run
+from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.store.run_archive import export_run
+from robogauntlet.suites.selection import SelectionError
+
+if TYPE_CHECKING:
+    from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter
+
+
+class Format(StrEnum):
+    """Format of an exported run."""
+
+    RUN = "run"
+    """The whole run, for `robogauntlet import`."""
+    CSV = "csv"
+    PARQUET = "parquet"
+    LEROBOT = "lerobot"
+    """LeRobot's eval_info.json."""
+    VLA_EVAL = "vla-eval"
+    """The result file of vla-evaluation-harness."""
+    LEROBOT_DATASET = "lerobot-dataset"
+    """Replayed episodes, recorded as LeRobot v3 datasets, one per task."""
+
+
+class Outcome(StrEnum):
+    """How an episode ended."""
+
+    FAILURE = "failure"
+    SUCCESS = "success"
+
+
+SUFFIXES = {
+    Format.RUN: ".robogauntlet",
+    Format.CSV: ".csv",
+    Format.PARQUET: ".parquet",
+    Format.LEROBOT: "-eval_info.json",
+    Format.VLA_EVAL: "-vla_eval.json",
+    Format.LEROBOT_DATASET: "-lerobot",
+}
+
+
+def export(
+    run: RunArgument,
+    form: Annotated[
+        Format, typer.Option("--format", help="The whole run, its rows as a table, or a format of another program.")
+    ] = Format.RUN,
+    policy: Annotated[
+        str | None,
+        typer.Option(help="lerobot, vla-eval, lerobot-dataset: only this policy; lerobot-dataset: or a pattern."),
+    ] = None,
+    task: Annotated[
+        list[str] | None, typer.Option(help="lerobot-dataset: only this task, or a pattern. Repeatable.")
+    ] = None,
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(help="lerobot-dataset: only this condition, such as clean or 'noise@*'. Repeatable."),
+    ] = None,
+    status: Annotated[
+        list[Outcome] | None,
+        typer.Option(help="lerobot-dataset: episodes with this outcome; by default failures. Repeatable."),
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="lerobot-dataset: largest number of episodes per task.")
+    ] = None,
+    file: Annotated[
+        Path | None,
+        typer.Option("--out", help="File, or folder of the datasets, to write; by default named after the run."),
+    ] = None,
+    store: StoreUrl = None,
+) -> None:
+    """Write a run as one file, or its episodes as datasets.
+
+    With --format lerobot-dataset, episodes are replayed and recorded frame by frame, for retraining.
+    """
+    file = file or Path(f"{run.absolute().name}{SUFFIXES[form]}")
+    if form is Format.LEROBOT_DATASET:
+        from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter
+
+        statuses = tuple(map(str, status or (Outcome.FAILURE,)))
+        policies = () if policy is None else (policy,)
+        selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit)
+        _write_datasets(run, selected, file, store)
+        return
+    if task or condition or status or limit:
+        raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
+    if policy is not None and form not in (Format.LEROBOT, Format.VLA_EVAL):
+        raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
+    try:
+        document = read_run(run)
+        rows = Store.open_begun(run, document, store)
+        try:
+            if form is Format.RUN:
+                count = export_run(document, rows, file)
+            elif form is Format.PARQUET:
+                write_parquet(_new(file), document, rows)
+                count = sum(rows.status_counts().values())
+            else:
+                count = _write(form, document, OpenRun(run, document, store), _new(file), policy)
+        finally:
+            rows.close()
+    except (RunError, StoreError) as error:
+        raise BadInput(str(error)) from None
+    except OSError as error:
+        if form is not Format.RUN:
+            file.unlink(missing_ok=True)  # it is new; the next attempt needs the name
+        raise BadInput(f"{file}: cannot be written: {error.strerror or error}") from None
+    print_line(f"{counted(count, 'episode')} into {file}")
+
+
+def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy: str | None) -> int:
+    if form is Format.CSV:
+        table = run.episodes()
+        table.to_csv(file, index=False)
+        return len(table)
+    rows = export_formats.of_policy(run.episodes(export_formats.COLUMNS), policy)
+    plain = {Format.LEROBOT: export_formats.lerobot, Format.VLA_EVAL: export_formats.vla_eval}[form](document, rows)
+    file.write_text(json.dumps(plain, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    return len(rows)
+
+
+def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None) -> None:
+    from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
+
+    def listener(written: DatasetExport, count: int) -> Callable[[], None]:
+        if written.existing:
+            out.print(f"continuing: {written.existing} of {counted(written.wanted, 'episode')} are recorded already")
+        return progress.enter_context(RecordingProgress(out, count, activity="replaying")).advance
+
+    try:
+        document = read_run(run)
+        with closing(Store.open_begun(run, document, store)) as rows:
+            chosen = selected.select(document, rows.results())
+        if not chosen:
+            raise BadInput(f"{run}: no episode matches the options")
+        with ExitStack() as progress:
+            written = write_datasets(
+                chosen, document, policy_sources(document), folder, listener, environments_of(document)
+            )
+    except (RunError, StoreError, ReplayError, SelectionError, PolicyError, FolderError) as error:
+        raise BadInput(str(error)) from None
+    for writer in written.writers.values():
+        line = f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}"
+        print_line(line)
+    for trouble in written.warnings:
+        fail(trouble)
+    if written.status is RunStatus.INTERRUPTED:
+        fail("interrupted; give the same command to continue")
+        raise typer.Exit(EXIT_INTERRUPTED)
+    if written.warnings:
+        raise typer.Exit(EXIT_STOPPED if written.status is RunStatus.STOPPED else 1)
+
+
+def _new(file: Path) -> Path:
+    if file.exists():
+        raise RunError(f"{file}: expected a new file, this one exists")
+    return file

@@ -1,0 +1,44 @@
+"""`robogauntlet import`: create a run folder from an exported run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, history_url, open_history, print_line, runs_root
+from robogauntlet.results.report.formatting import counted
+from robogauntlet.results.run_document import RunError
+from robogauntlet.results.store import run_archive
+from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.results.store.history_import import record_run_folder
+
+
+def import_run(
+    file: Annotated[Path, typer.Argument(help="A file that `robogauntlet export` wrote.")],
+    folder: Annotated[Path | None, typer.Option("--out", help="New run folder; by default under runs/.")] = None,
+    store: Annotated[
+        str | None, typer.Option(help="URL of a store for the rows, instead of a file in the run folder.")
+    ] = None,
+    url: HistoryUrl = None,
+) -> None:
+    """Create a run folder from an exported run.
+
+    The report is written, and the run is recorded in the history.
+    """
+    from robogauntlet.results.report import write_report
+
+    root = folder.absolute().parent if folder else runs_root(url)
+    history_url(url)  # a wrong URL is refused before anything is written
+    try:
+        run, document = run_archive.import_run(file, root, store=store, name=folder.name if folder else None)
+        write_report(run, store_url=store)
+        with open_history(url) as history:
+            record_run_folder(history, run, document)
+    except (RunError, StoreError) as error:
+        raise BadInput(str(error)) from None
+    except OSError as error:
+        raise BadInput(f"{root}: cannot be written: {error.strerror}") from None
+    print_line(f"{counted(document.planned, 'planned episode')} of {document.suite.name} in {run}")
+    print_line(f"report: {run / 'report.html'}")

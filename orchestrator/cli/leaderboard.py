@@ -1,0 +1,35 @@
+"""`robogauntlet leaderboard`: rank the policies of a suite."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, fail, open_history, out
+from robogauntlet.orchestrator.cli.console_tables import rich_table
+from robogauntlet.results.analysis import leaderboard as analysis
+from robogauntlet.results.report.history_plot import leaderboard_table
+from robogauntlet.suites.plugins import did_you_mean
+
+
+def leaderboard(
+    suite: Annotated[str, typer.Argument(help="Name of a suite that was run.")],
+    alpha: Annotated[float, typer.Option(min=0.0001, max=0.4999, help="Family-wise error rate.")] = 0.05,
+    url: HistoryUrl = None,
+) -> None:
+    """Rank the policies of a suite by their newest complete runs.
+
+    Policies that share a letter do not differ significantly.
+    """
+    with open_history(url) as history:
+        if suite not in history.suites():
+            raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, history.suites())}")
+        results = list(analysis.latest_results_per_policy(history, suite, fail))
+    if not results:
+        raise BadInput(f"expected a complete run of suite '{suite}', found none")
+    table = leaderboard_table(analysis.leaderboard(results, alpha))
+    out.print(rich_table(table, title=f"{suite}, clean episodes"))
+    out.print(
+        f"\nPolicies that share a letter do not differ significantly (McNemar, Holm, alpha {alpha:g}).", markup=False
+    )

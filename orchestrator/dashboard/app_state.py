@@ -1,0 +1,191 @@
+"""State that all pages share: the open stores, the templates and the caches."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Generic, TypeVar
+from urllib.parse import urlencode
+
+from cachetools import TTLCache
+from fastapi import Depends, HTTPException, Request
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.responses import HTMLResponse, Response
+
+from robogauntlet.orchestrator.dashboard import live_view, queries
+from robogauntlet.orchestrator.dashboard.security import Sessions
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.analysis.comparison import Comparison
+from robogauntlet.results.analysis.leaderboard import LeaderboardRow
+from robogauntlet.results.report import formatting, page
+from robogauntlet.results.report.history_plot import verdict_text, when
+from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.history_import import record_run_folders
+from robogauntlet.results.store.history_records import RunEntry
+from robogauntlet.results.store.run_history import History
+
+SYNC_S = 30.0
+"""Interval at which run folders that the history does not list are imported (s)."""
+LIVE_S = 0.5
+"""Lifetime of the cached live status (s); it limits the load of the database, however many browsers watch."""
+NAMES_S = 15.0
+"""Lifetime of the cached lists of names (s)."""
+log = logging.getLogger("robogauntlet.dashboard")
+FOLDER = Path(__file__).parent
+FILES = {
+    "report.css": page.FOLDER / "report.css",
+    "dashboard.css": FOLDER / "static" / "dashboard.css",
+    "live.js": FOLDER / "static" / "live.js",
+}
+"""Style sheets and the script; they need no token, since they are the same in every installation."""
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+
+
+class AnswerCache(Generic[K, V]):
+    """A thread-safe cache of the most recently used answers; simultaneous requests compute an answer once."""
+
+    def __init__(self, size: int, seconds: float = float("inf")) -> None:
+        """Keep up to `size` answers, each for `seconds`."""
+        self._answers: TTLCache[K, V] = TTLCache(size, seconds)
+        self._lock, self._computing = threading.Lock(), threading.Lock()
+
+    def get(self, key: K, compute: Callable[[], V]) -> V:
+        """Return the answer for a key; compute it if it is not cached. Exceptions are raised and not cached."""
+        if (answer := self._cached(key)) is not None:
+            return answer
+        with self._computing:  # one at a time, since answers need memory
+            if (answer := self._cached(key)) is not None:
+                return answer
+            answer = compute()
+            with self._lock:
+                self._answers[key] = answer
+            return answer
+
+    def _cached(self, key: K) -> V | None:
+        with self._lock:
+            return self._answers.get(key)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of the dashboard."""
+
+    root: Path
+    """Folder of the run folders, which is scanned for new runs and receives uploads."""
+    host: str = "127.0.0.1"
+    token: str | None = field(default=None, repr=False)
+    """Token that every request must carry; None, for loopback addresses only, if none is needed."""
+    max_upload: int = 256 * 1024 * 1024
+    """Largest size of an uploaded run (bytes)."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names that filters offer."""
+
+    suites: tuple[str, ...]
+    statuses: tuple[str, ...]
+    policies: tuple[str, ...]
+
+
+class AppState:
+    """State of a running dashboard."""
+
+    def __init__(self, history: History, schedule_store: ScheduleStore, settings: Settings) -> None:
+        """Serve a history and the schedules in the same database."""
+        self.history, self.schedule_store, self.settings = history, schedule_store, settings
+        self.sessions = Sessions()
+        self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
+        self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(32)
+        self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
+        self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
+        self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
+        self.import_lock = threading.Lock()
+        """Held while runs are written under the root or imported from it."""
+        self._stopped = threading.Event()
+        self._templates = Environment(
+            loader=FileSystemLoader(FOLDER / "templates"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        self._templates.globals.update(
+            text=formatting, views=live_view, when=when, verdict_text=verdict_text, query=query, asset=asset_address
+        )
+
+    def page(self, template: str, *, status: int = 200, **values: Any) -> Response:
+        """Render a page."""
+        values = {"here": "", "now": time.time(), "has_token": self.settings.token is not None, **values}
+        return HTMLResponse(self._templates.get_template(template).render(values), status)
+
+    def error_page(self, message: str, status: int) -> Response:
+        """Render a page with an error message."""
+        return self.page("error.html.jinja", status=status, title=TITLES.get(status, "Error"), message=message)
+
+    def run_named(self, name: str) -> RunEntry:
+        """Return the run of that id or name. Raises HTTPException if there is none, StoreError."""
+        entry = queries.run_of(self.history, name) or self.history.find(name)
+        if entry is None:
+            raise HTTPException(404, f"The history has no run '{name[:80]}'.")
+        return entry
+
+    def choices(self) -> Names:
+        """Return the names for filters, at most `NAMES_S` old. Raises StoreError."""
+        return self.names.get(
+            "all",
+            lambda: Names(
+                tuple(self.history.suites()), tuple(queries.statuses(self.history)), tuple(self.history.policies())
+            ),
+        )
+
+    def begin(self) -> None:
+        """Import new run folders every `SYNC_S`, until `end`."""
+        self._stopped.clear()
+        threading.Thread(target=self._import_runs, name="import of runs", daemon=True).start()
+
+    def end(self) -> None:
+        """Stop importing."""
+        self._stopped.set()
+
+    def _import_runs(self) -> None:
+        while True:
+            try:
+                with self.import_lock:
+                    if self.settings.root.is_dir():
+                        record_run_folders(self.history, self.settings.root)
+            except (StoreError, OSError) as error:
+                log.warning("runs under %s were not imported: %s", self.settings.root, error)
+            if self._stopped.wait(SYNC_S):
+                return
+
+
+TITLES = {400: "Bad request", 404: "Not found", 413: "Too large", 500: "Internal error", 503: "Unavailable"}
+
+
+def query(**values: object) -> str:
+    """Return the query part of an address, without values that are None or empty."""
+    encoded = urlencode({name: value for name, value in values.items() if value not in (None, "")})
+    return f"?{encoded}" if encoded else ""
+
+
+@cache
+def asset_address(name: str) -> str:
+    """Return the address of a file, which depends on its content so that browsers can cache it."""
+    return f"/static/{name}?v={hashlib.sha256(FILES[name].read_bytes()).hexdigest()[:12]}"
+
+
+async def app_state_of(request: Request) -> AppState:
+    """Return the state of the dashboard that serves a request."""
+    app_state: AppState = request.app.state.app_state
+    return app_state
+
+
+CurrentAppState = Annotated[AppState, Depends(app_state_of)]

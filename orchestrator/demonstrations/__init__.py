@@ -1,0 +1,1 @@
+"""Records the oracle's successes as datasets."""

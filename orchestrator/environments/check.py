@@ -1,0 +1,121 @@
+"""Checks whether an environment suits its simulator or policy, by running its Python before anything starts."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+
+from packaging.requirements import InvalidRequirement, Requirement
+
+from robogauntlet.orchestrator.environments import introspect
+from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_PACKAGES, Environment, EnvironmentUser
+from robogauntlet.orchestrator.environments.source_path import PACKAGE, import_path, source_file
+from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
+from robogauntlet.support.errors import last_line
+
+TIME_LIMIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class EnvironmentCheck:
+    """The installed versions and the problems of an environment."""
+
+    problems: tuple[str, ...]
+    """Why it cannot be used, a line each: what was expected, what is installed, what to do."""
+    python: str = ""
+    """Its version of Python."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Installed versions of Ray and of the requested distributions."""
+
+    @property
+    def problem(self) -> str | None:
+        """All problems in one line, or None."""
+        return "; ".join(self.problems) or None
+
+
+@dataclass(frozen=True)
+class _Installed:
+    """The answer of an environment's Python."""
+
+    python: str
+    modules: Mapping[str, str | None]
+    versions: Mapping[str, str | None]
+
+
+def check(environment: Environment, user: EnvironmentUser) -> EnvironmentCheck:
+    """Compare an environment with the running one, its entry and the requirements of its user."""
+    label, entry = f"environment {environment.name}", environment.entry
+    remedy = f"create it: robogauntlet env create {environment.name}"
+    if environment.manifest is None:
+        if entry.interpreter is not None:
+            return EnvironmentCheck((f"{label}: expected a Python interpreter at {environment.python}, found none",))
+        return EnvironmentCheck((f"{label} does not exist; {remedy}",))
+    remedy = "install it there" if entry.interpreter is not None else f"{remedy} --fresh"
+    if entry.python not in (None, RUNNING):
+        return EnvironmentCheck((_other_python(label, entry.python or ""),))
+    wanted = tuple(named_requirements(*entry.requirements, *entry.without_dependencies))
+    distributions = dict.fromkeys(["ray", *user.distributions, *(requirement.name for requirement in wanted)])
+    try:
+        installed = _ask(
+            environment.python,
+            environment.python.lstat().st_mtime_ns,
+            (*user.modules, *WORKER_PACKAGES.values(), PACKAGE),
+            tuple(distributions),
+            import_path(),
+        )
+    except (OSError, ChildEnded, ChildTimeout, ValueError) as error:
+        return EnvironmentCheck(
+            (f"{label}: expected an answer from {environment.python}, got: {last_line(error)}; {remedy}",)
+        )
+    versions = {name: version for name, version in installed.versions.items() if version is not None}
+    problems = tuple(f"{label}: {problem}" for problem in _problems(installed, user, wanted, remedy))
+    if installed.python.rpartition(".")[0] != RUNNING:
+        problems = (_other_python(label, installed.python),)
+    return EnvironmentCheck(problems, installed.python, versions)
+
+
+def _problems(
+    installed: _Installed, user: EnvironmentUser, wanted: tuple[Requirement, ...], remedy: str
+) -> Iterator[str]:
+    ray, its_ray = metadata.version("ray"), installed.versions.get("ray")
+    if its_ray != ray:
+        yield f"expected Ray {ray} as here, it has {its_ray or 'none'}; {remedy}"
+    source, its_source = source_file(PACKAGE), installed.modules[PACKAGE]
+    if its_source != source:
+        yield f"expected RoboGauntlet from {source}, it imports {its_source or 'none'}; {remedy}"
+    for what, names in (("packages of workers", WORKER_PACKAGES.values()), (f"modules of {user.name}", user.modules)):
+        if missing := [name for name in names if installed.modules[name] is None]:
+            yield f"expected the {what}, it lacks {', '.join(missing)}; {remedy}"
+    for requirement in wanted:
+        version = installed.versions.get(requirement.name)
+        if version is None or not requirement.specifier.contains(version, prereleases=True):
+            yield f"expected {requirement}, it has {version or 'none'}; {remedy}"
+
+
+def _other_python(label: str, python: str) -> str:
+    return f"{label}: expected Python {RUNNING} as here, which Ray requires of all workers, it has {python}"
+
+
+def named_requirements(*texts: str) -> Iterator[Requirement]:
+    """Requirements that name a distribution and apply to this Python; URLs and folders are omitted."""
+    for text in texts:
+        try:
+            requirement = Requirement(text)
+        except InvalidRequirement:
+            continue
+        if requirement.marker is None or requirement.marker.evaluate():
+            yield requirement
+
+
+@lru_cache(maxsize=64)
+def _ask(
+    python: Path, changed_ns: int, modules: tuple[str, ...], distributions: tuple[str, ...], python_path: str
+) -> _Installed:
+    """The answer of an environment's Python; cached until the environment is created again (`changed_ns`)."""
+    command = [str(python), "-c", Path(introspect.__file__).read_text(encoding="utf-8")]
+    with JsonChild(command, environment={**os.environ, "PYTHONPATH": python_path}) as child:
+        return _Installed(**child.ask({"modules": modules, "distributions": distributions}, TIME_LIMIT_S))

@@ -1,0 +1,122 @@
+"""The environment that each simulator and policy runs in, for code that starts processes."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Mapping
+from importlib import metadata
+from typing import Any
+
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Simulator
+from robogauntlet.orchestrator.environments.check import EnvironmentCheck, check
+from robogauntlet.orchestrator.environments.environment import Environment, EnvironmentUser, environment_of, read_config
+from robogauntlet.orchestrator.environments.source_path import import_path
+from robogauntlet.policies import catalog as policies
+from robogauntlet.policies.contract import PolicyNotInstalled
+from robogauntlet.results.run_document import EnvironmentRecord
+from robogauntlet.suites.environments import Config, EnvironmentEntry
+
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+
+
+def worker_environment(simulator: Simulator) -> dict[str, str]:
+    """Environment variables of a process that runs a simulator: one thread, and the simulator's own variables.
+
+    The simulator's variables are omitted if the user has set them.
+    """
+    wanted = {name: value for name, value in simulator.environment.items() if name not in os.environ}
+    return {**_ONE_THREAD, **wanted}
+
+
+class EnvironmentResolver:
+    """Environments as declared by the suite, else by the user's configuration, else by the adapter."""
+
+    def __init__(self, declared: Mapping[str, EnvironmentEntry] | None = None) -> None:
+        """Create a resolver for the environments that a suite declares.
+
+        Raises:
+            SuiteError: The user's configuration is invalid.
+        """
+        self._declared: Mapping[str, EnvironmentEntry] = declared or {}
+        self._config: Config = read_config()
+
+    def resolve(self, user: EnvironmentUser) -> Environment | None:
+        """The environment of a simulator or policy, whether or not it exists; None for the running one."""
+        return environment_of(user, self._declared, self._config)
+
+    def options(self, kind: str, options: Mapping[str, Any]) -> Mapping[str, Any]:
+        """A policy's options, with the interpreter of its environment, if it has its own.
+
+        Raises:
+            PolicyNotInstalled: The environment does not exist or is unsuitable.
+        """
+        user = policies.find(kind)
+        if not (user.requirements or user.without_dependencies) or "python" in options:
+            return options
+        environment = self.resolve(user)
+        if environment is None:
+            return options
+        if problem := check(environment, user).problem:
+            raise PolicyNotInstalled(problem)
+        return {**options, "python": str(environment.python)}
+
+    def inspect(self, simulator: EnvironmentUser) -> EnvironmentCheck | None:
+        """Check the environment of a simulator or policy; None for the running one."""
+        environment = self.resolve(simulator)
+        return None if environment is None else check(environment, simulator)
+
+    def missing_reason(self, simulator: Simulator) -> str | None:
+        """Why the simulator cannot be opened, with the remedy; None if no reason is known. Imports nothing."""
+        report = self.inspect(simulator)
+        return catalog.missing_reason(simulator) if report is None else report.problem
+
+    def versions(self, simulator: Simulator) -> dict[str, str]:
+        """Versions of the simulator's installed distributions in its environment."""
+        report = self.inspect(simulator)
+        if report is not None:
+            return {name: report.versions[name] for name in simulator.distributions if name in report.versions}
+        versions = {}
+        for name in simulator.distributions:
+            with contextlib.suppress(metadata.PackageNotFoundError):
+                versions[name] = metadata.version(name)
+        return versions
+
+    def ray_runtime_env(self, simulator: Simulator) -> dict[str, Any]:
+        """The `runtime_env` of a Ray actor that opens the simulator.
+
+        Raises:
+            OSError: The folder with links to the source cannot be written.
+        """
+        environment = self.resolve(simulator)
+        if environment is None:
+            return {"env_vars": worker_environment(simulator)}
+        variables = {**worker_environment(simulator), "PYTHONPATH": import_path()}
+        return {"env_vars": variables, "py_executable": str(environment.python)}
+
+    def subprocess_env(self, simulator: Simulator) -> tuple[str, dict[str, str]]:
+        """Interpreter and environment variables of a process that opens the simulator.
+
+        Raises:
+            OSError: As `ray_runtime_env`.
+        """
+        environment = self.resolve(simulator)
+        variables = {**os.environ, **worker_environment(simulator)}
+        if environment is None:
+            return sys.executable, variables
+        return str(environment.python), {**variables, "PYTHONPATH": import_path()}
+
+    def record(self, simulator: EnvironmentUser) -> EnvironmentRecord | None:
+        """The environment's record for a run; None for the running one, or if it cannot be used."""
+        environment, report = self.resolve(simulator), self.inspect(simulator)
+        if environment is None or report is None or report.problems:
+            return None
+        return EnvironmentRecord(
+            name=environment.name,
+            hash=environment.entry.hash,
+            python=report.python,
+            inherits=environment.entry.inherit and environment.entry.interpreter is None,
+            packages={name: version for name, version in report.versions.items() if name != "ray"},
+        )

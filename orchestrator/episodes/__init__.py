@@ -1,0 +1,1 @@
+"""Playing episodes: rollout, runner, leases, recorders."""

@@ -1,0 +1,148 @@
+"""The work of a worker, without Ray: keeps a simulation open and policies loaded, and plays leases."""
+
+from __future__ import annotations
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.contract import AdapterError, Simulation
+from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
+from robogauntlet.orchestrator.episodes.rollout import Watcher, rollout
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.policies.contract import Policy, PolicyError, check_fit
+from robogauntlet.results.record import EpisodeResult
+from robogauntlet.suites.episode import Episode, View
+from robogauntlet.support.errors import describe
+
+
+class EpisodeRunner:
+    """Plays episodes in this process."""
+
+    def __init__(
+        self,
+        sources: Mapping[str, PolicySource],
+        worker: str = "local",
+        remote_policies: Mapping[str, Policy] | None = None,
+    ) -> None:
+        """Create a runner.
+
+        Args:
+            sources: Policies by name; each is built when it is first needed.
+            worker: Name of the worker, for the records.
+            remote_policies: Policies that compute in another process, by name.
+        """
+        self._sources = sources
+        self._worker = worker
+        self._policies: dict[str, Policy] = dict(remote_policies or {})
+        self._simulation: Simulation | None = None
+        self._opened: tuple[str, View] | None = None
+        self._references = ReferenceImages()
+        self._build_s = self._load_s = 0.0
+        self._idle_since: float | None = None
+
+    def prepare(self, task: str, view: View) -> Readiness:
+        """Open a task and render a frame, to check that the simulator works here.
+
+        Raises:
+            AdapterError: The simulator does not work; the message says why.
+        """
+        simulation = self.simulation(task, view)
+        frame_s = None
+        if simulators.find(task.partition("/")[0]).renders:
+            simulation.reset(0)  # the contract does not define a simulation before its first reset
+            simulation.observe()
+            start = time.perf_counter()
+            simulation.observe()
+            frame_s = time.perf_counter() - start
+        return Readiness(os.getpid(), simulation.render_device(), frame_s)
+
+    def play(self, lease: Lease) -> Iterator[EpisodeResult]:
+        """Play the lease's episodes. An episode that cannot be played yields an error record; no error is raised."""
+        wait_s = 0.0 if self._idle_since is None else time.perf_counter() - self._idle_since
+        for result in map(self.play_one, lease.episodes()):
+            self._idle_since = time.perf_counter()
+            yield replace(
+                result,
+                worker=self._worker,
+                attempts=lease.attempt,
+                wait_s=wait_s,
+                build_s=self._build_s,
+                load_s=self._load_s,
+            )
+            wait_s = self._build_s = self._load_s = 0.0
+
+    def play_one(
+        self, episode: Episode, watcher: Watcher | None = None, wrap: Callable[[Simulation], Simulation] | None = None
+    ) -> EpisodeResult:
+        """Play one episode. After an unexpected exception it is tried once more in a new simulation.
+
+        Args:
+            episode: The episode.
+            watcher: Called after every step.
+            wrap: Wraps the simulation for this episode.
+
+        Returns:
+            The record, which is an error record if the episode could not be played.
+        """
+        started, clock = time.time(), time.perf_counter()
+        error = ""
+        for _ in range(2):
+            try:
+                policy = self._policy(episode.policy)
+                simulation = self.simulation(episode.task, episode.protocol.view)
+                check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
+                return rollout(
+                    wrap(simulation) if wrap else simulation,
+                    policy,
+                    episode,
+                    watcher=watcher,
+                    references=self._references,
+                )
+            except (AdapterError, PolicyError) as known:
+                error = f"{type(known).__name__}: {known}"
+                break
+            except Exception as unknown:  # simulators and policies raise anything; one episode must not end the rest
+                error = _describe(unknown)
+                self.close()
+        return EpisodeResult.failed_to_run(episode, error, started_at=started, wall_s=time.perf_counter() - clock)
+
+    def close(self) -> None:
+        """Close the open simulation. The runner can go on afterwards."""
+        simulation, self._simulation, self._opened = self._simulation, None, None
+        if simulation is not None:
+            simulation.close()
+
+    def simulation(self, task: str, view: View) -> Simulation:
+        """The task's simulation, which stays open until another one is requested.
+
+        Raises:
+            AdapterError: The task cannot be opened.
+        """
+        if self._simulation is None or self._opened != (task, view):
+            self.close()
+            start = time.perf_counter()
+            for name, value in simulators.find(task.partition("/")[0]).environment.items():
+                os.environ.setdefault(name, value)
+            self._simulation = simulators.open_simulation(task, view)
+            self._opened, self._references = (task, view), ReferenceImages()
+            self._build_s += time.perf_counter() - start
+        return self._simulation
+
+    def _policy(self, name: str) -> Policy:
+        if name not in self._policies:
+            start = time.perf_counter()
+            self._policies[name] = build_policy(self._sources[name])
+            self._load_s += time.perf_counter() - start
+        return self._policies[name]
+
+
+def _describe(error: Exception) -> str:
+    """Type, message and innermost location of an exception, without anything that differs between runs."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(frame.filename)}:{frame.lineno}"  # noqa: PTH119
+    return f"{describe(error)} [{place}]"

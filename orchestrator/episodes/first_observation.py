@@ -1,0 +1,41 @@
+"""The first observation of an episode under a condition, without a policy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robogauntlet.adapters.contract import Observation, Simulation
+from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.suites.episode import Condition, Episode, Protocol, View
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The first observation of an episode of a task under a condition, to be rendered."""
+
+    task: str
+    condition: Condition
+    seed: int
+    view: View
+
+    @property
+    def simulator(self) -> str:
+        """Name of the task's simulator."""
+        return self.task.partition("/")[0]
+
+
+def first_observation(simulation: Simulation, snapshot: Snapshot) -> Observation:
+    """The observation, with the instruction, that a policy gets after the reset.
+
+    Raises:
+        AdapterError: The task does not support the axis, or the severity was not delivered.
+    """
+    protocol = Protocol(1, 1, snapshot.view)
+    episode = Episode("look", "look", snapshot.task, snapshot.seed, protocol, snapshot.condition)
+    simulation = perturbed(simulation, episode)
+    simulation.reset(snapshot.seed)
+    observation = simulation.observe()
+    if isinstance(simulation, Perturbed):
+        simulation.delivered()  # raises if the severity was not delivered
+    return observation

@@ -1,0 +1,226 @@
+"""One episode, from reset to outcome. No Ray, no files: everything else is built around this function."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Simulation
+from robogauntlet.adapters.frames import STATE_QUANTUM
+from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.policies.contract import (
+    Decision,
+    Policy,
+    PolicyError,
+    PolicyInput,
+    Query,
+    Routing,
+    check_chunk,
+    check_routing,
+)
+from robogauntlet.results.record import EpisodeResult, Status
+from robogauntlet.suites.episode import SUCCESS_HOLD, Episode
+
+Watcher = Callable[[Simulation, int], None]
+"""Called after reset and after every control step with the number of steps taken; records videos and trajectories."""
+
+
+class _Timed:
+    """Adds the duration of a block to a phase. A class, because a generator costs four times as much at each step."""
+
+    __slots__ = ("_phase", "_seconds", "_start")
+
+    def __init__(self, seconds: dict[str, float], phase: str) -> None:
+        self._seconds, self._phase = seconds, phase
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self._seconds[self._phase] += time.perf_counter() - self._start
+
+
+@dataclass
+class Phases:
+    """Seconds spent in each phase of an episode."""
+
+    seconds: dict[str, float] = field(
+        default_factory=lambda: dict.fromkeys(("reset", "physics", "render", "inference"), 0.0)
+    )
+
+    def timed(self, phase: str) -> _Timed:
+        """Add the duration of a `with` block to `phase`."""
+        return _Timed(self.seconds, phase)
+
+    def as_fields(self) -> dict[str, float]:
+        """The fields of an `EpisodeResult`."""
+        return {f"{phase}_s": seconds for phase, seconds in self.seconds.items()}
+
+
+def rollout(
+    simulation: Simulation,
+    policy: Policy,
+    episode: Episode,
+    *,
+    eager: bool = False,
+    watcher: Watcher | None = None,
+    references: ReferenceImages | None = None,
+) -> EpisodeResult:
+    """Play one episode.
+
+    The policy is queried when its chunk is used up or `replan_every` steps of it are executed; images are rendered only
+    then. The episode succeeds and ends when the task's success predicate has held for `SUCCESS_HOLD` steps in a row; it
+    fails at the horizon.
+
+    Args:
+        simulation: The episode's task, open.
+        policy: A policy that `check_fit` has accepted.
+        episode: The episode to play.
+        eager: Also render after steps that the policy does not observe, as a plain environment loop does. Affects
+            only the duration.
+        watcher: See `Watcher`.
+        references: Cached reference images of this simulation's task. They affect only the duration.
+
+    Returns:
+        The episode's record, without the fields that a worker fills in.
+
+    Raises:
+        PolicyError: The policy's answer is invalid.
+        AdapterError: The simulator's rewards are not finite, or a perturbation was not delivered.
+        Exception: Whatever the simulator or the policy raises.
+    """
+    started, began = time.time(), time.perf_counter()
+    phases = Phases()
+    clean_simulation, simulation = simulation, perturbed(simulation, episode, references)
+    with phases.timed("reset"):
+        simulation.reset(episode.seed)
+    with phases.timed("inference"):
+        policy.reset([episode])
+    if isinstance(simulation, Perturbed):
+        simulation.check_start()
+    state_hash = simulation.state_hash()
+    spec, protocol = simulation.action_spec, episode.protocol
+    low, high = spec.low, spec.high
+    ignored = [ACTION_NAMES.index(name) for name in spec.ignored]
+
+    actions = hashlib.sha256()
+    routing: Routing | None = None
+    answer_times: list[float] = []
+    steps = held = clipped = 0
+    success_once = terminated = False
+    reward = 0.0
+    if watcher:
+        watcher(simulation, steps)
+    while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
+        query = _observe(simulation, policy, episode, steps, phases)
+        if isinstance(simulation, Perturbed) and query.observation is not None:
+            simulation.check_instruction(query.observation.instruction)
+        asked = time.perf_counter()
+        with phases.timed("inference"):
+            decision = _ask(policy, query)
+            chunk = check_chunk(decision.actions)
+        answer_times.append(time.perf_counter() - asked)
+        if routing is None and decision.routing is not None:
+            routing = check_routing(decision.routing)
+        chunk = chunk[: min(protocol.replan_every, protocol.horizon - steps)]
+        chunk[:, ignored] = 0.0
+        fitting = np.clip(chunk, low, high)
+        beyond = (np.abs(fitting - chunk) > 1e-9).any(axis=1).tolist()
+        quantised = (np.round(fitting / STATE_QUANTUM) + 0.0).astype("<f8")
+        for action, row, too_far in zip(fitting, quantised, beyond, strict=True):
+            actions.update(row.data)
+            clipped += too_far
+            with phases.timed("physics"):
+                outcome = simulation.step(action)
+            steps += 1
+            reward += outcome.reward
+            held = held + 1 if outcome.success else 0
+            success_once |= outcome.success
+            terminated = outcome.terminated
+            if watcher:
+                watcher(simulation, steps)
+            if held >= SUCCESS_HOLD or terminated:
+                break
+            if eager:
+                with phases.timed("render"):
+                    clean_simulation.observe()
+    policy.finish([episode])
+    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else None
+    if not math.isfinite(reward):
+        raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
+    return EpisodeResult.from_episode(
+        episode,
+        status=str(Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE),
+        success_once=success_once,
+        steps=steps,
+        queries=len(answer_times),
+        **_query_times(answer_times),
+        clipped_steps=clipped,
+        reward_sum=round(reward, 6),
+        state_hash=state_hash,
+        final_state_hash=simulation.state_hash(),
+        actions_hash=actions.hexdigest()[:16],
+        **(routing_fields(routing) if routing else {}),
+        delivered=_rounded(delivered.value) if delivered and delivered.value is not None else None,
+        delivered_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
+        started_at=started,
+        wall_s=time.perf_counter() - began,
+        **phases.as_fields(),
+    )
+
+
+def routing_fields(routing: Routing) -> dict[str, Any]:
+    """The fields of an `EpisodeResult` that hold a router's answer."""
+    return {
+        "inferred_task": routing.choice,
+        "routing_scores": json.dumps(dict(routing.scores), sort_keys=True),
+        "unknown_score": routing.unknown,
+        "rejected": routing.rejected,
+        "routing_s": routing.latency_s,
+    }
+
+
+def _query_times(seconds: list[float]) -> dict[str, float]:
+    """Median, 95th percentile and maximum of the answer times by nearest rank, as fields of an `EpisodeResult`."""
+    ranked = sorted(seconds)
+    last = len(ranked) - 1
+    places = {"query_p50_s": 0.5, "query_p95_s": 0.95, "query_max_s": 1.0}
+    return {name: ranked[round(place * last)] for name, place in places.items()} if ranked else {}
+
+
+def _rounded(value: float) -> float:
+    return round(value, 6)
+
+
+def _statistics_text(statistics: Mapping[str, float]) -> str:
+    """JSON text, with null for numbers that are not finite."""
+    plain = {name: _rounded(value) if math.isfinite(value) else None for name, value in statistics.items()}
+    return json.dumps(plain, sort_keys=True)
+
+
+def _observe(simulation: Simulation, policy: Policy, episode: Episode, step: int, phases: Phases) -> Query:
+    match policy.spec.sees:
+        case PolicyInput.OBSERVATION:
+            with phases.timed("render"):
+                return Query(episode, step, observation=simulation.observe())
+        case PolicyInput.PRIVILEGED_STATE:
+            with phases.timed("physics"):
+                return Query(episode, step, privileged_state=simulation.privileged_state())
+        case PolicyInput.NOTHING:
+            return Query(episode, step)
+
+
+def _ask(policy: Policy, query: Query) -> Decision:
+    decisions = policy.act([query])
+    if len(decisions) != 1 or not isinstance(decisions[0], Decision):
+        raise PolicyError(f"expected one Decision for one query, got {len(decisions)} answers")
+    return decisions[0]

@@ -1,0 +1,1 @@
+"""Policy servers: Ray actors that answer in batches, and a websocket server."""

@@ -1,0 +1,1 @@
+"""Ray sessions, and generators that run in a process per simulator."""

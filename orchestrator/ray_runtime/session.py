@@ -1,0 +1,175 @@
+"""Starts Ray on this machine or joins a cluster, and detects that Ray itself died."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import logging
+import os
+import signal
+import socket
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+_LOCAL_ENVIRONMENT = {
+    "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+}
+_PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_inlined_bytes_limit": 2**40}
+"""Send results directly: when the object store dies, Ray kills every process that reads from it without a message."""
+WORKER_BYTES = 2 * 1024**3
+"""Memory of a worker with a simulator, its renderer and a policy (bytes)."""
+RAY_PORT = 6379
+"""Default port of a cluster's head."""
+CONNECT_S = 10.0
+_VITAL = ("raylet", "gcs_server")
+_RESOURCES = (
+    ("num_cpus", "CPU", "num_cpus", 1),
+    ("num_gpus", "GPU", "num_gpus", 1),
+    ("memory", "memory", "memory_gb", 1024**3),
+)
+"""Option of a Ray actor, Ray's resource, the suite's key, and its unit."""
+
+
+class RayLost(Exception):
+    """Ray itself died, and with it every worker."""
+
+
+class NoCluster(Exception):
+    """There is no Ray cluster at the given address."""
+
+
+class NoRoom(Exception):
+    """No node has a requested resource, so that Ray would wait forever."""
+
+
+def check_address(address: str) -> None:
+    """Check an address quickly, where Ray itself would wait for minutes.
+
+    Args:
+        address: `HOST:PORT` of a cluster's head, or `auto` for a cluster on this machine.
+
+    Raises:
+        NoCluster: The address is invalid or does not answer.
+    """
+    if address == "auto":
+        return
+    host, _, port = address.rpartition(":")
+    if not host or "/" in host or not (port.isdecimal() and 0 < int(port) < 2**16):
+        raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}") from None
+
+
+@contextlib.contextmanager
+def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
+    """Run Ray during the block. If this process has already started Ray, that is used and left running.
+
+    Args:
+        address: Cluster to join, or None to start Ray on this machine, reachable from this machine only.
+        workers: Number of worker processes that must run at once. On one machine they share its cores if necessary.
+    """
+    if address is None:
+        for name, value in _LOCAL_ENVIRONMENT.items():
+            os.environ.setdefault(name, value)
+    import ray
+
+    if ray.is_initialized():
+        yield
+        return
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    on_terminate = signal.getsignal(signal.SIGTERM)
+    if address is None:
+        cores = max(os.cpu_count() or 1, workers)
+        ray.init(
+            "local",
+            num_cpus=cores,
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            _system_config=_PAST_THE_OBJECT_STORE,
+        )
+    else:
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
+    _silence_raylet()
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def room_for_workers() -> int:
+    """Number of workers for which the running Ray has cores and memory."""
+    import ray
+
+    resources = ray.cluster_resources()
+    cores = int(resources.get("CPU", 1))
+    return max(1, min(cores, int(resources.get("memory", cores * WORKER_BYTES) // WORKER_BYTES)))
+
+
+def check_room(key: str, options: Mapping[str, float]) -> None:
+    """Refuse a request for resources that no node has, for which Ray would wait forever.
+
+    Args:
+        key: The suite's key for the resources.
+        options: Options of the Ray actor: `num_cpus`, `num_gpus`, `memory` (bytes).
+
+    Raises:
+        NoRoom: No node has these resources.
+    """
+    import ray
+
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
+    for option, resource, name, unit in _RESOURCES:
+        available = max((node.get(resource, 0.0) for node in nodes), default=0.0)
+        if options.get(option, 0.0) > available:
+            raise NoRoom(
+                f"{key}.{name}: expected at most what one node has, {available / unit:g}; "
+                f"got {options[option] / unit:g}"
+            )
+
+
+def check_alive() -> None:
+    """Raise RayLost if a process of the Ray started here has died. Ray's own calls would wait forever."""
+    node = _private("worker", "_global_node")
+    for kind, process in node.dead_processes() if node else ():
+        if kind in _VITAL:
+            raise RayLost(f"Ray's {kind} died (exit status {process.returncode})")
+
+
+def answer(reference: Any) -> Any:
+    """Like `ray.get`, but does not wait forever if Ray itself died.
+
+    Raises:
+        RayLost: Ray itself has died.
+        RayError: The task failed.
+    """
+    import ray
+    from ray.exceptions import GetTimeoutError
+
+    while True:
+        try:
+            return ray.get(reference, timeout=1.0)
+        except GetTimeoutError:
+            check_alive()
+
+
+def _silence_raylet() -> None:
+    """Keep Ray's long messages about dead workers out of the display; the scheduler reports them."""
+    with contextlib.suppress(AttributeError, KeyError):
+        _private("ray_logging", "global_worker_stdstream_dispatcher").remove_handler("ray_print_logs")
+
+
+def _private(module: str, name: str) -> Any:
+    """A private name of Ray for which there is no public interface; None if this version of Ray lacks it."""
+    try:
+        return getattr(importlib.import_module(f"ray._private.{module}"), name, None)
+    except ImportError:
+        return None

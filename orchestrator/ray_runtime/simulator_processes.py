@@ -1,0 +1,129 @@
+"""Runs a generator in one process per simulator, on the Ray that is running."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import ray
+from ray.exceptions import RayError
+
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Simulator, SimulatorUnavailable
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver, worker_environment
+from robogauntlet.orchestrator.ray_runtime.session import check_alive, ray_session
+from robogauntlet.support.errors import last_line
+
+CHECK_S = 1.0
+"""Time between checks that Ray is alive."""
+
+
+@dataclass(frozen=True)
+class ProcessEnded:
+    """A simulator's process died before the end of its generator, or could not be started."""
+
+    reason: str
+
+
+def run_per_simulator(
+    generator: Callable[..., Iterator[Any]],
+    arguments: Mapping[str, tuple[Any, ...]],
+    environments: EnvironmentResolver | None = None,
+    *,
+    silence_s: float = math.inf,
+) -> Iterator[tuple[str, Any | ProcessEnded]]:
+    """Run a generator in one process per simulator, in parallel.
+
+    Args:
+        generator: Importable on every node.
+        arguments: Simulator to the arguments of its generator.
+        environments: The environment of each simulator.
+        silence_s: Time without a result after which a process is killed, including its start (s).
+
+    Yields:
+        The simulator and the next item of its generator, or as its last item `ProcessEnded`.
+
+    Raises:
+        RayLost: Ray itself has died.
+    """
+    actor: Any = _Process
+    environments = environments or EnvironmentResolver()
+    streams: dict[Any, str] = {}
+    actors: dict[str, Any] = {}  # Ray ends an actor when its last handle is gone
+    for name, its_arguments in arguments.items():
+        simulator = catalog.find(name)
+        if reason := environments.missing_reason(simulator):
+            yield name, ProcessEnded(reason)
+            continue
+        actors[name] = actor.options(num_cpus=1, runtime_env=environments.ray_runtime_env(simulator)).remote()
+        streams[actors[name].run.remote(generator, its_arguments)] = name
+    yield from _results(streams, actors, silence_s)
+
+
+def run_in_simulator_environment(
+    generator: Callable[..., Iterator[Any]],
+    simulator: Simulator,
+    arguments: tuple[Any, ...],
+    environments: EnvironmentResolver,
+) -> list[Any]:
+    """Run a generator in this process or, if the simulator has its own environment, in a process there.
+
+    Returns:
+        The items of the generator.
+
+    Raises:
+        SimulatorUnavailable: The environment is unsuitable, or the process died.
+        RayLost: Ray itself has died.
+    """
+    if environments.resolve(simulator) is None:
+        for other in catalog.simulators().values():  # before any import: simulators import each other's renderers
+            os.environ.update(worker_environment(other))
+        return list(generator(*arguments))
+    with ray_session(address=None, workers=1):
+        results = [result for _, result in run_per_simulator(generator, {simulator.name: arguments}, environments)]
+    if results and isinstance(results[-1], ProcessEnded):
+        raise SimulatorUnavailable(f"{simulator.name}: {results[-1].reason}")
+    return results
+
+
+@ray.remote(max_restarts=0, max_task_retries=0)
+class _Process:
+    """An actor instead of a task, because with a task's stream `ray.wait` exits this process when Ray dies."""
+
+    def __init__(self) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the driver decides
+
+    @ray.method(num_returns="streaming")
+    def run(self, generator: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]) -> Iterator[Any]:
+        yield from generator(*arguments)
+
+
+def _results(
+    streams: dict[Any, str], actors: Mapping[str, Any], silence_s: float
+) -> Iterator[tuple[str, Any | ProcessEnded]]:
+    checked = time.monotonic()
+    last_result = dict.fromkeys(streams, checked)
+    while streams:
+        ready, _ = ray.wait(list(streams), num_returns=1, timeout=CHECK_S, fetch_local=False)
+        if time.monotonic() - checked >= CHECK_S:  # workers may still answer for some time after Ray has died
+            check_alive()
+            checked = time.monotonic()
+        if not ready:
+            for stalled in [stream for stream in streams if time.monotonic() - last_result[stream] > silence_s]:
+                ray.kill(actors[streams[stalled]])
+                yield streams.pop(stalled), ProcessEnded(f"no result within {silence_s:g} s")
+            continue
+        stream: Any = ready[0]
+        last_result[stream] = time.monotonic()
+        try:
+            yield streams[stream], ray.get(next(stream))
+        except StopIteration:
+            del streams[stream]
+        except RayError as error:
+            check_alive()
+            yield streams.pop(stream), ProcessEnded(last_line(error))

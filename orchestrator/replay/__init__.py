@@ -1,0 +1,1 @@
+"""Replay of stored episodes: videos, verification, datasets."""

@@ -1,0 +1,65 @@
+"""Contact sheets: the first images of a task at every severity of an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Image as Pixels
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
+from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment
+from robogauntlet.suites.axes import SEVERITIES, Axis
+from robogauntlet.suites.episode import Condition, View
+
+LABEL_HEIGHT, LABEL_WIDTH, GAP = 16, 150, 4
+PAPER, INK = (255, 255, 255), (30, 30, 30)
+
+
+def render_severities(
+    task: str, axis: Axis, view: View, seed: int, environments: EnvironmentResolver | None = None
+) -> list[list[Pixels]]:
+    """Render the first images of all cameras, of the clean episode and then at each severity.
+
+    Raises:
+        AdapterError: The task cannot be opened, or does not support the axis.
+    """
+    simulator, arguments = catalog.find(task.partition("/")[0]), (task, axis, view, seed)
+    return run_in_simulator_environment(_first_images, simulator, arguments, environments or EnvironmentResolver())
+
+
+def _first_images(task: str, axis: Axis, view: View, seed: int) -> Iterator[list[Pixels]]:
+    conditions = [Condition(), *(Condition(axis.name, severity + 1) for severity in range(SEVERITIES))]
+    simulation = catalog.open_simulation(task, view)
+    try:
+        for condition in conditions:
+            yield list(first_observation(simulation, Snapshot(task, condition, seed, view)).images.values())
+    finally:
+        simulation.close()
+
+
+def draw_contact_sheet(axis: Axis, rows: Sequence[tuple[str, Sequence[Sequence[Pixels]]]]) -> Image.Image:
+    """Draw a row per task and a column per severity, with the cameras below each other.
+
+    Args:
+        axis: The axis, whose levels head the columns.
+        rows: Task and the images of `render_severities`.
+    """
+    size, cameras = rows[0][1][0][0].shape[0], len(rows[0][1][0])
+    width = LABEL_WIDTH + (SEVERITIES + 1) * (size + GAP)
+    height = LABEL_HEIGHT + len(rows) * (cameras * size + 2 * GAP)
+    page = Image.new("RGB", (width, height), PAPER)
+    draw = ImageDraw.Draw(page)
+    for severity in range(SEVERITIES + 1):
+        heading = f"{severity}: {axis.value(severity):g} {axis.unit}" if severity else "clean"
+        draw.text((LABEL_WIDTH + severity * (size + GAP), 2), heading[: size // 6], fill=INK)
+    for line, (task, columns) in enumerate(rows):
+        top = LABEL_HEIGHT + line * (cameras * size + 2 * GAP)
+        draw.text((2, top + 2), "\n".join(task.split("/")), fill=INK)
+        for severity, images in enumerate(columns):
+            stacked = Image.fromarray(np.concatenate(list(images), axis=0))
+            page.paste(stacked, (LABEL_WIDTH + severity * (size + GAP), top))
+    return page

@@ -1,0 +1,192 @@
+"""Replays chosen episodes of a run and writes them as LeRobot datasets, one per task.
+
+An episode is determined by its identity, so a run stores no frames; they are rendered again on request. An episode
+whose outcome differs from its row is omitted.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from robogauntlet.adapters.contract import Simulation
+from robogauntlet.orchestrator.demonstrations.collect import dataset_name
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
+from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
+from robogauntlet.orchestrator.replay.replay import NotReplayed, episode_of, replay, replay_rows
+from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
+from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedEpisode, encode_episode
+from robogauntlet.results.folder_lock import lock_folder
+from robogauntlet.results.record import EpisodeResult, Status
+from robogauntlet.results.run_document import RunDocument, RunStatus
+from robogauntlet.suites.episode import Condition, content_hash
+from robogauntlet.suites.selection import match_patterns
+from robogauntlet.support.errors import describe_os_error
+
+PLAYED = (str(Status.FAILURE), str(Status.SUCCESS))
+"""Statuses of episodes that can be replayed."""
+DESCRIBED = ("episode_id", "pair_id", "policy", "policy_digest", "axis", "severity", "status", "success_once")
+"""Fields of the row that are stored with each episode, under `meta/episodes`."""
+
+
+@dataclass(frozen=True)
+class EpisodeFilter:
+    """Selects episodes of a run; all failures by default."""
+
+    policies: tuple[str, ...] = ()
+    """Names, or patterns."""
+    tasks: tuple[str, ...] = ()
+    """`simulator/task`, or patterns."""
+    conditions: tuple[str, ...] = ()
+    """As `str(Condition)`: `clean`, `noise@3`, or patterns such as `noise@*`."""
+    statuses: tuple[str, ...] = (str(Status.FAILURE),)
+    limit: int | None = None
+    """Maximum per task, selected by the hashes of the ids. A larger limit adds to the selection of a smaller one."""
+
+    def select(self, document: RunDocument, rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
+        """The selected rows, in the order in which they are replayed.
+
+        Args:
+            document: The run.
+            rows: Of the run.
+
+        Raises:
+            SelectionError: A name or pattern matches nothing in the run.
+        """
+        plan = document.plan
+        policies = match_patterns(
+            "policy", self.policies, list(dict.fromkeys(cell.policy for cell in plan)), whole="run"
+        )
+        tasks = match_patterns("task", self.tasks, list(dict.fromkeys(cell.task for cell in plan)), whole="run")
+        every = list(dict.fromkeys(str(Condition(cell.axis, cell.severity)) for cell in plan))
+        conditions = match_patterns("condition", self.conditions, every, whole="run")
+        wanted = (
+            row
+            for row in rows
+            if row.status in self.statuses
+            and row.policy in policies
+            and row.task in tasks
+            and str(Condition(row.axis, row.severity)) in conditions
+        )
+        drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
+        for row in wanted:
+            selected = drawn.setdefault(row.task, [])
+            full = self.limit is not None and len(selected) >= self.limit
+            rank = -int(content_hash(row.episode_id), 16)
+            (heapq.heappushpop if full else heapq.heappush)(selected, (rank, row.episode_id, row))
+        rows = [row for selected in drawn.values() for _, _, row in selected]
+        return sorted(rows, key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
+
+
+def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode | str:
+    """Replay a row's episode and record it. Simulator errors are not raised.
+
+    Returns:
+        The episode, or a line with the reason if there is none.
+    """
+    recorders: list[TrajectoryRecorder] = []
+
+    def record(simulation: Simulation) -> Simulation:
+        recorders.append(TrajectoryRecorder(simulation))
+        return recorders[-1]
+
+    replayed = replay(row, runner, lambda simulation, step: recorders[-1].watch(simulation, step), record)
+    name = f"{row.episode_id} ({row.task}, {row.policy}, {Condition(row.axis, row.severity)}, seed {row.seed})"
+    if replayed.result.status == Status.ERROR:
+        return f"{name}: could not be played again: {replayed.result.error}"
+    if replayed.differences:
+        return f"{name}: the outcome differs and the episode is left out: {replayed.differences[0]}"
+    about = {field: getattr(row, field) for field in DESCRIBED}
+    try:
+        return encode_episode(recorders[-1].recording(about))
+    except DatasetError as error:
+        return f"{name}: {error}"
+
+
+@dataclass
+class DatasetExport:
+    """The datasets of a run's episodes."""
+
+    status: RunStatus = RunStatus.COMPLETE
+    writers: dict[str, DatasetWriter] = field(default_factory=dict)
+    """Task to its dataset."""
+    wanted: int = 0
+    existing: int = 0
+    """Number of wanted episodes that were in the datasets before."""
+    warnings: list[str] = field(default_factory=list)
+    """A line for each episode or simulator that failed."""
+
+
+def write_datasets(
+    rows: Sequence[EpisodeResult],
+    document: RunDocument,
+    sources: Mapping[str, PolicySource],
+    folder: Path,
+    on_start: Callable[[DatasetExport, int], Callable[[], None]],
+    environments: EnvironmentResolver,
+) -> DatasetExport:
+    """Replay rows in one process per simulator and write their episodes, continuing existing datasets.
+
+    Args:
+        rows: Rows of the run without errors, grouped by task.
+        document: The run.
+        sources: Its policies.
+        folder: The folder of the datasets, one per task.
+        on_start: Called with the number of episodes to replay; the returned function is called after each.
+        environments: The environment of each simulator.
+
+    Raises:
+        DatasetError: The folder contains other data.
+        FolderError: Another process writes into the folder, or it cannot be export.
+    """
+    export = DatasetExport(wanted=len(rows))
+    with lock_folder(folder):
+        for row in rows:
+            if row.task not in export.writers:
+                source = {"task": row.task, "run_id": document.run_id, "protocol": asdict(episode_of(row).protocol)}
+                export.writers[row.task] = DatasetWriter(folder / dataset_name(row.task), source, keeps=PLAYED)
+        existing = {name for writer in export.writers.values() for name in writer.about("episode_id")}
+        missing = [row for row in rows if row.episode_id not in existing]
+        export.existing = len(rows) - len(missing)
+        if missing:
+            _replay(missing, sources, export, on_start(export, len(missing)), environments)
+    return export
+
+
+def _replay(
+    missing: Sequence[EpisodeResult],
+    sources: Mapping[str, PolicySource],
+    export: DatasetExport,
+    on_replayed: Callable[[], None],
+    environments: EnvironmentResolver,
+) -> None:
+    not_replayed: Counter[NotReplayed] = Counter()
+    try:
+        try:
+            with ray_session(address=None, workers=len({row.simulator for row in missing})):
+                for row, episode in replay_rows(missing, sources, environments, record_episode):
+                    if isinstance(episode, NotReplayed):
+                        not_replayed[episode] += 1
+                    elif isinstance(episode, str):
+                        export.warnings.append(episode)
+                    else:
+                        writer = export.writers[row.task]
+                        writer.add(Attempt(row.seed, row.status, row.steps), episode)
+                        writer.flush_if_due()
+                    on_replayed()
+        finally:
+            for why, count in not_replayed.items():
+                export.warnings.append(f"{why.simulator}: {count} not played again: {why.reason}")
+            for writer in export.writers.values():
+                writer.flush()
+    except KeyboardInterrupt:
+        export.status = RunStatus.INTERRUPTED
+    except (OSError, RayLost) as error:
+        export.status = RunStatus.STOPPED
+        export.warnings.append(describe_os_error(error))

@@ -1,0 +1,119 @@
+"""Records videos of selected episodes of a run and snapshots of its conditions."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder, encode_png
+from robogauntlet.orchestrator.replay.media_selection import new_failures, representative_episodes
+from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
+from robogauntlet.results.media_paths import picture_path, snapshot_path, video_path
+from robogauntlet.results.record import EpisodeResult
+from robogauntlet.support.files import write_whole
+
+
+@dataclass(frozen=True)
+class MediaResult:
+    """The recorded files of an episode or a snapshot."""
+
+    files: Mapping[Path, bytes]
+    """Path in the run folder to its content."""
+    warning: str | None = None
+    """A line about what went wrong, if anything."""
+
+
+def pending_media(
+    folder: Path, rows: Callable[[], Iterable[EpisodeResult]], evaluated: Sequence[str], snapshots: Sequence[Snapshot]
+) -> list[Snapshot | EpisodeResult]:
+    """The snapshots and episodes to record that are not in the run folder yet.
+
+    Args:
+        folder: The run folder.
+        rows: Returns a new iterator over the run's rows at every call.
+        evaluated: Names of the policies whose failures along the axes are recorded.
+        snapshots: The snapshots of the run.
+    """
+    selected = {row.episode_id: row for row in (*representative_episodes(rows()), *new_failures(rows, evaluated))}
+    missing = (row for name, row in selected.items() if not video_path(folder, name).exists())
+    return [
+        *(item for item in snapshots if not snapshot_path(folder, item.task, item.condition).exists()),
+        *sorted(missing, key=lambda row: (row.task, row.policy)),
+    ]
+
+
+def record_media(
+    folder: Path,
+    pending: Sequence[Snapshot | EpisodeResult],
+    sources: Mapping[str, PolicySource],
+    on_recorded: Callable[[], None],
+    environments: EnvironmentResolver,
+) -> list[str]:
+    """Record videos and snapshots in one process per simulator, in parallel. Ray must be running.
+
+    Only this process writes into the run folder, because other nodes may not have access to it.
+
+    Args:
+        folder: The run folder.
+        pending: See `pending_media`.
+        sources: The run's policies.
+        on_recorded: Called after every video or snapshot.
+        environments: The environment of each simulator.
+
+    Returns:
+        A warning for each episode whose replay differs from its row, and for each snapshot and simulator that failed.
+
+    Raises:
+        RayLost: Ray itself has died. The media recorded before are in the folder.
+        OSError: The folder cannot be written.
+    """
+    warnings: dict[str, None] = {}
+    for _, media in replay_rows(pending, sources, environments, _record):
+        if isinstance(media, NotReplayed):
+            warnings[f"{media.simulator} could not be recorded: {media.reason}"] = None
+            continue
+        for path, content in media.files.items():
+            if not (folder / path).exists():  # each episode of a task yields its picture; the first one is kept
+                (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                write_whole(folder / path, content)
+        if media.warning is not None:
+            warnings[media.warning] = None
+        on_recorded()
+    return list(warnings)
+
+
+def _record(item: Snapshot | EpisodeResult, runner: EpisodeRunner) -> MediaResult:
+    return _record_snapshot(item, runner) if isinstance(item, Snapshot) else _record_video(item, runner)
+
+
+def _record_snapshot(item: Snapshot, runner: EpisodeRunner) -> MediaResult:
+    try:
+        images = first_observation(runner.simulation(item.task, item.view), item).images
+    except AdapterError as error:
+        return MediaResult({}, f"no picture: {item.task} under {item.condition}, seed {item.seed}: {error}")
+    picture = encode_png(np.concatenate(list(images.values()), axis=1))
+    return MediaResult({snapshot_path(Path(), item.task, item.condition): picture})
+
+
+def _record_video(row: EpisodeResult, runner: EpisodeRunner) -> MediaResult:
+    files, warning = {}, None
+    with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
+        video = Path(folder) / "video.mp4"
+        with VideoRecorder(video, steps=row.steps or row.horizon) as recorder:
+            replayed = replay(row, runner, recorder)
+        if replayed.differences:
+            warning = f"replay differs: {row.episode_id} ({row.task}, {row.policy}): {replayed.differences[0]}"
+        elif video.exists():
+            files[video_path(Path(), row.episode_id)] = video.read_bytes()
+    if recorder.first is not None:
+        files[picture_path(Path(), row.task)] = encode_png(recorder.first)
+    return MediaResult(files, warning)

@@ -1,0 +1,1 @@
+"""Evaluates the routers of a merged checkpoint on first observations."""

@@ -1,0 +1,179 @@
+"""Evaluates how well each router of a merged model infers the task from first observations.
+
+The metrics are those of a run's report: answers become the columns that `robogauntlet.results.analysis.routing` reads.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from robogauntlet.orchestrator.episodes.rollout import routing_fields
+from robogauntlet.orchestrator.routing_evaluation.first_observations import collect_first_observations
+from robogauntlet.policies.contract import check_routing
+from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.policies.single_policy import device_here
+from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet, first_observations
+from robogauntlet.policies.mergevla.routing.evaluation import (
+    LeaveOneOutScores,
+    RoutedObservation,
+    RouterAnswers,
+    all_routers,
+    evaluate_routers,
+    unknown_tasks,
+)
+from robogauntlet.policies.training.dataset import datasets_of
+from robogauntlet.results.analysis.routing import Detection, Router, detection, router_of
+from robogauntlet.suites.episode import RenderProfile, View
+
+Listener = Callable[[str, int, int], None]
+"""Called with the activity, the number of finished steps and the total."""
+
+
+@dataclass(frozen=True)
+class RoutingStudyRequest:
+    """The checkpoint and the episodes to evaluate its routers on."""
+
+    checkpoint: str
+    """Folder or hub id of a merged checkpoint."""
+    seeds: Sequence[int]
+    """Seeds of the episodes, which are clean and not used in training."""
+    keep: Path | None = None
+    """Folder in which first observations are cached."""
+    demonstrations: tuple[Path, ...] = ()
+    """Datasets, or folders of them, for the evaluation on tasks that are left out of the fit."""
+
+
+@dataclass(frozen=True)
+class RouterResult:
+    """One router on all first observations."""
+
+    router: str
+    sees_instruction: bool
+    passes: int
+    """Backbone passes for one decision."""
+    quality: Router
+    latency_in_passes: float
+    """Median time of a decision divided by that of a backbone pass."""
+
+
+@dataclass(frozen=True)
+class UnknownResult:
+    """How well a fitted router detects tasks that it was not fitted to."""
+
+    router: str
+    sees_instruction: bool
+    by_task: Mapping[str, Detection]
+    """Task that was left out of the fit, to the separation of its first observations from those of the others."""
+
+
+@dataclass(frozen=True)
+class RoutingStudy:
+    """The results of a study."""
+
+    request: RoutingStudyRequest
+    digest: str
+    """Hash of the merged model."""
+    view: View
+    tasks: tuple[str, ...]
+    """Evaluated tasks."""
+    skipped: dict[str, str]
+    """Simulator that is not installed here, to the reason."""
+    unfitted: bool
+    """Whether the checkpoint has no fitted routers."""
+    pass_s: float
+    """Median time of one backbone pass over one first observation (s)."""
+    routers: tuple[RouterResult, ...]
+    unknown: tuple[UnknownResult, ...]
+    """Empty without demonstrations."""
+
+
+def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingStudy:
+    """Evaluate all routers on first observations of the model's tasks, with one thread, like a policy in a worker.
+
+    Raises:
+        PolicyError: The checkpoint or the demonstrations cannot be used.
+        FirstObservationError: A task cannot be observed.
+        OSError: The cache of first observations cannot be written.
+    """
+    torch.set_num_threads(1)
+    checkpoint = load_merged(request.checkpoint)
+    metadata, routers = checkpoint.metadata, all_routers(checkpoint.fitted)
+    training_set = _training_set(checkpoint, request.demonstrations)  # first, because it finds mistakes early
+    view = View(metadata.architecture.cameras, metadata.architecture.image_size, RenderProfile.FAST)
+    with ExitStack() as stack:
+        folder = request.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        collected = collect_first_observations(metadata.experts, view, request.seeds, folder, listener)
+    observations = {task: cache.observations(request.seeds) for task, cache in collected.by_task.items()}
+    model = MergedModel(checkpoint.parts, device=device_here())
+    evaluation = evaluate_routers(
+        routers,
+        model,
+        [observation for of_task in observations.values() for observation in of_task],
+        listener=lambda done, wanted: listener("routing", done, wanted),
+    )
+    unknown: tuple[UnknownResult, ...] = ()
+    if training_set:
+        left_out = unknown_tasks(
+            model, training_set, observations, listener=lambda *done: listener("leaving tasks out", *done)
+        )
+        unknown = tuple(
+            UnknownResult(
+                result.router,
+                result.sees_instruction,
+                {task: detection_of(scores) for task, scores in result.by_task.items()},
+            )
+            for result in left_out
+        )
+    return RoutingStudy(
+        request=request,
+        digest=metadata.digest,
+        view=view,
+        tasks=tuple(observations),
+        skipped=collected.skipped,
+        unfitted=not checkpoint.fitted,
+        pass_s=evaluation.pass_s,
+        routers=tuple(_result(judged, evaluation.pass_s) for judged in evaluation.routers),
+        unknown=unknown,
+    )
+
+
+def quality_of(trials: Sequence[RoutedObservation]) -> Router:
+    """A router's metrics, computed from its answers like from a run's rows."""
+    rows = [
+        {"simulator": trial.task.partition("/")[0], "task": trial.task, **routing_fields(check_routing(trial.routing))}
+        for trial in trials
+    ]
+    quality = router_of(pd.DataFrame(rows))
+    assert quality is not None
+    return quality
+
+
+def detection_of(scores: LeaveOneOutScores) -> Detection:
+    """How well these scores separate the left-out task from the others."""
+    known, unknown = (
+        pd.DataFrame({"unknown_score": values, "rejected": [value > scores.threshold for value in values]})
+        for values in (scores.known, scores.unknown)
+    )
+    result = detection(known, unknown)
+    assert result is not None
+    return result
+
+
+def _result(judged: RouterAnswers, pass_s: float) -> RouterResult:
+    quality = quality_of(judged.answers)
+    latency_in_passes = quality.latency.median_s / pass_s
+    return RouterResult(judged.router, judged.sees_instruction, judged.passes, quality, latency_in_passes)
+
+
+def _training_set(checkpoint: MergedCheckpoint, folders: Sequence[Path]) -> RouterTrainingSet | None:
+    if not folders:
+        return None
+    return first_observations(datasets_of(folders, checkpoint.metadata.experts), checkpoint.parts.architecture.cameras)

@@ -1,0 +1,1 @@
+"""Plans, starts and continues runs, and observes them."""

@@ -1,0 +1,322 @@
+"""Turns a suite file into a plan, and determines its remaining work. Starts and writes nothing."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from robogauntlet import suites
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
+from robogauntlet.adapters.scene_control import ADJUSTABLE
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, key_of, progression
+from robogauntlet.policies import catalog as policies
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, check_fit
+from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
+from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
+from robogauntlet.suites.episode import Cell
+from robogauntlet.suites.loading import Problem, SuiteError, load_suite
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
+from robogauntlet.suites.schema import PolicyEntry, Suite
+from robogauntlet.suites.selection import SelectionError, SuiteSelection
+
+SHIPPED = Path(suites.__file__).parent
+WHOLE = SuiteSelection()
+
+
+class PlanError(Exception):
+    """A suite that cannot be run; one line per problem."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A validated suite with everything resolved."""
+
+    suite: Suite
+    path: Path
+    text: str
+    """The suite file, word for word."""
+    suite_hash: str
+    cells: tuple[Cell, ...]
+    sources: Mapping[str, PolicySource]
+    unavailable: Mapping[str, str]
+    """Simulators of the suite that are not installed or whose environment is unsuitable, each with the reason."""
+    unsupported: tuple[Unsupported, ...] = ()
+    """Axes that some tasks of the suite do not support; their cells are not planned."""
+    not_installed: Mapping[str, str] = field(default_factory=dict)
+    """Policies whose packages are not installed, each with the reason. Whether they fit the suite was not checked."""
+    environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
+    """The environment of each simulator."""
+
+    @property
+    def simulators(self) -> list[str]:
+        """Simulators of the suite, in its order."""
+        return list(dict.fromkeys(cell.simulator for cell in self.cells))
+
+    @property
+    def episodes(self) -> int:
+        """Number of planned episodes."""
+        return len(self.cells) * self.suite.seeds.count
+
+    def planned_cells(self, seeds: Mapping[Cell, int] | None = None) -> tuple[PlannedCell, ...]:
+        """The plan as the run document holds it.
+
+        Args:
+            seeds: Number of planned seeds of each cell; by default that of the suite.
+        """
+        return tuple(
+            PlannedCell(
+                simulator=cell.simulator,
+                task=cell.task,
+                policy=cell.policy,
+                policy_digest=cell.policy_digest,
+                axis=cell.condition.axis,
+                severity=cell.condition.severity,
+                planned=self.suite.seeds.count if seeds is None else seeds.get(cell, 0),
+            )
+            for cell in self.cells
+        )
+
+
+def find_suite(name: str) -> Path:
+    """The path of a suite file, or of the shipped suite of that name.
+
+    Raises:
+        SuiteError: A name without a suffix that is neither.
+    """
+    path = Path(name)
+    if path.suffix or path.exists():
+        return path
+    shipped = {file.stem: file for file in SHIPPED.glob("*.yaml")}
+    if name not in shipped:
+        message = f"no such file, and no shipped suite of that name{did_you_mean(name, shipped)}"
+        raise SuiteError([Problem(name, None, message)])
+    return shipped[name]
+
+
+def load_registry() -> Registry:
+    """All tasks and policies that entry points declare, installed or not."""
+    return Registry(
+        tasks={
+            f"{simulator.name}/{task}": KnownTask(card.horizon, simulator.internal)
+            for simulator in simulators.simulators().values()
+            for task, card in simulator.tasks.items()
+        },
+        policies={
+            kind.name: KnownPolicy(
+                frozenset(kind.options),
+                kind.tasks() if kind.tasks else None,
+                bool(kind.requirements or kind.without_dependencies),
+            )
+            for kind in policies.kinds().values()
+        },
+        axes={axis.name: len(axis.levels) for axis in AXES.values()},
+    )
+
+
+def make_plan(
+    path: Path, *, part: SuiteSelection = WHOLE, only: Sequence[str] = (), require_installed: bool = True
+) -> Plan:
+    """Read, validate and resolve a suite.
+
+    Args:
+        path: The suite file.
+        part: The part of the suite to plan.
+        only: Simulators that must be available.
+        require_installed: Whether a simulator of the suite and the packages of its policies must be installed, as a
+            run requires. If not, what is missing is listed in the plan.
+
+    Raises:
+        SuiteError: The file is wrong.
+        PlanError: The suite is valid but cannot be run.
+    """
+    names = load_registry()
+    try:
+        suite = part.apply_to(load_suite(path, names))
+    except SelectionError as error:
+        raise PlanError(f"{path}: {error}") from None
+    environments = EnvironmentResolver(suite.environments)
+    sources, not_installed, problems = _resolve_policies(suite, environments)
+    if require_installed:
+        problems += [f"policy '{name}': {reason}" for name, reason in not_installed.items()]
+    unsupported = _unsupported_axes(suite)
+    problems += [*_axes_without_a_task(suite, unsupported), *_missing_cameras(suite)]
+    if problems:
+        raise SuiteError([Problem(str(path), None, problem) for problem in problems])
+    digests = {name: str(source.digest) for name, source in sources.items()}
+    without = {(gap.axis, gap.task) for gap in unsupported}
+    cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
+    return Plan(
+        suite=suite,
+        path=path,
+        text=path.read_text(encoding="utf-8"),
+        suite_hash=suite.content_hash(digests, names),
+        cells=cells,
+        sources=sources,
+        unavailable=_unavailable_simulators(
+            dict.fromkeys(cell.simulator for cell in cells), environments, only, require_one=require_installed
+        ),
+        not_installed=not_installed,
+        unsupported=unsupported,
+        environments=environments,
+    )
+
+
+def _resolve_policies(
+    suite: Suite, environments: EnvironmentResolver
+) -> tuple[dict[str, PolicySource], dict[str, str], list[str]]:
+    """Find what each policy is built from.
+
+    Returns:
+        The sources by the policies' names; the policies that are not installed, each with the reason; a line for each
+        policy that cannot be used.
+    """
+    sources: dict[str, PolicySource] = {}
+    not_installed: dict[str, str] = {}
+    problems: list[str] = []
+    names_by_digest: dict[str, str] = {}
+    for entry in suite.policies:
+        try:
+            source, missing = _resolve_policy(entry, suite, environments)
+        except PolicyMismatch as error:
+            problems.append(f"policy '{entry.name}' does not fit: {error}")
+            continue
+        except PolicyError as error:
+            problems.append(f"policy '{entry.name}': {error}")
+            continue
+        if missing:
+            not_installed[entry.name] = missing
+        if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
+            problems.append(f"policies '{first}' and '{entry.name}' are the same policy; remove one")
+        sources[entry.name] = source
+    return sources, not_installed, problems
+
+
+def _resolve_policy(entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver) -> tuple[PolicySource, str]:
+    """Find what a policy is built from, and why it is not installed ("" if it is).
+
+    Raises:
+        PolicyError: The policy cannot be used.
+        PolicyMismatch: It does not fit the suite.
+    """
+    try:
+        options = environments.options(entry.kind, entry.options)
+    except PolicyNotInstalled as error:
+        try:
+            digest = policies.digest(entry.kind, entry.options)
+        except PolicyError:
+            raise error from None
+        return PolicySource(entry.kind, entry.options, digest), str(error)
+    source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
+    try:
+        spec = policies.spec(entry.kind, options)
+    except PolicyNotInstalled as error:
+        return source, str(error)
+    check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
+    return source, ""
+
+
+def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
+    """Pairs of an axis of the suite and a task that does not support it."""
+    cards = simulators.task_descriptions()
+    axes = dict.fromkeys(filter(None, map(axis_of, suite.all_conditions())))
+    return tuple(
+        Unsupported(axis=axis.name, task=task, reason=reason)
+        for axis in axes
+        for task in suite.tasks
+        if (reason := why_unadjusted(axis, task) or why_unsupported(axis, cards[task].instruction))
+    )
+
+
+def _axes_without_a_task(suite: Suite, unsupported: Sequence[Unsupported]) -> Iterator[str]:
+    """For axes that no task of the suite supports, a line per task."""
+    tasks = Counter(gap.axis for gap in unsupported)
+    for gap in unsupported:
+        if tasks[gap.axis] == len(suite.tasks):
+            yield f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
+
+
+def _missing_cameras(suite: Suite) -> Iterator[str]:
+    """A line for each task that lacks a camera of the suite."""
+    cards = simulators.task_descriptions()
+    for task in suite.tasks:
+        for camera in suite.cameras:
+            if camera not in cards[task].cameras:
+                yield f"task '{task}' has no camera '{camera}'; write cameras: [{', '.join(cards[task].cameras)}]"
+
+
+def _unavailable_simulators(
+    names: Collection[str], environments: EnvironmentResolver, required: Sequence[str], *, require_one: bool
+) -> dict[str, str]:
+    """The simulators that cannot run on this machine, each with the reason.
+
+    Raises:
+        PlanError: A required simulator is not in the suite or cannot run; with `require_one`, none can run.
+    """
+    unavailable = {name: reason for name in names if (reason := environments.missing_reason(simulators.find(name)))}
+    unknown = [
+        f"{name}: the suite does not use this simulator{did_you_mean(name, names)}"
+        for name in required
+        if name not in names
+    ]
+    none_can_run = len(unavailable) == len(names)
+    broken = unavailable if require_one and none_can_run else [name for name in required if name in unavailable]
+    problems = [*unknown, *(f"{name}: {unavailable[name]}" for name in broken)]
+    if problems:
+        raise PlanError("\n".join(problems))
+    return unavailable
+
+
+def remaining_work(plan: Plan, outcomes: Outcomes, skipped: Collection[str] = ()) -> Progression:
+    """The remaining work of a plan; for an adaptive suite, of the current round.
+
+    Args:
+        plan: The plan.
+        outcomes: Outcomes of the played episodes.
+        skipped: Simulators that cannot run here, besides the plan's unavailable ones.
+    """
+    suite, sides = plan.suite, plan.suite.comparison
+    cells = [cell for cell in plan.cells if cell.simulator not in {*plan.unavailable, *skipped}]
+    if suite.adaptive is not None and sides is not None:
+        return progression(cells, suite.seeds, suite.adaptive, sides, outcomes)
+    missing = ((cell, _missing_seeds(cell, suite, outcomes)) for cell in cells)
+    work = [(cell, seeds) for cell, seeds in missing if seeds]
+    return Progression(work, planned=dict.fromkeys(plan.cells, suite.seeds.count))
+
+
+def _missing_seeds(cell: Cell, suite: Suite, outcomes: Outcomes) -> Sequence[int]:
+    played = outcomes.get(key_of(cell), {})
+    return array("q", (seed for seed in suite.seeds if seed not in played))
+
+
+def why_unadjusted(axis: Axis, task: str) -> str | None:
+    """Why a task does not support an axis that changes the scene, or None."""
+    part, simulator = str(axis.changes), simulators.find(task.partition("/")[0])
+    if part in ADJUSTABLE and part not in simulator.adjusts:
+        return f"{simulator.title} does not let its {part} be adjusted"
+    return simulators.task_descriptions()[task].fixed.get(part)
+
+
+def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:
+    """Refuse to continue a run with another suite or with changed policies.
+
+    Raises:
+        PlanError: The plan differs from the run; the message says how.
+    """
+    if plan.suite_hash == document.suite_hash:
+        return
+    begun = {cell.policy: cell.policy_digest for cell in document.plan}
+    changed = [name for name, source in plan.sources.items() if begun.get(name, source.digest) != source.digest]
+    if document.suite.name != plan.suite.name:
+        why = f"it holds a run of suite '{document.suite.name}', not '{plan.suite.name}'"
+    elif changed:
+        why = f"policy '{changed[0]}' has changed since the run was begun"
+    else:
+        why = f"suite '{plan.suite.name}' plans other episodes than when the run was begun"
+    raise PlanError(f"{folder}: {why}; give another folder with --out")

@@ -1,1 +1,0 @@
-"""Lets RoboGauntlet play the simulator toysim."""

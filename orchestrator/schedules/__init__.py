@@ -1,0 +1,1 @@
+"""Scheduled runs: their times, their outcomes and the process that starts them."""

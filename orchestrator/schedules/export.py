@@ -1,0 +1,121 @@
+"""Renders schedules for systemd timers, cron and GitHub Actions. Nothing is installed."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+
+from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, expanded, parsed
+
+DAYS = ("Sun", "Mon", "Tue", "Wed", "Thu", "Fri", "Sat")
+
+
+class Target(StrEnum):
+    """Program that starts the runs."""
+
+    SYSTEMD = "systemd"
+    CRON = "cron"
+    GITHUB = "github"
+
+
+def render_for(schedule: Schedule, target: Target, root: Path) -> str:
+    """Render a schedule as the configuration of another program.
+
+    Args:
+        schedule: The schedule.
+        target: The program.
+        root: Working directory of the runs.
+
+    Raises:
+        ScheduleError: The program cannot run this schedule.
+    """
+    return {Target.SYSTEMD: _systemd, Target.CRON: _cron, Target.GITHUB: _github}[target](schedule, root)
+
+
+def _command(schedule: Schedule, program: str, folder: str) -> tuple[str, str | None]:
+    """The shell commands of a run and of its regression check."""
+    run = " ".join([program, "run", *map(shlex.quote, (schedule.suite, *schedule.arguments)), "--out", folder])
+    return run, f"{program} gate {folder}" if schedule.gate else None
+
+
+def _program() -> str:
+    return shlex.quote(str(Path(sys.executable).with_name("robogauntlet")))
+
+
+def _cron(schedule: Schedule, root: Path) -> str:
+    stamp = r"runs/" + schedule.name + r"-$(date -u +\%Y\%m\%d-\%H\%M\%S)"
+    run, gate = _command(schedule, _program(), '"$RUN"')
+    commands = f"cd {shlex.quote(str(root))} && RUN={stamp} && {run}" + (f" && {gate}" if gate else "")
+    # Debian's cron has only the machine's time zone.
+    note = "# cronie reads CRON_TZ; other crons (Debian, Ubuntu) use the machine's time zone\n"
+    return f"{note}CRON_TZ={schedule.timezone}\n{' '.join(expanded(schedule.cron))} {commands}\n"
+
+
+def _systemd(schedule: Schedule, root: Path) -> str:
+    run, gate = _command(schedule, _program(), '"$RUN"')
+    # Per cent and dollar signs are special in a unit.
+    shell = f"RUN=runs/{schedule.name}-$(date -u +%Y%m%d-%H%M%S) && {run}" + (f" && {gate}" if gate else "")
+    shell = shell.replace("%", "%%").replace("$", "$$")
+    events = "\n".join(f"OnCalendar={event} {schedule.timezone}" for event in on_calendar(schedule.cron))
+    return f"""# /etc/systemd/system/robogauntlet-{schedule.name}.service
+[Unit]
+Description=RoboGauntlet: {schedule.name}
+
+[Service]
+Type=oneshot
+WorkingDirectory={str(root).replace("%", "%%")}
+ExecStart=/bin/sh -c {shlex.quote(shell)}
+
+# /etc/systemd/system/robogauntlet-{schedule.name}.timer
+[Unit]
+Description=RoboGauntlet: {schedule.name}
+
+[Timer]
+{events}
+Persistent={"false" if schedule.catch_up == "skip" else "true"}
+
+[Install]
+WantedBy=timers.target
+"""
+
+
+def on_calendar(cron: str) -> list[str]:
+    """Convert a cron expression into systemd's calendar events, one of which must match. Raises ScheduleError."""
+    fields, times = expanded(cron), parsed(cron, datetime.now(UTC))
+    numbers = [times.minutes, times.hours, times.days, times.months]
+    minute, hour, day, month = (
+        field if field == "*" else ",".join(map(str, sorted(values)))
+        for field, values in zip(fields, numbers, strict=False)
+    )
+    weekdays = sorted({number % 7 for number in times.weekdays if isinstance(number, int)})
+    week = "" if fields[4] == "*" else ",".join(DAYS[number] for number in weekdays) + " "
+    if times.day_and:
+        return [f"{week}*-{month}-{day} {hour}:{minute}:00"]
+    return [f"*-{month}-{day} {hour}:{minute}:00", f"{week}*-{month}-* {hour}:{minute}:00"]
+
+
+def _github(schedule: Schedule, root: Path) -> str:
+    """The workflow of `examples/github-nightly.yml` with the time and arguments of this schedule."""
+    if schedule.timezone not in ("UTC", "Etc/UTC"):
+        raise ScheduleError(
+            f"time zone '{schedule.timezone}': GitHub runs schedules in UTC; add one with --timezone UTC"
+        )
+    template = (Path(__file__).parent / "github-nightly.yml").read_text(encoding="utf-8")
+    suite = Path(schedule.suite)
+    if suite.is_absolute():
+        if not suite.is_relative_to(root):
+            raise ScheduleError(
+                f"suite {suite}: GitHub has only the files of the repository; expected the suite under {root}"
+            )
+        suite = suite.relative_to(root)
+    arguments = "".join(f" {shlex.quote(argument)}" for argument in schedule.arguments)
+    return (
+        template.replace("name: nightly robogauntlet", f"name: {schedule.name}", 1)
+        .replace('cron: "17 2 * * *"', f'cron: "{" ".join(expanded(schedule.cron))}"', 1)
+        .replace("SUITE: suites/smoke.yaml", f"SUITE: {json.dumps(str(suite))}", 1)
+        .replace('robogauntlet run "$SUITE"', f'robogauntlet run "$SUITE"{arguments}', 1)
+    )

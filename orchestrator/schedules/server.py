@@ -1,0 +1,215 @@
+"""The schedule server: the process that starts runs when they are due.
+
+It may be killed at any moment, since its state is in the database. Each due run is recorded once
+(`ScheduleStore.record_due`) and has its own folder, in which it is started or continued. A run continues without the
+server; the next server waits for it (the lock of the folder is released when its process ends).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from robogauntlet.orchestrator.schedules.run_process import (
+    RunProcess,
+    SendMessage,
+    begin,
+    conclude,
+    has_ended,
+    is_running,
+    missed,
+)
+from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, ScheduledRun, State
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.store.database import Database, StoreError
+from robogauntlet.results.store.run_history import History
+from robogauntlet.support.files import exclusive
+
+LATE_S = 60.0
+"""A run that was due longer ago and has not started is a missed one (s)."""
+POLL_S = 1.0
+MAX_KILLS = 3
+"""Number of times that the process of a run may be killed before the run is given up."""
+STOP_TIMEOUT_S = 30.0
+"""Time for a run to store its rows when the server is stopped (s)."""
+_ADVISORY = 0x60D9_4A11
+"""Number of the lock on PostgreSQL."""
+
+
+class AlreadyRunning(Exception):
+    """Another schedule server runs on the same store."""
+
+
+class Server:
+    """Starts, watches and concludes runs."""
+
+    def __init__(
+        self,
+        schedule_store: ScheduleStore,
+        history: History,
+        root: Path,
+        *,
+        send: SendMessage,
+        log: Callable[[str], None],
+        max_parallel: int = 1,
+        now: Callable[[], float] = time.time,
+    ) -> None:
+        """Prepare to serve.
+
+        Args:
+            schedule_store: Store of the schedules.
+            history: History of the runs.
+            root: Folder of the run folders.
+            send: Sends a notification.
+            log: Takes lines about the progress.
+            max_parallel: Largest number of simultaneous runs; two runs of a suite are never simultaneous.
+            now: Returns the time (seconds since 1970, UTC).
+        """
+        self._store, self._history, self._root = schedule_store, history, root
+        self._send, self._log, self._max_parallel, self._now = send, log, max_parallel, now
+        self._processes: list[RunProcess] = []
+        self._kills: dict[tuple[str, float], int] = {}
+
+    def serve(self) -> None:
+        """Serve until stopped from outside; then let the runs store what they have."""
+        try:
+            while True:
+                try:
+                    self.step()
+                except StoreError as error:  # the database may be back later
+                    self._log(f"the schedules cannot be read: {error}; trying again")
+                time.sleep(POLL_S)
+        finally:
+            self.stop()
+
+    def step(self) -> None:
+        """Start, watch and conclude runs once. Raises StoreError."""
+        for running in list(self._processes):
+            code = running.process.poll()
+            if code is not None:
+                self._processes.remove(running)
+                self._ended(running, code)
+        self._store.record_due(self._now(), self.folder)
+        schedules = {schedule.name: schedule for schedule in self._store.schedules()}
+        busy = self._adopt(schedules)
+        for schedule in schedules.values():
+            for scheduled_run in self._wanted(schedule):
+                if len(busy) >= self._max_parallel or schedule.suite in busy:
+                    break
+                busy.append(schedule.suite)
+                self._begin(schedule, scheduled_run)
+
+    def play(self, schedule: Schedule, scheduled_run: ScheduledRun) -> ScheduledRun:
+        """Run one scheduled run and wait for it. Raises StoreError, OSError."""
+        self._store.change(scheduled_run, state=State.RUNNING, began_at=time.time())
+        running = begin(schedule, scheduled_run, self._history.url)
+        try:
+            code = running.process.wait()
+        except KeyboardInterrupt:
+            self._processes.append(running)
+            self.stop()
+            raise
+        return conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+
+    def stop(self) -> None:
+        """Interrupt the runs and wait until they have stored their rows. The next server continues them."""
+        for running in self._processes:
+            running.process.send_signal(signal.SIGTERM)
+        for running in self._processes:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                running.process.wait(STOP_TIMEOUT_S)
+        self._processes = []
+
+    def folder(self, schedule: Schedule, due_at: float) -> str:
+        """Return the run folder of a schedule and a due time."""
+        moment = datetime.fromtimestamp(due_at, UTC)
+        return str((self._root / f"{schedule.name}-{moment:%Y%m%d-%H%M%S}").absolute())
+
+    def _wanted(self, schedule: Schedule) -> list[ScheduledRun]:
+        """The due runs of a schedule that are to start, the oldest first; the others are recorded as missed."""
+        due = self._store.scheduled_runs(schedule=schedule.name, state=State.DUE)[::-1]
+        manual = [scheduled_run for scheduled_run in due if scheduled_run.manual]
+        clock = [scheduled_run for scheduled_run in due if not scheduled_run.manual]
+        keep = clock
+        if schedule.catch_up is CatchUp.SKIP:
+            keep = [scheduled_run for scheduled_run in clock if self._now() - scheduled_run.due_at <= LATE_S]
+        elif schedule.catch_up is CatchUp.LATEST:
+            keep = clock[-1:]
+        if lost := [scheduled_run for scheduled_run in clock if scheduled_run not in keep]:
+            self._log(f"{schedule.name}: missed, {missed(self._store, lost, self._send)}")
+        return sorted(manual + keep, key=lambda scheduled_run: scheduled_run.due_at)
+
+    def _adopt(self, schedules: dict[str, Schedule]) -> list[str]:
+        """Return the suites in progress; wait for, continue or conclude the runs of an earlier server."""
+        busy = [running.schedule.suite for running in self._processes]
+        ours = {(running.scheduled_run.schedule, running.scheduled_run.due_at) for running in self._processes}
+        for scheduled_run in self._store.scheduled_runs(state=State.RUNNING)[::-1]:
+            if (scheduled_run.schedule, scheduled_run.due_at) in ours:
+                continue
+            schedule = schedules.get(scheduled_run.schedule)
+            if is_running(Path(scheduled_run.folder)):
+                busy.append(schedule.suite if schedule else scheduled_run.schedule)
+            elif schedule is None:
+                self._store.change(
+                    scheduled_run, state=State.FAILED, outcome="the schedule was removed while the run was in progress"
+                )
+            elif has_ended(Path(scheduled_run.folder)):
+                self._conclude(schedule, scheduled_run, None)
+            elif len(busy) < self._max_parallel and schedule.suite not in busy:
+                self._log(f"{schedule.name}: continuing {Path(scheduled_run.folder).name}")
+                busy.append(schedule.suite)
+                self._begin(schedule, scheduled_run)
+        return busy
+
+    def _begin(self, schedule: Schedule, scheduled_run: ScheduledRun) -> None:
+        if scheduled_run.state is State.DUE:
+            self._store.change(scheduled_run, state=State.RUNNING, began_at=time.time())
+            self._log(f"{schedule.name}: {Path(scheduled_run.folder).name} starts")
+        try:
+            self._processes.append(begin(schedule, scheduled_run, self._history.url))
+        except OSError as error:
+            outcome = f"the run could not start: {error.strerror}"
+            self._log(f"{schedule.name}: {outcome}")
+            self._store.change(scheduled_run, state=State.FAILED, ended_at=time.time(), outcome=outcome)
+
+    def _ended(self, running: RunProcess, code: int) -> None:
+        key = (running.scheduled_run.schedule, running.scheduled_run.due_at)
+        if code > 0 and is_running(Path(running.scheduled_run.folder)):
+            return  # the process of an earlier server was faster; wait for that one
+        if code < 0:  # killed, for example when memory is exhausted
+            self._kills[key] = self._kills.get(key, 0) + 1
+            self._log(f"{running.schedule.name}: its process was killed (signal {-code})")
+            if self._kills[key] < MAX_KILLS:
+                return  # it will be adopted and continued
+        self._conclude(running.schedule, running.scheduled_run, code)
+
+    def _conclude(self, schedule: Schedule, scheduled_run: ScheduledRun, code: int | None) -> None:
+        closed = conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+        self._log(f"{schedule.name}: {closed.state}, {closed.outcome}")
+
+
+@contextlib.contextmanager
+def exclusive_server(database: Database, root: Path) -> Iterator[None]:
+    """Keep other servers from these schedules while the block runs.
+
+    Raises:
+        AlreadyRunning: Another server runs.
+        StoreError: The database cannot be reached.
+    """
+    if database.engine.dialect.name == "postgresql":
+        with database.reading() as connection:
+            connection.detach()  # so that it is closed afterwards, which releases the lock
+            if not connection.scalar(sa.select(sa.func.pg_try_advisory_lock(_ADVISORY))):
+                raise AlreadyRunning(f"another schedule server runs on {database.where}")
+            connection.commit()  # the lock needs the connection, not a transaction
+            yield
+        return
+    with exclusive(root / ".schedule.lock", AlreadyRunning(f"another schedule server runs on {root}")):
+        yield

@@ -1,0 +1,1 @@
+"""Which worker plays which episodes next, and the pool of Ray workers."""

@@ -1,0 +1,67 @@
+"""The Ray actor around an `EpisodeRunner`: one simulator process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import psutil
+import ray
+
+from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.inference.ray_policy_server import served_policies
+from robogauntlet.orchestrator.scheduling.worker_pool import Unavailable
+from robogauntlet.suites.episode import View
+from robogauntlet.support.errors import describe
+
+Job = Callable[[EpisodeRunner, Lease], Iterator[Any]]
+"""Plays a lease and yields a result for each episode, in order. Pickled and sent to each worker.
+
+It raises AdapterError or PolicyError if the lease's task cannot be played at all."""
+
+
+@ray.remote
+class Worker:
+    """Plays leases one after the other and streams their results."""
+
+    def __init__(self, name: str, sources: Mapping[str, PolicySource], job: Job, server: Any = None) -> None:
+        # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        remote_policies = served_policies(server, sources) if server else None
+        self._runner = EpisodeRunner(sources, name, remote_policies)
+        self._job = job
+        self._process = psutil.Process()
+
+    def identify(self) -> tuple[int, str]:
+        """Process id and node name."""
+        return os.getpid(), os.uname().nodename
+
+    def prepare(self, task: str, view: View) -> Readiness | Unavailable:
+        """Open a task."""
+        try:
+            return self._runner.prepare(task, view)
+        except AdapterError as error:
+            return Unavailable(str(error))
+        except Exception as error:  # a missing driver can raise anything
+            return Unavailable(describe(error))
+
+    @ray.method(num_returns="streaming")
+    def play(self, lease: Lease) -> Iterator[tuple[list[Any], int, bool]]:
+        """Play a lease and yield its results in order, short episodes in batches.
+
+        Yields:
+            Results, the memory of this process (bytes), and whether the lease is complete.
+        """
+        batch: list[Any] = []
+        sent = time.perf_counter()
+        for left, result in zip(reversed(range(len(lease.seeds))), self._job(self._runner, lease), strict=True):
+            batch.append(result)
+            if not left or time.perf_counter() - sent >= lease.message_s:
+                yield batch, self._process.memory_info().rss, not left
+                batch, sent = [], time.perf_counter()

@@ -1,0 +1,366 @@
+"""Distributes episodes to workers and stores each result exactly once, despite worker failures.
+
+A `WorkerPool` supplies the workers: Ray actors, or in tests a simulation of a thousand of them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
+from robogauntlet.orchestrator.ray_runtime.session import RayLost
+from robogauntlet.orchestrator.scheduling.work_queue import Backlog, Outcome, Result, WorkSource, next_simulator
+from robogauntlet.orchestrator.scheduling.worker_pool import (
+    EpisodesFinished,
+    Started,
+    Unavailable,
+    Worker,
+    WorkerEvent,
+    WorkerLost,
+    WorkerPool,
+    WorkerPoolError,
+)
+from robogauntlet.results.live_status import LiveWorker
+from robogauntlet.results.record import Status
+from robogauntlet.suites.resources import Resources
+
+OPEN_ALLOWANCE_S = 180.0
+"""Added to the time limit while a worker starts, imports its simulator and opens a task."""
+RECYCLE_AFTER = 5000
+"""Episodes after which a worker is replaced, because renderers leak memory."""
+GROW_S = 5.0
+"""Time between two checks of how many workers fit."""
+START_ATTEMPTS = 3
+"""Consecutive workers that may die while they open a simulator before the simulator is skipped."""
+WATCHDOG_S = 0.5
+"""Time between two searches for unresponsive workers."""
+EVENT_WAIT_S = 0.2
+"""Longest time that the scheduler waits for an event."""
+FLUSH_S = 1.0
+FLUSH_ROWS = 2000
+Observed = TypeVar("Observed", bound=Outcome, contravariant=True)
+
+
+class Observer(Generic[Observed]):
+    """Callbacks of the scheduler. By default they do nothing."""
+
+    def on_started(self, simulator: str, readiness: Readiness) -> None:
+        """A worker has opened its simulator."""
+
+    def on_skipped(self, simulator: str, reason: str, episodes: int) -> None:
+        """A simulator cannot run here, and this number of episodes is skipped."""
+
+    def on_results(self, results: Sequence[Observed]) -> None:
+        """Workers have returned results."""
+
+    def on_warning(self, simulator: str, message: str) -> None:
+        """A worker died or was killed."""
+
+    def on_tick(self, activity: Callable[[], Sequence[LiveWorker]]) -> None:
+        """Called several times a second. `activity` returns what each worker is doing."""
+
+
+class TooManyErrors(Exception):
+    """More episodes ended in errors than the suite tolerates."""
+
+
+@dataclass(frozen=True)
+class SchedulerOptions:
+    """Number of workers and limits."""
+
+    workers: Mapping[str, int] | Callable[[], int]
+    """Simulator to number of workers, or a function that returns the current total for all simulators together."""
+    episode_time_limit_s: float
+    allowed_errors: int
+    """Errors in one session beyond which the run stops."""
+    resources: Mapping[str, Resources] = field(default_factory=dict)
+    """Simulator to the resources of its workers. A worker above the memory limit is replaced after its lease."""
+
+
+@dataclass
+class _Slot:
+    """A place for one worker. It gets a new worker when the old one dies."""
+
+    simulator: str
+    """Empty if the slot may serve any simulator and has not chosen one yet."""
+    number: int
+    bound: bool = True
+    """Whether it always serves the same simulator."""
+    worker: Worker | None = None
+    running: bool = False
+    """Whether its worker has a process; before, Ray may still be looking for a place."""
+    lease: Lease | None = None
+    finished: int = 0
+    """Episodes of the lease that are finished."""
+    last_event_at: float = 0.0
+    activity_began: float = 0.0
+    open_task: str | None = None
+    played: int = 0
+    memory_bytes: int = 0
+    opening: str = ""
+    """The task that its worker opens at its start."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.simulator}-{self.number}"
+
+    def activity(self, since: float) -> LiveWorker:
+        """What its worker has been doing since this time (seconds since 1970)."""
+        text = "starts" if self.worker is not None and self.open_task is None else "waits"
+        if self.lease is not None:
+            cell, seeds = self.lease.cell, self.lease.seeds
+            text = f"{cell.policy} on {cell.task}, {cell.condition}, episode {self.finished + 1} of {len(seeds)}"
+        return LiveWorker(worker=self.name, simulator=self.simulator, activity=text, since=since)
+
+
+@dataclass
+class Scheduler(Generic[Result]):
+    """Plays all given work. An instance is used once."""
+
+    work: Mapping[str, WorkSource[Result]]
+    """Simulator to its episodes."""
+    pool: WorkerPool
+    options: SchedulerOptions
+    sink: Callable[[Sequence[Result]], object]
+    """Stores results, or raises."""
+    observer: Observer[Result]
+    now: Callable[[], float] = time.monotonic
+
+    _slots: list[_Slot] = field(default_factory=list, init=False)
+    _idle: list[_Slot] = field(default_factory=list, init=False)
+    _busy: dict[int, _Slot] = field(default_factory=dict, init=False)
+    """Slots whose workers start or play, by the id of the worker."""
+    _busy_counts: Counter[str] = field(default_factory=Counter, init=False)
+    """Simulator to its number of busy slots."""
+    _failed_starts: Counter[str] = field(default_factory=Counter, init=False)
+    """Simulator to the number of workers that died at their start since one succeeded."""
+    _unsaved: list[Result] = field(default_factory=list, init=False)
+    _saved_at: float = field(default=0.0, init=False)
+    _grown_at: float = field(default=0.0, init=False)
+    _errors: int = field(default=0, init=False)
+    _watched_at: float = field(default=0.0, init=False)
+
+    def run(self) -> None:
+        """Play everything. All returned results are in the sink when this returns or raises.
+
+        Raises:
+            TooManyErrors: More episodes ended in errors than the options allow.
+            RayLost: Ray itself has died.
+            WorkerPoolError: Ray cannot wait for the workers.
+            KeyboardInterrupt: The user interrupted the run.
+            Exception: Whatever the sink raises (a full disk, a lost database).
+        """
+        try:
+            self._prepare()
+            while self._busy or self._waiting:
+                self.pool.check()
+                self._grow()
+                self._assign_idle_slots()
+                self._process_events()
+                self._kill_unresponsive()
+                self.pool.reap()
+                self._save()
+                self.observer.on_tick(self.activity)
+            self._save(force=True)
+        except (KeyboardInterrupt, TooManyErrors, RayLost, WorkerPoolError):
+            self._save(force=True)
+            raise
+        finally:
+            for slot in self._slots:
+                self._discard(slot)
+            self.pool.close()
+
+    def activity(self) -> list[LiveWorker]:
+        """What each worker is doing."""
+        offset = time.time() - self.now()
+        return [slot.activity(since=offset + slot.activity_began) for slot in self._slots if slot.simulator]
+
+    def _prepare(self) -> None:
+        if callable(self.options.workers):
+            return
+        for name, source in self.work.items():
+            source.workers = min(self.options.workers[name], source.waiting)
+            self._add([_Slot(name, number) for number in range(source.workers)])
+
+    def _grow(self) -> None:
+        """Add slots when more workers fit, unless the number of workers is given per simulator."""
+        if not callable(self.options.workers) or (self._slots and self.now() - self._grown_at < GROW_S):
+            return
+        self._grown_at = self.now()
+        numbers = range(len(self._slots), max(1, self.options.workers()))
+        self._add([_Slot("", number, bound=False) for number in numbers])
+        for source in self.work.values():
+            source.workers = len(self._slots)
+
+    def _add(self, slots: Sequence[_Slot]) -> None:
+        self._slots += slots
+        self._idle += slots
+
+    @property
+    def _waiting(self) -> bool:
+        """Whether there are episodes that no worker holds."""
+        return any(source.waiting for source in self.work.values())
+
+    def _assign_idle_slots(self) -> None:
+        idle, self._idle = sorted(self._idle, key=lambda slot: slot.worker is None), []
+        for slot in idle:
+            if slot.worker is not None or self._waiting:
+                self._assign(slot)
+            if id(slot.worker) not in self._busy:
+                self._idle.append(slot)
+
+    def _assign(self, slot: _Slot) -> None:
+        """Start a worker in an idle slot, or lease episodes to its worker, if any episodes are waiting."""
+        name = self._simulator_for(slot)
+        if name != slot.simulator:
+            self._discard(slot)
+            slot.simulator = name
+        source = self.work.get(slot.simulator)
+        if source is None or not source.waiting:
+            self._discard(slot)  # another simulator's worker may wait for its place
+            return
+        if slot.worker is not None and self._needs_recycling(slot):
+            self._discard(slot)
+        slot.last_event_at = slot.activity_began = self.now()
+        if slot.worker is None:
+            first = source.first
+            slot.worker, slot.opening = self.pool.start(slot.name, slot.simulator, first), first.task
+            self._mark_busy(slot, slot.worker)
+            return
+        slot.lease, slot.finished = source.lease(slot.open_task), 0
+        if slot.lease is not None:
+            slot.worker.play(slot.lease)
+            self._mark_busy(slot, slot.worker)
+
+    def _mark_busy(self, slot: _Slot, worker: Worker) -> None:
+        self._busy[id(worker)] = slot
+        self._busy_counts[slot.simulator] += 1
+
+    def _mark_idle(self, slot: _Slot) -> None:
+        if self._busy.pop(id(slot.worker), None) is not None:
+            self._busy_counts[slot.simulator] -= 1
+            self._idle.append(slot)
+
+    def _needs_recycling(self, slot: _Slot) -> bool:
+        limit = self.options.resources.get(slot.simulator, Resources()).memory_bytes
+        return slot.played >= RECYCLE_AFTER or (limit is not None and slot.memory_bytes > limit)
+
+    def _simulator_for(self, slot: _Slot) -> str:
+        """The simulator that an idle slot should serve: the same as before while it has episodes waiting."""
+        if slot.bound or (slot.simulator and self.work[slot.simulator].waiting) or not self._waiting:
+            return slot.simulator
+        backlogs = {name: Backlog(source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
+        return next_simulator(backlogs) or slot.simulator
+
+    def _process_events(self) -> None:
+        """Wait briefly for events and handle them."""
+        if not self._busy:
+            return
+        for worker in self.pool.wait(EVENT_WAIT_S):
+            slot = self._busy[id(worker)]
+            try:
+                event = worker.next_event()
+            except WorkerLost as loss:
+                self._worker_failed(slot, str(loss))
+            else:
+                self._handle_event(slot, event)
+
+    def _handle_event(self, slot: _Slot, event: WorkerEvent) -> None:
+        slot.last_event_at = self.now()
+        source = self.work[slot.simulator]
+        match event:
+            case Started():
+                slot.running = True
+            case Readiness():
+                self._mark_idle(slot)
+                slot.open_task = slot.opening
+                self._failed_starts[slot.simulator] = 0
+                self.observer.on_started(slot.simulator, event)
+            case Unavailable(reason):
+                task = slot.lease.cell.task if slot.lease is not None else slot.opening
+                self._discard(slot)
+                self._give_up(slot.simulator, task, reason)
+            case EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
+                lease = slot.lease
+                slot.finished += len(results)
+                slot.played += len(results)
+                slot.memory_bytes = memory_bytes
+                slot.open_task = lease.cell.task
+                source.returned(lease, results)
+                if last:
+                    source.finished(lease)
+                    slot.lease = None
+                    self._mark_idle(slot)
+                self._accept(results)
+
+    def _give_up(self, name: str, task: str, reason: str) -> None:
+        """Skip the episodes that cannot be played because a task cannot be opened."""
+        self._failed_starts[name] = 0
+        dropped = self.work[name].drop(task, reason)
+        if dropped:
+            self.observer.on_skipped(name, reason, dropped)
+
+    def _worker_failed(self, slot: _Slot, reason: str) -> None:
+        """Discard a worker that died or hangs, and put its episodes back into the queue."""
+        lease, finished, opening = slot.lease, slot.finished, slot.opening
+        self._discard(slot)
+        if lease is not None:
+            self.observer.on_warning(slot.simulator, f"{slot.name}: {reason}; its episodes go back into the queue")
+            self._accept(self.work[slot.simulator].lost(lease, lease.seeds[finished:], reason))
+            return
+        self._failed_starts[slot.simulator] += 1
+        self.observer.on_warning(slot.simulator, f"{slot.name}: {reason} while opening {opening}")
+        if self._failed_starts[slot.simulator] >= START_ATTEMPTS:
+            self._give_up(slot.simulator, opening, f"{reason} while opening {opening}, {START_ATTEMPTS} times")
+
+    def _kill_unresponsive(self) -> None:
+        """Kill workers that have sent no event for longer than an episode may take.
+
+        A worker that has not started yet has no process: Ray has no place for it until another worker ends.
+        """
+        if self.now() - self._watched_at < WATCHDOG_S:
+            return
+        self._watched_at = self.now()
+        for slot in list(self._busy.values()):
+            if not slot.running:
+                continue
+            limit_s = self.options.episode_time_limit_s
+            if slot.lease is None or slot.open_task != slot.lease.cell.task:
+                limit_s += OPEN_ALLOWANCE_S
+            if slot.lease is not None:
+                limit_s += slot.lease.message_s
+            if self.now() - slot.last_event_at > limit_s:
+                self._worker_failed(slot, f"an episode took longer than {self.options.episode_time_limit_s:g} s")
+
+    def _accept(self, results: Sequence[Result]) -> None:
+        if not results:
+            return
+        self._unsaved += results
+        self.observer.on_results(results)
+        self._errors += sum(result.status == Status.ERROR for result in results)
+        if self._errors > self.options.allowed_errors:
+            latest = next(r for r in reversed(results) if r.status == Status.ERROR)
+            raise TooManyErrors(
+                f"{self._errors} episodes ended in errors, the suite tolerates {self.options.allowed_errors}; "
+                f"latest: {latest.error}"
+            )
+
+    def _save(self, *, force: bool = False) -> None:
+        due = self.now() - self._saved_at >= FLUSH_S or len(self._unsaved) >= FLUSH_ROWS
+        if self._unsaved and (due or force):
+            self.sink(self._unsaved)
+            self._unsaved = []
+            self._saved_at = self.now()
+
+    def _discard(self, slot: _Slot) -> None:
+        """End a slot's worker, if it has one."""
+        if slot.worker is not None:
+            self._mark_idle(slot)
+            self.pool.end(slot.worker)
+        slot.worker = slot.lease = slot.open_task = None
+        slot.running = False
+        slot.played = slot.memory_bytes = 0

@@ -1,0 +1,123 @@
+"""A policy that LeRobot computes in a child process."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from robogauntlet.policies.contract import Decision, PolicyError, PolicyMismatch, PolicyNotInstalled, Query
+from robogauntlet.policies.lerobot import child
+from robogauntlet.policies.lerobot.checkpoint import NAME, Checkpoint
+from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
+from robogauntlet.suites.episode import Episode, content_hash
+from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
+
+LOADING = 10.0
+"""Time limit of loading, as a multiple of an answer's."""
+
+
+class ProcessLost(Exception):
+    """The process ended, and the state of its episodes is lost. They can be played again."""
+
+
+class LeRobotPolicy:
+    """Asks a child process that holds the checkpoint. If it ended, it is started again with the next episode."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        """Start the process.
+
+        Raises:
+            PolicyError: The checkpoint cannot be loaded.
+            ProcessLost: The process ended, or took too long.
+        """
+        self.spec, self._checkpoint = checkpoint.spec, checkpoint
+        self._process: _Process | None = _Process(checkpoint)
+        self._process_of: dict[str, _Process] = {}
+        """Episode to the process that it started in."""
+        self._finished: list[str] = []
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes."""
+        self.finish(episodes)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """Ask LeRobot each query.
+
+        Raises:
+            PolicyError: The checkpoint cannot be loaded, or its answer does not fit the options.
+            ProcessLost: The process has ended, or does not answer.
+        """
+        return [self._decide(query) for query in queries]
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Forget these episodes; the process forgets them with the next query."""
+        self._finished += [episode.id for episode in episodes if self._process_of.pop(episode.id, None) is not None]
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.close()
+        self._process = None
+
+    def _decide(self, query: Query) -> Decision:
+        if self._process is None or not self._process.alive:
+            if query.episode.id in self._process_of:
+                raise ProcessLost("LeRobot's process ended during the episode")
+            self.close()
+            self._process = _Process(self._checkpoint)
+        if self._process_of.setdefault(query.episode.id, self._process) is not self._process:
+            raise ProcessLost("LeRobot's process ended during the episode")
+        options, observation = self._checkpoint.options, query.observation
+        assert observation is not None
+        arrays = encode_observation(options, observation, query.episode.task)
+        if options.proprioception is not None:
+            arrays[options.proprioception] = arrays[options.proprioception].astype(np.float32)
+        seed = int(content_hash([query.episode.id, query.step]), 16) % 2**63
+        message = {
+            "episode": query.episode.id,
+            "seed": seed,
+            "task": observation.instruction,
+            "finished": self._finished,
+        }
+        actions = self._process.act(message, arrays)
+        self._finished = []
+        try:
+            return Decision(decode_chunk(options, {options.actions: actions}))
+        except PolicyMismatch as error:
+            raise PolicyMismatch(f"policy '{NAME}': {error}") from None
+
+
+class _Process(JsonChild):
+    """A child process with the checkpoint loaded. It ends when this process does, since that closes its input."""
+
+    def __init__(self, checkpoint: Checkpoint) -> None:
+        options = checkpoint.options
+        if options.python is None and find_spec("lerobot") is None:
+            raise PolicyNotInstalled(f"policy '{NAME}': not installed; install it: robogauntlet env create {NAME}")
+        command = [options.python or sys.executable, "-P", child.__file__, str(checkpoint.folder), options.device]
+        self._limit_s = options.timeout_s
+        try:
+            super().__init__(command, own_group=True)
+        except OSError as error:
+            raise PolicyError(f"policy '{NAME}': {options.python} cannot be started: {error.strerror}") from None
+        self.receive(LOADING * self._limit_s)
+
+    def act(self, message: dict[str, Any], arrays: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the actions of a query."""
+        answer = self.ask({**message, "arrays": {name: child.packed(a) for name, a in arrays.items()}}, self._limit_s)
+        return child.unpacked(answer["action"])
+
+    def receive(self, limit_s: float) -> Any:
+        """Return the process's next answer."""
+        try:
+            answer = super().receive(limit_s)
+        except (ChildEnded, ChildTimeout) as error:
+            self.close()
+            raise ProcessLost(f"policy '{NAME}': {error}") from None
+        if "problem" in answer:
+            raise PolicyError(f"policy '{NAME}': {answer['problem']}")
+        return answer

@@ -1,0 +1,1 @@
+"""Checkpoints of experts and merged models: metadata, weights, reading and writing."""

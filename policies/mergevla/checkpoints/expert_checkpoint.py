@@ -1,0 +1,204 @@
+"""Saving and loading networks as folders: `model.safetensors` with the tensors, `card.json` with everything else."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import MergedMetadata
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    METADATA_FILE,
+    WEIGHTS,
+    CheckpointError,
+    CheckpointMetadata,
+    base_folder,
+    hash_tensors,
+    locate,
+)
+from robogauntlet.policies.mergevla.network.config import Architecture
+from robogauntlet.policies.mergevla.network.lora import add_lora, has_lora, plain_name
+from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.support.files import replacing, write_whole
+
+AnyMetadata = TypeVar("AnyMetadata", CheckpointMetadata, MergedMetadata)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A network and its metadata."""
+
+    model: MergeVLA
+    """In evaluation mode; with its adapters, if its metadata names any."""
+    metadata: CheckpointMetadata
+
+
+def save_checkpoint(
+    folder: Path, model: MergeVLA, metadata: CheckpointMetadata, base: str | Path | None = None
+) -> CheckpointMetadata:
+    """Write a checkpoint. Each file appears only once it is complete.
+
+    Args:
+        folder: Folder of the checkpoint, created if necessary.
+        model: Network to save; its adapters stay factors.
+        metadata: Its metadata; hashes and the base's name are filled in.
+        base: Folder or hub id of the base, which must stay in place: tensors equal to the base's are left out.
+
+    Returns:
+        The metadata as written.
+
+    Raises:
+        CheckpointError: NaN or infinite weights, or metadata of another network.
+        OSError: The files cannot be written.
+    """
+    if metadata.architecture != model.architecture or (metadata.lora is not None) != has_lora(model):
+        raise CheckpointError("expected metadata of the model's own architecture and LoRA, got another's")
+    tensors = tensors_of(model)
+    check_finite(tensors, folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    if base is not None:
+        shared, base_metadata = load_tensors(base)
+        if base_metadata.base is not None:
+            raise CheckpointError(
+                f"expected a base that stands alone, got '{base}', which builds on {base_metadata.base}"
+            )
+        tensors = {n: t for n, t in tensors.items() if n not in shared or not torch.equal(t, shared[n])}
+        metadata = replace(metadata, base=name_of_base(folder, base), base_hash=base_metadata.tensor_hash)
+    return write_folder(folder, tensors, metadata)
+
+
+def write_folder(folder: Path, tensors: Mapping[str, Tensor], metadata: AnyMetadata) -> AnyMetadata:
+    """Write tensors and metadata into an existing folder; each file appears only once it is complete.
+
+    Returns:
+        The metadata with the tensors' hash.
+
+    Raises:
+        OSError: The files cannot be written.
+    """
+    with replacing(folder / WEIGHTS) as partial:
+        write_tensors(tensors, partial)
+        metadata = replace(metadata, tensor_hash=hash_tensors(partial))
+    write_whole(
+        folder / METADATA_FILE, json.dumps(metadata.as_json(), indent=1, sort_keys=True, allow_nan=False) + "\n"
+    )
+    return metadata
+
+
+def load_checkpoint(reference: str | Path) -> Checkpoint:
+    """Read and verify a checkpoint, a folder or a hub id.
+
+    Raises:
+        PolicyError: It is truncated, a pickle, of another architecture or hash than in its metadata, without
+            statistics, or has NaN weights.
+    """
+    folder = locate(str(reference))
+    tensors, metadata = load_tensors(folder)
+    model = empty_model(metadata)
+    state = model.state_dict()
+    names = {plain_name(name): name for name in state}
+    for name in sorted(names.keys() | tensors.keys()):
+        expected = tuple(state[names[name]].shape) if name in names else "no such tensor"
+        shape = tuple(tensors[name].shape) if name in tensors else "none"
+        if expected != shape:
+            raise CheckpointError(f"'{folder}': expected {name} of shape {expected} by its metadata, got {shape}")
+    model.load_state_dict({names[name]: tensor for name, tensor in tensors.items()}, assign=True)
+    return Checkpoint(model.eval(), metadata)
+
+
+def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMetadata]:
+    """Return a checkpoint's tensors, including its base's, by their names in the plain network, and its metadata.
+
+    Factors are named `<layer>.lora_A` and `<layer>.lora_B`.
+
+    Raises:
+        PolicyError: See `load_checkpoint`.
+    """
+    folder = locate(str(reference))
+    metadata = CheckpointMetadata.verified(folder)
+    tensors: dict[str, Tensor] = {}
+    if metadata.base is not None:
+        base = base_folder(folder, metadata.base)
+        check_architecture(base, metadata.architecture, CheckpointMetadata.read(base).architecture)
+        tensors = read_tensors(base / WEIGHTS)
+    tensors |= read_tensors(folder / WEIGHTS)
+    check_finite(tensors, folder)
+    return tensors, metadata
+
+
+def read_tensors(path: Path) -> dict[str, Tensor]:
+    """Read the tensors of a file, onto the CPU.
+
+    Raises:
+        CheckpointError: It violates the format or cannot be read.
+    """
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(f"expected a safetensors file in '{path}', got: {error}") from None
+
+
+def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[str, str] | None = None) -> None:
+    """Write tensors, or no file. The library's own error, such as for a full disk, becomes the system's.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    try:
+        save_file(dict(tensors), path, metadata=dict(metadata) if metadata else None)
+    except SafetensorError as error:
+        path.unlink(missing_ok=True)
+        number = re.search(r"os error (\d+)", str(error))
+        if number is None:
+            raise
+        code = int(number[1])
+        raise OSError(code, os.strerror(code), str(path)) from None
+
+
+def tensors_of(model: MergeVLA) -> dict[str, Tensor]:
+    """Return all tensors, on the CPU, by their names in the plain network."""
+    return {plain_name(name): tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
+
+
+def empty_model(metadata: CheckpointMetadata) -> MergeVLA:
+    """Return the network that the metadata describes, with arbitrary weights; the global generator is unchanged."""
+    with torch.random.fork_rng(devices=[]):
+        model = MergeVLA(metadata.architecture)
+    if metadata.lora is not None:
+        add_lora(model, metadata.lora, seed=0)
+    return model
+
+
+def name_of_base(folder: Path, base: str | Path) -> str:
+    """Return a base's folder relative to the checkpoint's, so that both can be moved together, or its hub id."""
+    if not Path(base).is_dir():
+        return str(base)
+    return Path(os.path.relpath(Path(base).resolve(), folder.resolve())).as_posix()
+
+
+def check_finite(tensors: Mapping[str, Tensor], folder: Path) -> None:
+    """Raise CheckpointError, which names `folder`, if a tensor has NaN or infinite entries."""
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise CheckpointError(f"'{folder}': expected finite weights, got NaN or infinity in {name}")
+
+
+def check_architecture(folder: Path, expected: Architecture, given: Architecture) -> None:
+    """Raise CheckpointError, which names `folder`, if the architectures differ."""
+    if expected == given:
+        return
+    ours, theirs = expected.as_json(), given.as_json()
+    differing = next(name for name in ours if ours[name] != theirs[name])
+    raise CheckpointError(
+        f"'{folder}': expected architecture '{expected.name}' with {differing} {ours[differing]}, "
+        f"got '{given.name}' with {theirs[differing]}"
+    )

@@ -1,0 +1,228 @@
+"""Saving and loading merged models as folders of the same layout as those of one network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from torch import Tensor
+
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import (
+    check_architecture,
+    check_finite,
+    load_tensors,
+    name_of_base,
+    read_tensors,
+    write_folder,
+)
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import MergedMetadata
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights
+from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointError, base_folder, locate
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
+from robogauntlet.policies.mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack_mask, unpack_mask
+from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors
+from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.signs import check_row_scales
+from robogauntlet.policies.mergevla.merging.task_vectors import Weights, difference
+from robogauntlet.policies.mergevla.network.lora import Factors
+
+TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
+    "tau",
+    "trunk",
+    "mask",
+    "scale",
+    "residual",
+    "head",
+    "adapter",
+    "subspace",
+    "router",
+)
+"""First words of the tensors' names. What belongs to an expert follows its number; the metadata names the experts."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergedCheckpoint:
+    """A merged model and its metadata."""
+
+    parts: MergedWeights
+    metadata: MergedMetadata
+    fitted: Weights
+    """Tensors of the fitted routers, by `<router>/...`: the result of `routing.catalog.fit_routers`."""
+
+
+def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -> MergedMetadata:
+    """Write a merged checkpoint; the base stays in place.
+
+    Args:
+        folder: Folder of the checkpoint, created if necessary.
+        merging: Result of the merge.
+        fitted: Tensors of the fitted routers, see `MergedCheckpoint`.
+
+    Returns:
+        The metadata as written.
+
+    Raises:
+        CheckpointError: NaN or infinite weights.
+        OSError: The files cannot be written.
+    """
+    parts = merging.parts
+    tensors = _tensors(parts) | _under(ROUTER, fitted or {})
+    check_finite(tensors, folder)
+    _, base_metadata = load_tensors(merging.base)
+    folder.mkdir(parents=True, exist_ok=True)
+    metadata = MergedMetadata(
+        architecture=parts.architecture,
+        statistics=parts.statistics,
+        recipe=parts.recipe,
+        instructions=parts.instructions,
+        expert_digests=parts.expert_digests,
+        action_steps=parts.action_steps,
+        base=name_of_base(folder, merging.base),
+        base_hash=base_metadata.tensor_hash,
+        rescalers=parts.merged.rescalers,
+        routers=tuple(sorted({name.partition("/")[0] for name in fitted or {}})),
+        report=json.loads(merging.report.to_json()),
+    )
+    return write_folder(
+        folder, {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, metadata
+    )
+
+
+def load_merged(reference: str | Path) -> MergedCheckpoint:
+    """Read and verify a merged checkpoint.
+
+    Raises:
+        PolicyError: It is not a merged checkpoint, truncated, of another hash than in its metadata, has NaN weights, a
+            mask for another model, or a base of another architecture.
+    """
+    folder = locate(str(reference))
+    metadata = MergedMetadata.verified(folder)
+    base, base_metadata = load_tensors(base_folder(folder, metadata.base))
+    check_architecture(folder, metadata.architecture, base_metadata.architecture)
+    tensors = read_tensors(folder / WEIGHTS)
+    check_finite(tensors, folder)
+    sections = {name.partition("/")[0] for name in tensors}
+    if odd := sorted(sections - set(SECTIONS)):
+        raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {odd[0]}")
+    try:
+        parts = _parts(metadata, tensors, base)
+    except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
+        raise type(error)(f"'{folder}': {error}") from None
+    return MergedCheckpoint(parts, metadata, _section(tensors, ROUTER))
+
+
+def _tensors(parts: MergedWeights) -> dict[str, Tensor]:
+    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk)
+    for number, expert in enumerate(parts.statistics.tasks):
+        tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
+        for weight, factors in parts.adapters.get(expert, {}).items():
+            scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
+            tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
+        adapter, task = parts.subspaces[expert]
+        tensors |= {f"{SUBSPACE}/{number}/v_adapter": adapter, f"{SUBSPACE}/{number}/v_task": task}
+    return tensors
+
+
+def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
+    halved = (
+        {name: delta.bfloat16() for name, delta in merged.vector.items()}
+        if merged.recipe.masks is MaskRule.SIGNS
+        else None
+    )
+    tensors = _under(TAU, halved or merged.vector)
+    for number, expert in enumerate(merged.experts):
+        if merged.masks:
+            tensors |= _under(f"{MASK}/{number}", pack_mask(merged.masks[expert]))
+        tensors |= _under(f"{SCALE}/{number}", merged.row_scales.get(expert, {}))
+    return tensors | (_under(RESIDUAL, _merged_tensors(merged.residual)) if merged.residual else {})
+
+
+def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights) -> MergedTaskVectors:
+    numbered = {expert: str(number) for number, expert in enumerate(metadata.experts)}
+    vector = {name: delta.float() for name, delta in _section(tensors, TAU).items()}
+    if not vector:
+        return MergedTaskVectors(metadata.experts, replace(recipe, masks=MaskRule.NONE, rounds=1), {})
+    if recipe.masks is MaskRule.EMR and set(metadata.rescalers) != set(metadata.experts):
+        raise CheckpointError(f"expected a rescaler of each merged expert, got {dict(metadata.rescalers)}")
+    is_masked, is_signed = recipe.masks is not MaskRule.NONE, recipe.masks is MaskRule.SIGNS
+    return MergedTaskVectors(
+        experts=metadata.experts,
+        recipe=recipe,
+        vector=vector,
+        masks={expert: _mask(tensors, n, vector) for expert, n in numbered.items()} if is_masked else {},
+        rescalers=metadata.rescalers,
+        row_scales={expert: _row_scales(tensors, n, vector) for expert, n in numbered.items()} if is_signed else {},
+        residual=_merged(metadata, replace(recipe, rounds=recipe.rounds - 1), _section(tensors, RESIDUAL))
+        if recipe.rounds > 1
+        else None,
+    )
+
+
+def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedWeights:
+    numbered = {expert: str(number) for number, expert in enumerate(metadata.experts)}
+    recipe = metadata.recipe
+    merged = _merged(metadata, recipe, tensors)
+    if merged.residual and (problem := difference(merged.vector, merged.residual.vector)):
+        raise ExpertsDiffer(f"the second round is for another model: {problem}")
+    selects = recipe.backbone is BackboneRule.SELECT
+    return MergedWeights(
+        architecture=metadata.architecture,
+        statistics=metadata.statistics,
+        instructions=metadata.instructions,
+        recipe=recipe,
+        base=base,
+        merged=merged,
+        trunk=_section(tensors, TRUNK),
+        adapters={expert: _adapters(tensors, n, base) for expert, n in numbered.items()} if selects else {},
+        heads={expert: _section(tensors, f"{HEAD}/{n}") for expert, n in numbered.items()},
+        subspaces={expert: _subspaces(tensors, n) for expert, n in numbered.items()},
+        expert_digests=metadata.expert_digests,
+        action_steps=metadata.action_steps,
+    )
+
+
+def _mask(tensors: Weights, number: str, vector: Weights) -> Mask:
+    mask = unpack_mask(_section(tensors, f"{MASK}/{number}"))
+    check_mask(mask, vector)
+    return mask
+
+
+def _row_scales(tensors: Weights, number: str, vector: Weights) -> dict[str, Tensor]:
+    scales = _section(tensors, f"{SCALE}/{number}")
+    check_row_scales(scales, vector)
+    return scales
+
+
+def _adapters(tensors: Weights, number: str, base: Weights) -> dict[str, Factors]:
+    section = _section(tensors, f"{ADAPTER}/{number}")
+    found = {}
+    for weight in sorted({name.rpartition("/")[0] for name in section}):
+        if weight not in base or not {f"{weight}/a", f"{weight}/b"} <= section.keys():
+            raise ExpertsDiffer(f"expected both factors of a weight of the base, got {weight}")
+        a, b, shape = section[f"{weight}/a"], section[f"{weight}/b"], base[weight].shape
+        if a.shape[0] != b.shape[1] or a[0].numel() * b.shape[0] != shape.numel():
+            raise ExpertsDiffer(
+                f"expected factors of shape {tuple(shape)} for {weight}, got {(*b.shape,)}, {(*a.shape,)}"
+            )
+        found[weight] = Factors(a, b, 1.0, shape)
+    return found
+
+
+def _subspaces(tensors: Weights, number: str) -> tuple[Tensor, Tensor]:
+    section = _section(tensors, f"{SUBSPACE}/{number}")
+    if section.keys() != {"v_adapter", "v_task"}:
+        raise CheckpointError(f"expected the value projections of expert {number}, got {', '.join(section) or 'none'}")
+    return section["v_adapter"], section["v_task"]
+
+
+def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {f"{prefix}/{name}": tensor for name, tensor in tensors.items()}
+
+
+def _section(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {
+        name.removeprefix(f"{prefix}/"): tensor for name, tensor in tensors.items() if name.startswith(f"{prefix}/")
+    }

@@ -1,0 +1,114 @@
+"""Metadata of a merged checkpoint. Light, as those of one network: a run can be planned without torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field
+from typing import Annotated, Any, ClassVar, Self
+
+from pydantic import Field, StrictInt
+from pydantic.dataclasses import dataclass
+
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    CheckpointError,
+    StoredMetadata,
+    check_action_steps,
+    locate,
+)
+from robogauntlet.policies.mergevla.merging.recipe import Recipe
+from robogauntlet.policies.mergevla.network.config import Architecture
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.stored import STRICT
+from robogauntlet.suites.episode import content_hash
+
+KIND = "merged"
+"""The kind of a merged checkpoint in its metadata."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class MergedMetadata(StoredMetadata):
+    """Everything about a merged checkpoint except its tensors."""
+
+    kind: ClassVar = KIND
+
+    architecture: Architecture
+    statistics: TaskStatistics
+    """Normalisation statistics of each expert's task, in the experts' order."""
+    recipe: Recipe
+    instructions: Mapping[str, str]
+    """Expert to the instruction of its task."""
+    expert_digests: Mapping[str, str]
+    """Expert to the digest of the checkpoint that was merged."""
+    base: str
+    """Checkpoint of the base: a folder relative to this one, or a hub id."""
+    base_hash: str
+    """`tensor_hash` of the base."""
+    action_steps: Mapping[str, StrictInt] = field(default_factory=dict)
+    """Expert to its `CheckpointMetadata.action_steps`; those that execute whole chunks are left out."""
+    rescalers: Mapping[str, Annotated[float, Field(strict=True, allow_inf_nan=False)]] = field(default_factory=dict)
+    """Expert to EMR's rescaler; empty without EMR's masks."""
+    routers: tuple[str, ...] = ()
+    """Routers that were fitted, whose tensors are stored."""
+    report: Mapping[str, Any] = field(default_factory=dict)
+    """`merging.diagnostics.MergeReport` of the merge."""
+    tensor_hash: str = ""
+    """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
+
+    def __post_init__(self) -> None:
+        for name, values in (("instruction", self.instructions), ("digest", self.expert_digests)):
+            if odd := sorted(set(values) ^ set(self.experts)):
+                raise CheckpointError(
+                    f"expected statistics and an {name} of each merged expert, {odd[0]} has one of them only"
+                )
+        for steps in self.action_steps.values():
+            check_action_steps(steps, self.architecture)
+
+    @property
+    def experts(self) -> tuple[str, ...]:
+        """The tasks whose experts were merged (`simulator/task`)."""
+        return self.statistics.tasks
+
+    @property
+    def digest(self) -> str:
+        """Hash of everything that decides how the model routes and acts."""
+        decisive = {
+            "kind": KIND,
+            "architecture": self.architecture.as_json(),
+            "statistics": self.statistics.as_json(),
+            "recipe": self.recipe.as_json(),
+            "instructions": dict(self.instructions),
+            "rescalers": dict(self.rescalers),
+            "tensors": self.tensor_hash,
+            "base": self.base_hash,
+        }
+        return content_hash(decisive | ({"action_steps": dict(self.action_steps)} if self.action_steps else {}))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the metadata as plain JSON; `from_json` is the inverse."""
+        return {**super().as_json(), "experts": list(self.experts)}
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Self:
+        """Read what `as_json` wrote, its statistics in the experts' order.
+
+        Raises:
+            PolicyError: It is malformed, or its statistics are missing.
+        """
+        if plain.get("kind") == KIND:
+            fields = dict(plain)
+            experts, statistics = fields.pop("experts", None), fields.get("statistics")
+            if not isinstance(experts, list) or not isinstance(statistics, Mapping) or set(experts) != set(statistics):
+                raise CheckpointError(
+                    "expected normalisation statistics of each merged expert in the metadata, got others"
+                )
+            plain = {**fields, "statistics": {expert: statistics[expert] for expert in experts}}
+        return super().from_json(plain)
+
+
+def merged_digest_of(reference: str) -> str:
+    """Hash of a merged checkpoint's content, verified.
+
+    Raises:
+        PolicyError: The checkpoint cannot be used.
+    """
+    return MergedMetadata.verified(locate(reference)).digest

@@ -1,0 +1,319 @@
+"""A checkpoint's folder without its weights: where it is, its metadata, and a check of its tensors' hash.
+
+Light: reads the safetensors file's header and hashes its bytes, so that a run can be planned without torch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, BinaryIO, ClassVar, Self
+
+from pydantic import StrictInt
+from pydantic.dataclasses import dataclass
+
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.stored import STRICT, Stored
+from robogauntlet.policies.zoo import shipped
+from robogauntlet.suites.episode import content_hash
+from robogauntlet.support.errors import first_line
+
+WEIGHTS, METADATA_FILE, FORMAT = "model.safetensors", "card.json", 1
+PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt")
+LARGEST_HEADER = 100_000_000
+"""Bytes, the limit of the safetensors format."""
+
+
+class CheckpointError(PolicyError):
+    """A checkpoint that cannot be used; the message says what was expected and what was given."""
+
+
+class StoredMetadata(Stored):
+    """The metadata that checkpoints of one network and of a merged model share."""
+
+    what: ClassVar = "checkpoint metadata"
+    refusal: ClassVar = CheckpointError
+    kind: ClassVar[str | None] = None
+    """Value of `kind` in the file; a checkpoint of one network has none."""
+    base: str | None
+    base_hash: str | None
+    tensor_hash: str
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain JSON; `from_json` is the inverse."""
+        return {"format": FORMAT} | ({"kind": self.kind} if self.kind else {}) | super().as_json()
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Self:
+        """Read what `as_json` wrote.
+
+        Raises:
+            PolicyError: It is of another kind or format, or malformed.
+        """
+        fields = dict(plain)
+        if (kind := fields.pop("kind", None)) != cls.kind:
+            raise CheckpointError(f"expected {_described(cls.kind)}, got {_described(kind)}")
+        if (version := fields.pop("format", None)) != FORMAT:
+            raise CheckpointError(f"expected metadata of format {FORMAT}, got {version}")
+        return super().from_json(fields)
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read the metadata of the checkpoint in `folder`.
+
+        Raises:
+            PolicyError: The file is missing or malformed.
+        """
+        plain = read_metadata_file(folder)
+        try:
+            return cls.from_json(plain)
+        except PolicyError as error:
+            raise type(error)(f"'{folder}': {error}") from None
+
+    @classmethod
+    def verified(cls, folder: Path) -> Self:
+        """Read the metadata and check the tensors beside it, and those of the base, by their hashes.
+
+        Raises:
+            PolicyError: Malformed metadata, tensors of another hash, or a base that builds on another base.
+        """
+        metadata = cls.read(folder)
+        _check_hash(folder, metadata.tensor_hash)
+        if metadata.base is not None:
+            base = base_folder(folder, metadata.base)
+            base_metadata = CheckpointMetadata.read(base)
+            if base_metadata.base is not None:
+                raise CheckpointError(f"expected a base that stands alone, got '{base}', which builds on another")
+            _check_hash(base, metadata.base_hash or "")
+            _check_hash(base, base_metadata.tensor_hash)
+        return metadata
+
+
+def _described(kind: str | None) -> str:
+    return f"a {kind} checkpoint" if kind else "a checkpoint of one network"
+
+
+@dataclass(frozen=True, config=STRICT)
+class CheckpointMetadata(StoredMetadata):
+    """Everything about a checkpoint of one network except its tensors."""
+
+    architecture: Architecture
+    statistics: TaskStatistics
+    """Normalisation statistics of each task that it was trained on."""
+    action_steps: StrictInt | None = None
+    """Largest number of a chunk's actions that are executed (LeRobot's `n_action_steps`); None for all."""
+    lora: LoraSettings | None = None
+    base: str | None = None
+    """Checkpoint with the tensors that are not stored in this one: a folder relative to this one, or a hub id."""
+    base_hash: str | None = None
+    """`tensor_hash` of the base."""
+    data_hash: str | None = None
+    """Hash of the training data."""
+    metrics: Mapping[str, int | float] = field(default_factory=dict)
+    """Losses, seeds and other records of the training."""
+    tensor_hash: str = ""
+    """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
+
+    def __post_init__(self) -> None:
+        check_action_steps(self.action_steps, self.architecture)
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """Tasks that it was trained on (`simulator/task`)."""
+        return self.statistics.tasks
+
+    @property
+    def digest(self) -> str:
+        """Hash of everything that decides how the policy acts."""
+        decisive = {
+            "architecture": self.architecture.as_json(),
+            "statistics": self.statistics.as_json(),
+            "lora": self.lora.as_json() if self.lora else None,
+            "tensors": self.tensor_hash,
+            "base": self.base_hash,
+        }
+        return content_hash(decisive | ({"action_steps": self.action_steps} if self.action_steps else {}))
+
+
+def locate(reference: str) -> Path:
+    """Return the folder of a checkpoint; one on a hub is downloaded.
+
+    Args:
+        reference: A folder, a hub id such as `owner/name` or `owner/name@revision`, or a part of the zoo, see
+            `robogauntlet.policies.zoo.shipped`.
+
+    Raises:
+        PolicyError: It is none of these, or it holds a pickle.
+    """
+    path = shipped(reference)
+    if path.suffix in PICKLES:
+        raise _pickle(path.name, path.parent)
+    if path.is_dir():
+        try:
+            pickles = sorted(file.name for file in path.iterdir() if file.suffix in PICKLES)
+        except OSError as error:
+            raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
+        if pickles and not (path / WEIGHTS).is_file():
+            raise _pickle(pickles[0], path)
+        return path
+    if path.exists() or not re.fullmatch(r"[\w][\w.-]*/[\w][\w.-]*(@[\w./-]+)?", reference):
+        raise CheckpointError(f"expected a checkpoint's folder or a hub id, got '{reference}'")
+    return _from_hub(reference)
+
+
+def read_metadata_file(folder: Path) -> dict[str, Any]:
+    """Read the JSON object in the metadata file of `folder`.
+
+    Raises:
+        CheckpointError: The file is missing or holds no JSON object.
+    """
+    try:
+        plain = json.loads((folder / METADATA_FILE).read_text())
+    except FileNotFoundError:
+        raise CheckpointError(f"expected {METADATA_FILE} in '{folder}', got a folder without it") from None
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{folder / METADATA_FILE}', got: {error.strerror}") from None
+    except ValueError as error:
+        raise CheckpointError(f"expected JSON in '{folder / METADATA_FILE}', got: {error}") from None
+    if not isinstance(plain, dict):
+        raise CheckpointError(f"expected a JSON object in '{folder / METADATA_FILE}', got {type(plain).__name__}")
+    return plain
+
+
+def check_action_steps(steps: int | None, architecture: Architecture) -> None:
+    """Raise CheckpointError if `steps` is not from 1 to the length of the architecture's chunks."""
+    if steps is not None and not 1 <= steps <= architecture.chunk_length:
+        raise CheckpointError(
+            f"expected 1 to {architecture.chunk_length} action steps, the length of a chunk, got {steps}"
+        )
+
+
+def base_folder(folder: Path, base: str) -> Path:
+    """The folder of the checkpoint that the one in `folder` builds on and calls `base`.
+
+    Raises:
+        CheckpointError: It is neither a folder nor on a hub.
+    """
+    beside = folder / base
+    try:
+        return locate(str(beside) if beside.is_dir() else base)
+    except PolicyError as error:
+        raise CheckpointError(f"'{folder}': expected its base at '{base}': {error}") from None
+
+
+def digest_of(reference: str) -> str:
+    """Hash of a checkpoint's content, verified.
+
+    Raises:
+        PolicyError: The checkpoint cannot be used.
+    """
+    return CheckpointMetadata.verified(locate(reference)).digest
+
+
+def checkpoint_files(reference: str | Path) -> tuple[Path, tuple[Path, ...]]:
+    """Return a checkpoint's folder, and its files with those of a local base. A base on a hub is left out.
+
+    Raises:
+        PolicyError: There is no such checkpoint.
+    """
+    folder = locate(str(reference)).resolve()
+    folders = [folder]
+    base = read_metadata_file(folder).get("base")
+    if isinstance(base, str) and (folder / base).is_dir():
+        folders.append((folder / base).resolve())
+    return folder, tuple(place / name for place in folders for name in (METADATA_FILE, WEIGHTS))
+
+
+def all_files(references: Iterable[str | Path]) -> tuple[Path, ...]:
+    """Return the files of several checkpoints, each once.
+
+    Raises:
+        PolicyError: One of the checkpoints does not exist.
+    """
+    return tuple(dict.fromkeys(file for reference in references for file in checkpoint_files(reference)[1]))
+
+
+def hash_tensors(path: Path) -> str:
+    """Return the SHA-256 over name, type, shape and bytes of each tensor of a safetensors file, ordered by name.
+
+    Raises:
+        CheckpointError: The file is missing, truncated, or of another format.
+    """
+    if not path.is_file():
+        raise CheckpointError(f"expected {path.name} in '{path.parent}', got a folder without it")
+    state = path.stat()
+    return _hash_file(path.resolve(), state.st_mtime_ns, state.st_size, state.st_ino)
+
+
+@lru_cache(maxsize=256)
+def _hash_file(path: Path, changed_ns: int, size: int, inode: int) -> str:
+    """Hash a file, cached until it changes: a suite may name the same experts in two hundred policies."""
+    digest = hashlib.sha256()
+    try:
+        file = path.open("rb")
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
+    with file:
+        start, header = _read_header(path, file)
+        for name in sorted(header):
+            entry = header[name]
+            first, last = entry["data_offsets"]
+            if start + last > size:
+                raise CheckpointError(f"expected {start + last} bytes or more in '{path}', got {size}: it is truncated")
+            file.seek(start + first)
+            digest.update(json.dumps([name, entry["dtype"], entry["shape"]]).encode() + b"\0")
+            digest.update(file.read(last - first))
+    whole = start + max((entry["data_offsets"][1] for entry in header.values()), default=0)
+    if whole != size:
+        raise CheckpointError(f"expected {whole} bytes in '{path}', got {size}: something follows its tensors")
+    return digest.hexdigest()
+
+
+def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
+    """Return the offset of the tensors' bytes, and name to type, shape and offsets of each tensor."""
+    length = int.from_bytes(file.read(8), "little")
+    text = file.read(length) if length <= LARGEST_HEADER else b""
+    try:
+        header = json.loads(text)
+        header.pop("__metadata__", None)
+        offsets = [entry["data_offsets"] for entry in header.values() if entry["dtype"] and entry["shape"] is not None]
+        if any(not 0 <= first <= last for first, last in offsets):
+            raise ValueError("offsets out of order")
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise CheckpointError(
+            f"expected a safetensors file in '{path}', got a truncated one or another format"
+        ) from None
+    return 8 + length, header
+
+
+def _check_hash(folder: Path, expected: str) -> None:
+    actual = hash_tensors(folder / WEIGHTS)
+    if expected != actual:
+        raise CheckpointError(
+            f"expected tensors of hash {expected[:16] or '(none)'} for '{folder / WEIGHTS}', got {actual[:16]}"
+        )
+
+
+def _pickle(name: str, folder: Path) -> CheckpointError:
+    return CheckpointError(
+        f"expected {WEIGHTS} in '{folder}', got {name}, a pickle: refused, since loading one runs code"
+    )
+
+
+def _from_hub(reference: str) -> Path:
+    from huggingface_hub import snapshot_download
+
+    name, _, revision = reference.partition("@")
+    try:
+        return Path(snapshot_download(name, revision=revision or None, allow_patterns=[WEIGHTS, METADATA_FILE]))
+    except Exception as error:  # the hub's client raises its own, its transport's and the system's errors
+        raise CheckpointError(
+            f"expected a folder or hub id, got '{reference}', which is no folder: {first_line(error)}"
+        ) from None

@@ -1,0 +1,102 @@
+"""Task vectors: what fine-tuning added to each weight (arXiv 2511.18810 section 3, after arXiv 2212.04089)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import torch
+
+from robogauntlet.policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer
+
+Weights = Mapping[str, torch.Tensor]
+"""Weight name to tensor."""
+TaskVector = Mapping[str, torch.Tensor]
+"""Weight name to what fine-tuning added to it, fp32, of the weight's shape."""
+TaskVectors = Mapping[str, TaskVector]
+"""Expert name to its task vector; all experts have the same names and shapes."""
+
+
+def difference(ours: Weights, theirs: Weights) -> str | None:
+    """The first thing in which two sets of weights differ in name or shape, in words, or None."""
+    for name in sorted(ours.keys() | theirs.keys()):
+        if name not in theirs:
+            return f"weight {name} is missing"
+        if name not in ours:
+            return f"weight {name} is unexpected"
+        if ours[name].shape != theirs[name].shape:
+            return f"weight {name}: expected shape {tuple(ours[name].shape)}, got {tuple(theirs[name].shape)}"
+    return None
+
+
+def check_task_vectors(task_vectors: TaskVectors) -> None:
+    """Refuse task vectors that cannot be merged.
+
+    Raises:
+        ExpertsDiffer: There is no expert; names or shapes differ; a tensor is not fp32, or holds NaN or infinity.
+    """
+    if not task_vectors:
+        raise ExpertsDiffer("expected at least one expert to merge, got none")
+    first, reference = next(iter(task_vectors.items()))
+    for expert, vector in task_vectors.items():
+        if problem := difference(reference, vector):
+            raise ExpertsDiffer(f"expert {expert} does not fit expert {first}: {problem}")
+        for name, delta in vector.items():
+            if delta.dtype != torch.float32:
+                raise ExpertsDiffer(f"expert {expert}, weight {name}: expected torch.float32, got {delta.dtype}")
+            if not torch.isfinite(delta).all():
+                raise ExpertsDiffer(f"expert {expert}, weight {name}: expected finite numbers, got NaN or infinity")
+
+
+def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
+    """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32.
+
+    Differences of weights that were rounded to bf16 lose the small deltas; take
+    `robogauntlet.policies.mergevla.network.lora.lora_deltas` where LoRA did the tuning.
+
+    Raises:
+        ExpertsDiffer: Names or shapes differ.
+    """
+    if problem := difference(base, tuned):
+        raise ExpertsDiffer(f"the fine-tuned weights do not fit the base: {problem}")
+    return {name: tuned[name].to(torch.float32) - weight.to(torch.float32) for name, weight in base.items()}
+
+
+def check_same_base(hashes: Mapping[str, str]) -> None:
+    """Refuse experts of different bases.
+
+    Args:
+        hashes: Expert name to the hash of the base that it was fine-tuned from.
+
+    Raises:
+        DifferentBases: They are not all equal.
+    """
+    first, expected = next(iter(hashes.items()), ("", ""))
+    for expert, found in hashes.items():
+        if found != expected:
+            raise DifferentBases(f"expected all experts from base {expected} of {first}, got {found} for {expert}")
+
+
+def stack(task_vectors: TaskVectors, name: str) -> torch.Tensor:
+    """All experts' deltas of one weight, shape (experts, *shape)."""
+    return torch.stack([vector[name] for vector in task_vectors.values()])
+
+
+def names_of(task_vectors: TaskVectors) -> tuple[str, ...]:
+    """The weights' names, sorted."""
+    return tuple(sorted(next(iter(task_vectors.values()))))
+
+
+def order_free_sum(values: torch.Tensor) -> torch.Tensor:
+    """Sum over the first axis in float64, the same to the last bit in whatever order the experts come.
+
+    Sorting first costs little and makes sign elections, which turn on the last bit, repeatable.
+    """
+    return values.sort(dim=0).values.to(torch.float64).sum(dim=0)
+
+
+def rms(vector: TaskVector) -> float:
+    """Root mean square of all entries; 0 without entries."""
+    count = sum(delta.numel() for delta in vector.values())
+    squares = math.fsum(delta.to(torch.float64).square().sum().item() for delta in vector.values())
+    return math.sqrt(squares / count) if count else 0.0

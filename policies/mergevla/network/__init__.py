@@ -1,0 +1,1 @@
+"""The network: backbone, LoRA, action expert, tokenizer, normalisation."""

@@ -1,0 +1,132 @@
+"""The action expert: cross-attention from a chunk's steps to the hidden states of every decoder layer (section 1.3)."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from robogauntlet.policies.mergevla.network.backbone import HiddenStates
+from robogauntlet.policies.mergevla.network.config import Architecture
+
+NOISE_STD = 0.02
+ROPE_BASE = 10000.0
+STEP_BASE = 100.0
+"""Longest wavelength of the steps' code over 2 pi: chunks are short, so most of the code varies from step to step."""
+
+
+def rotate(states: Tensor, *, interleaved: bool = False) -> Tensor:
+    """Rotary position embedding (arXiv 2104.09864) of (..., n, dim) at positions 0 .. n - 1.
+
+    Angles and pairs are both half-split: number i is paired with number i + dim / 2. With `interleaved`, the pairs are
+    neighbours while the angles stay half-split, as in the paper's code; that is no rotation.
+    """
+    count, dim = states.shape[-2:]
+    frequencies = ROPE_BASE ** (-torch.arange(0, dim, 2, device=states.device, dtype=torch.float32) / dim)
+    angles = torch.arange(count, device=states.device, dtype=torch.float32)[:, None] * frequencies
+    angles = torch.cat([angles, angles], dim=-1)
+    if interleaved:
+        turned = torch.stack([-states[..., 1::2], states[..., ::2]], dim=-1).flatten(-2)
+    else:
+        half = dim // 2
+        turned = torch.cat([-states[..., half:], states[..., :half]], dim=-1)
+    return states * angles.cos().to(states.dtype) + turned * angles.sin().to(states.dtype)
+
+
+def step_code(steps: int, width: int) -> Tensor:
+    """Sinusoidal code of a chunk's steps (arXiv 1706.03762), shape (steps, width)."""
+    frequencies = STEP_BASE ** (-torch.arange(0, width, 2, dtype=torch.float32) / width)
+    angles = torch.arange(steps, dtype=torch.float32)[:, None] * frequencies
+    return torch.stack([angles.sin(), angles.cos()], dim=-1).flatten(1)[:, :width]
+
+
+class Block(nn.Module):
+    """Attention to action states and task states in one softmax, the latter's logits gated; then a feed-forward."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        width = architecture.width
+        self.heads, self.options, self.quirks = architecture.expert.heads, architecture.expert, architecture.quirks
+        self.q_adapter, self.k_adapter, self.v_adapter = (nn.Linear(width, width) for _ in range(3))
+        self.k_task, self.v_task = (nn.Linear(width, width) for _ in range(2))
+        if self.options.self_attention:
+            self.k_self, self.v_self = (nn.Linear(width, width) for _ in range(2))
+        else:
+            self.q_task = nn.Linear(width, width)
+        self.output = nn.Linear(width, width)
+        self.gate = nn.Parameter(torch.zeros(1))
+        self.norm = nn.LayerNorm(width)
+        self.feed_forward = nn.Linear(width, width)
+
+    def forward(self, steps: Tensor, action: Tensor, task: Tensor) -> Tensor:
+        """One block.
+
+        Args:
+            steps: The chunk's tokens x, shape (B, chunk, width).
+            action: h_A with the proprioception's token appended, shape (B, queries + 1, width).
+            task: h_T, shape (B, patches, width).
+
+        Returns:
+            The chunk's next tokens, shape (B, chunk, width).
+        """
+        gate = torch.tanh(self.gate) if self.options.gates_by_tanh else torch.sigmoid(self.gate)
+        query = self._rotated(self.q_adapter, steps)
+        task_query = query if self.options.self_attention else self._rotated(self.q_task, steps)
+        logits = [
+            query @ self._rotated(self.k_adapter, action).mT,
+            gate * (task_query @ self._rotated(self.k_task, task).mT),
+        ]
+        values = [self._split(self.v_adapter(action)), self._split(self.v_task(task))]
+        if self.options.self_attention:
+            logits.append(query @ self._rotated(self.k_self, steps).mT)
+            values.append(self._split(self.v_self(steps)))
+        weights = torch.softmax(torch.cat(logits, dim=-1) / math.sqrt(query.shape[-1]), dim=-1)
+        attended = (weights @ torch.cat(values, dim=2)).transpose(1, 2).flatten(2)
+        steps = steps + self.output(attended)
+        fed = functional.relu(self.feed_forward(self.norm(steps)))
+        return fed if self.quirks.ffn_without_skip else steps + fed
+
+    def _rotated(self, projection: nn.Linear, states: Tensor) -> Tensor:
+        return rotate(self._split(projection(states)), interleaved=self.quirks.interleaved_rope)
+
+    def _split(self, states: Tensor) -> Tensor:
+        """(B, n, width) to (B, heads, n, width / heads)."""
+        return states.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+
+class ActionExpert(nn.Module):
+    """Initial tokens, a block per decoder layer, and the output layer."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        self.architecture = architecture
+        width, entry = architecture.width, architecture.action_dim * architecture.width
+        self.input_norm = nn.LayerNorm(entry)
+        self.input = nn.Linear(entry, width)
+        self.blocks = nn.ModuleList(Block(architecture) for _ in range(architecture.language.layers))
+        self.output_norm = nn.LayerNorm(width)
+        self.output = nn.Linear(width, architecture.action_dim)
+
+    def forward(self, hidden: HiddenStates, proprioception: Tensor) -> Tensor:
+        """Act.
+
+        Args:
+            hidden: The backbone's hidden states; block i (from 1) reads index i.
+            proprioception: The proprioception's token p, shape (B, width).
+
+        Returns:
+            The normalised action chunk, shape (B, chunk, action_dim).
+        """
+        steps = functional.relu(self.input(self.input_norm(self._initial_tokens(proprioception))))
+        for block, action, task in zip(self.blocks, hidden.action[1:], hidden.task[1:], strict=True):
+            steps = block(steps, torch.cat([action, proprioception[:, None]], dim=1), task)
+        return self.output(self.output_norm(steps))
+
+    def _initial_tokens(self, like: Tensor) -> Tensor:
+        """Tokens before the first layer, shape (B, chunk, action_dim * width), without parameters."""
+        shape = (like.shape[0], self.architecture.chunk_length, self.input.in_features)
+        if not self.architecture.quirks.training_noise:
+            return step_code(*shape[1:]).to(like).expand(shape)
+        return torch.randn(shape).to(like) * NOISE_STD if self.training else torch.zeros(shape).to(like)

@@ -1,0 +1,104 @@
+"""Low-rank adapters on the backbone (arXiv 2106.09685, through `peft`), and what they add to each weight."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import torch
+from peft import LoraConfig, inject_adapter_in_model
+from peft.tuners.lora import LoraLayer
+from torch import Tensor, nn
+
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.network.config import LoraSettings
+from robogauntlet.policies.mergevla.network.model import MergeVLA
+
+ADAPTER = "default"
+BACKBONE = "backbone."
+
+
+class LoraError(PolicyError):
+    """Adapters that cannot be added or read."""
+
+
+@dataclass(frozen=True)
+class Factors:
+    """One weight's adapter: it adds scale * B A."""
+
+    a: Tensor
+    """Shape (rank, ...)."""
+    b: Tensor
+    """Shape (out, rank, ...)."""
+    scale: float
+    shape: torch.Size
+    """Shape of the weight."""
+
+    def delta(self) -> Tensor:
+        """What it adds, in fp32: differences of rounded weights would lose small entries."""
+        a, b = self.a.detach().float().flatten(1), self.b.detach().float().flatten(1)
+        return (self.scale * (b @ a)).reshape(self.shape)
+
+
+def add_lora(model: MergeVLA, settings: LoraSettings, seed: int) -> None:
+    """Freeze the backbone and put adapters on its layers; all else stays trainable.
+
+    A is drawn from a Gaussian that depends on `seed` alone, B is zero: the network computes what it did before.
+
+    Raises:
+        LoraError: There are adapters already, or the rank is larger than the network is wide.
+    """
+    if has_lora(model):
+        raise LoraError("expected a model without LoRA, got one that has it: fold it first")
+    if settings.rank > model.architecture.width:
+        raise LoraError(f"expected a LoRA rank of 1 to {model.architecture.width}, got {settings.rank}")
+    kinds = (nn.Linear, nn.Conv2d) if settings.convolutions else (nn.Linear,)
+    targets = [name for name, module in model.backbone.named_modules() if isinstance(module, kinds)]
+    config = LoraConfig(
+        r=settings.rank,
+        lora_alpha=settings.alpha,
+        lora_dropout=0.0,
+        init_lora_weights="gaussian",
+        target_modules=targets,
+    )
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        inject_adapter_in_model(config, model.backbone, adapter_name=ADAPTER)
+
+
+def has_lora(model: MergeVLA) -> bool:
+    """Whether there are adapters."""
+    return any(isinstance(module, LoraLayer) for module in model.backbone.modules())
+
+
+def lora_factors(model: MergeVLA) -> dict[str, Factors]:
+    """Name of the weight in the plain network to its adapter."""
+    found = {}
+    for name, module in model.backbone.named_modules():
+        if isinstance(module, LoraLayer):
+            a, b = module.lora_A[ADAPTER].weight, module.lora_B[ADAPTER].weight
+            shape = module.get_base_layer().weight.shape
+            found[f"{BACKBONE}{name}.weight"] = Factors(a, b, module.scaling[ADAPTER], shape)
+    return found
+
+
+def lora_deltas(model: MergeVLA) -> dict[str, Tensor]:
+    """Name of the weight in the plain network to what its adapter adds, in fp32: the task vector of the backbone."""
+    return {name: factors.delta() for name, factors in lora_factors(model).items()}
+
+
+def plain_name(name: str) -> str:
+    """A weight's name in the network without adapters; factors are named `<layer>.lora_A` and `<layer>.lora_B`."""
+    return re.sub(rf"(\.lora_[AB])\.{ADAPTER}\.weight$", r"\1", name).replace(".base_layer.", ".")
+
+
+def folded(model: MergeVLA) -> MergeVLA:
+    """A copy without adapters that computes the same: each weight is W + scale * B A, summed in fp32."""
+    weights = {plain_name(name): tensor for name, tensor in model.state_dict().items() if ".lora_" not in name}
+    for name, delta in lora_deltas(model).items():
+        weights[name] = (weights[name].float() + delta).to(weights[name].dtype)
+    with torch.random.fork_rng(devices=[]):
+        plain = MergeVLA(model.architecture)
+    reference = next(model.parameters())
+    plain.to(device=reference.device, dtype=reference.dtype).load_state_dict(weights)
+    return plain.train(model.training)

@@ -1,0 +1,75 @@
+"""The whole network: backbone, action queries, proprioception and action expert."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.network.action_expert import ActionExpert
+from robogauntlet.policies.mergevla.network.backbone import Backbone, HiddenStates
+from robogauntlet.policies.mergevla.network.config import Architecture
+from robogauntlet.policies.mergevla.network.tokenizer import Prompts
+
+QUERY_STD = 0.02
+
+
+class MergeVLA(nn.Module):
+    """MergeVLA (arXiv 2511.18810).
+
+    Its parts, by the first words of a weight's name:
+
+    - `backbone`: the vision-language model that task vectors and masks are about;
+    - `action_queries`, `proprioception`, `action_expert.input*`, `action_expert.blocks.<i>`: the trunk;
+    - the last k of the blocks and `action_expert.output*`: the head that a task keeps.
+    """
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        self.architecture = architecture
+        width = architecture.width
+        self.backbone = Backbone(architecture)
+        self.action_queries = nn.Parameter(torch.randn(architecture.action_queries, width) * QUERY_STD)
+        self.proprioception = nn.Sequential(
+            nn.Linear(architecture.proprioception_dim, width), nn.GELU(), nn.Linear(width, width)
+        )
+        self.action_expert = ActionExpert(architecture)
+
+    def forward(self, images: Tensor, prompts: Prompts, proprioception: Tensor) -> Tensor:
+        """From what is seen to what to do.
+
+        Args:
+            images: Shape (B, cameras, 3, H, W), in [0, 1].
+            prompts: The instructions, batch B.
+            proprioception: Normalised to [-1, 1], shape (B, 8).
+
+        Returns:
+            The normalised action chunk, shape (B, chunk, 7).
+
+        Raises:
+            PolicyError: A shape is not the architecture's.
+        """
+        return self.act(self.hidden_states(images, prompts), proprioception)
+
+    def hidden_states(self, images: Tensor, prompts: Prompts) -> HiddenStates:
+        """The backbone's half of `forward`: (h_T, h_A) of every layer, all that a router needs."""
+        return self.backbone(images, prompts, self.action_queries)
+
+    def act(self, hidden: HiddenStates, proprioception: Tensor) -> Tensor:
+        """The action expert's half of `forward`."""
+        expected = self.architecture.proprioception_dim
+        if proprioception.ndim != 2 or proprioception.shape[1] != expected:
+            raise PolicyError(f"expected proprioception of shape (B, {expected}), got {tuple(proprioception.shape)}")
+        return self.action_expert(hidden, self.proprioception(proprioception))
+
+
+def build(architecture: Architecture, seed: int) -> MergeVLA:
+    """The network with random weights that depend on `seed` alone; the global generator is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return MergeVLA(architecture)
+
+
+def count(*modules: nn.Module) -> int:
+    """Parameters of modules."""
+    return sum(parameter.numel() for module in modules for parameter in module.parameters())

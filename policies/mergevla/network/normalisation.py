@@ -1,0 +1,208 @@
+"""Actions and proprioception on a common scale: the training data's 1 % and 99 % quantiles become -1 and +1.
+
+So the paper does it, number by number; here ranges of actions too small to matter are widened first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import model_serializer, model_validator
+from pydantic.dataclasses import dataclass
+
+from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM, FloatArray
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.stored import STRICT, Stored
+
+GRIPPER = 6
+"""Index of the gripper in an action. It is -1 .. +1 already, and has two values only, so quantiles say nothing."""
+SMALLEST_RANGE = 1e-6
+"""A number that varies by less (m, rad) is constant: it is normalised to 0."""
+
+LEAST_SPAN = (*(0.01,) * 3, *(0.1,) * 3, 0.0)
+"""Range of each number of an action (m, rad, gripper) below which q01 and q99 are moved apart. Where a task hardly
+turns, per-number quantiles would blow the oracle's corrections of a hundredth of a radian up to the size of whole
+motions, and the loss would be about them."""
+
+
+class StatisticsError(PolicyError):
+    """Statistics that cannot be used."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class Quantiles:
+    """Range of each number of a vector."""
+
+    q01: tuple[float, ...]
+    q99: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.q01) != len(self.q99):
+            raise StatisticsError(f"expected as many q01 as q99, got {len(self.q01)} and {len(self.q99)}")
+        for low, high in zip(self.q01, self.q99, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise StatisticsError(f"expected finite quantiles with q01 <= q99, got {low} and {high}")
+
+    @classmethod
+    def of(cls, samples: ArrayLike) -> Quantiles:
+        """The quantiles of samples, shape (n, dim).
+
+        Raises:
+            StatisticsError: There are none, or they are not finite.
+        """
+        values = np.asarray(samples, dtype=np.float64)
+        if values.ndim != 2 or len(values) == 0:
+            raise StatisticsError(f"expected samples of shape (n, dim) with n >= 1, got {values.shape}")
+        low, high = np.quantile(values, [0.01, 0.99], axis=0)
+        return cls(tuple(low.tolist()), tuple(high.tolist()))
+
+    def widened(self, least: Sequence[float]) -> Quantiles:
+        """Ranges of at least these spans, around the same centres; what is constant stays so."""
+        low, span = self._low_and_span()
+        missing = np.where(span > SMALLEST_RANGE, np.maximum(np.array(least) - span, 0.0), 0.0)
+        return Quantiles(tuple((low - missing / 2).tolist()), tuple((low + span + missing / 2).tolist()))
+
+    def normalise(self, values: ArrayLike) -> FloatArray:
+        """Map q01 .. q99 to -1 .. +1 and clip to it, last axis by number."""
+        low, span = self._low_and_span()
+        varies = span > SMALLEST_RANGE
+        scaled = 2.0 * (np.asarray(values, dtype=np.float64) - low) / np.where(varies, span, 1.0) - 1.0
+        return np.where(varies, np.clip(scaled, -1.0, 1.0), 0.0)
+
+    def restore(self, values: ArrayLike) -> FloatArray:
+        """Map -1 .. +1 back to q01 .. q99, last axis by number. Without clipping: what is beyond stays beyond."""
+        low, span = self._low_and_span()
+        varies = span > SMALLEST_RANGE
+        unit = (np.asarray(values, dtype=np.float64) + 1.0) / 2.0
+        return low + np.where(varies, unit, 0.5) * span
+
+    def _low_and_span(self) -> tuple[FloatArray, FloatArray]:
+        low, high = np.array(self.q01), np.array(self.q99)
+        return low, high - low
+
+
+@dataclass(frozen=True, config=STRICT)
+class Statistics(Stored):
+    """What a policy must know about its training data to read proprioception and to write actions."""
+
+    what: ClassVar = "normalisation statistics"
+    refusal: ClassVar = StatisticsError
+
+    action: Quantiles
+    """Of 7 numbers (m, rad, gripper), see `robogauntlet.adapters.contract`."""
+    proprioception: Quantiles
+    """Of 8 numbers (m, rad, m)."""
+
+    def __post_init__(self) -> None:
+        for name, quantiles, dim in (
+            ("action", self.action, ACTION_DIM),
+            ("proprioception", self.proprioception, PROPRIOCEPTION_DIM),
+        ):
+            if len(quantiles.q01) != dim:
+                raise StatisticsError(f"expected {name} statistics of {dim} numbers, got {len(quantiles.q01)}")
+
+    @classmethod
+    def of(cls, actions: ArrayLike, proprioceptions: ArrayLike) -> Statistics:
+        """The statistics of a data set.
+
+        Args:
+            actions: Shape (n, 7).
+            proprioceptions: Shape (n, 8).
+
+        Raises:
+            StatisticsError: Other shapes, no samples, or samples that are not finite.
+        """
+        return cls(_actions(Quantiles.of(actions)), Quantiles.of(proprioceptions))
+
+    def normalise_actions(self, actions: ArrayLike) -> FloatArray:
+        """Actions (..., 7) to [-1, 1]; the gripper is clipped only."""
+        given = np.asarray(actions, dtype=np.float64)
+        return self._with_gripper(self.action.normalise(given), given)
+
+    def restore_actions(self, normalised: ArrayLike) -> FloatArray:
+        """The inverse of `normalise_actions` within its range, shape (..., 7)."""
+        given = np.asarray(normalised, dtype=np.float64)
+        return self._with_gripper(self.action.restore(given), given)
+
+    def normalise_proprioception(self, proprioception: ArrayLike) -> FloatArray:
+        """Proprioception (..., 8) to [-1, 1]."""
+        return self.proprioception.normalise(proprioception)
+
+    def _with_gripper(self, actions: FloatArray, given: FloatArray) -> FloatArray:
+        actions[..., GRIPPER] = np.clip(given[..., GRIPPER], -1.0, 1.0)
+        return actions
+
+
+def _actions(quantiles: Quantiles) -> Quantiles:
+    return quantiles.widened(LEAST_SPAN) if len(quantiles.q01) == ACTION_DIM else quantiles
+
+
+@dataclass(frozen=True, config=STRICT)
+class TaskStatistics(Stored):
+    """The statistics of several tasks, since a number may range over centimetres in one and over decimetres in another.
+
+    Where there is one task only, its statistics serve any other too: an expert may be tried on what it did not learn.
+    """
+
+    what: ClassVar = "normalisation statistics by task"
+    refusal: ClassVar = StatisticsError
+
+    by_task: Mapping[str, Statistics]
+    """Task (`simulator/task`) to its statistics."""
+
+    def __post_init__(self) -> None:
+        if not self.by_task:
+            raise StatisticsError("expected normalisation statistics of one task at least, got none")
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks, in their order."""
+        return tuple(self.by_task)
+
+    def of(self, task: str) -> Statistics:
+        """The statistics for a task.
+
+        Raises:
+            StatisticsError: There are several tasks' statistics, and not this one's.
+        """
+        if task in self.by_task:
+            return self.by_task[task]
+        if len(self.by_task) > 1:
+            raise StatisticsError(f"expected one of the trained tasks {', '.join(self.by_task)}, got '{task}'")
+        return next(iter(self.by_task.values()))
+
+    def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
+        """Actions (b, ..., 7) of b tasks to [-1, 1]."""
+        return self._each(tasks, actions, Statistics.normalise_actions)
+
+    def restore_actions(self, tasks: Sequence[str], normalised: ArrayLike) -> FloatArray:
+        """The inverse of `normalise_actions` within its range, shape (b, ..., 7)."""
+        return self._each(tasks, normalised, Statistics.restore_actions)
+
+    def normalise_proprioception(self, tasks: Sequence[str], proprioception: ArrayLike) -> FloatArray:
+        """Proprioception (b, 8) of b tasks to [-1, 1]."""
+        return self._each(tasks, proprioception, Statistics.normalise_proprioception)
+
+    def _each(
+        self, tasks: Sequence[str], values: ArrayLike, change: Callable[[Statistics, ArrayLike], FloatArray]
+    ) -> FloatArray:
+        given = np.asarray(values, dtype=np.float64)
+        changed = np.empty_like(given)
+        for task in set(tasks):
+            rows = [row for row, name in enumerate(tasks) if name == task]
+            changed[rows] = change(self.of(task), given[rows])
+        return changed
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, plain: Any) -> Any:
+        """In JSON the mapping stands alone."""
+        return {"by_task": plain} if isinstance(plain, Mapping) else plain
+
+    @model_serializer
+    def _written(self) -> Mapping[str, Statistics]:
+        return self.by_task

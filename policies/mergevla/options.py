@@ -1,0 +1,124 @@
+"""Options of MergeVLA's policies in a suite, and the checkpoints that they name. Light: no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from robogauntlet.policies.contract import PolicyError, PolicyNotInstalled
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    METADATA_FILE,
+    CheckpointError,
+    CheckpointMetadata,
+    read_metadata_file,
+)
+from robogauntlet.policies.mergevla.merging.recipe import Recipe
+from robogauntlet.policies.zoo import shipped
+
+NAME, EXPERTS_NAME, MERGED_NAME = "mergevla", "mergevla-experts", "mergevla-merged"
+ROUTER = "calibrated"
+"""The default router of a merged policy."""
+
+
+@contextmanager
+def needs_packages(policy: str) -> Iterator[None]:
+    """Turn a failed import within the block into a message.
+
+    Raises:
+        PolicyNotInstalled: A package is missing.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise PolicyNotInstalled(
+            f"policy '{policy}': not installed (no module {error.name}); "
+            'install it: pip install "robogauntlet[mergevla]"'
+        ) from None
+
+
+def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: str) -> str:
+    """Return a required text option.
+
+    Raises:
+        PolicyError: It is missing or not text; the message explains it as `meaning`.
+    """
+    value = options.get(option)
+    if not isinstance(value, str) or not value:
+        raise PolicyError(f"policy '{policy}': expected option {option}: {meaning}, got {value!r}")
+    return value
+
+
+def expert_folders(folder: Path) -> dict[str, Path]:
+    """Return the experts in a folder of checkpoints: task to the folder of its expert.
+
+    Bases and merged checkpoints are left out.
+
+    Raises:
+        PolicyError: There is no expert, two for one task, one that was trained on several tasks, or one that cannot be
+            read.
+    """
+    try:
+        if not folder.is_dir():
+            raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}'")
+        # A glob would leave out what it is not permitted to read.
+        checkpoints = sorted(path for path in folder.iterdir() if (path / METADATA_FILE).is_file())
+    except OSError as error:
+        raise CheckpointError(f"expected to read '{error.filename or folder}', got: {error.strerror}") from None
+    experts: dict[str, Path] = {}
+    for path in checkpoints:
+        if read_metadata_file(path).get("kind") == KIND:
+            continue
+        metadata = CheckpointMetadata.read(path)
+        if metadata.base is None:
+            continue
+        if len(metadata.tasks) != 1:
+            raise CheckpointError(f"'{path}': expected an expert for one task, got {', '.join(metadata.tasks)}")
+        task = metadata.tasks[0]
+        if task in experts:
+            raise CheckpointError(
+                f"'{folder}': expected one expert per task, got {experts[task]} and {path} for {task}"
+            )
+        experts[task] = path
+    if not experts:
+        raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}', which holds none")
+    return experts
+
+
+@dataclass(frozen=True)
+class MergedOptions:
+    """Options of a merged policy."""
+
+    checkpoint: str
+    """A folder or a hub id."""
+    router: str
+    sees_instruction: bool
+    recipe: Recipe | None
+    """How to merge `experts` when the policy is loaded; the checkpoint then provides its fitted routers only."""
+    experts: Path | None
+    """Folder of expert checkpoints; present with a recipe."""
+
+
+def merged_options(options: Mapping[str, Any]) -> MergedOptions:
+    """Read a suite's options.
+
+    Raises:
+        PolicyError: An option is missing or invalid.
+    """
+    checkpoint = text_option(MERGED_NAME, options, "checkpoint", "a folder or hub id")
+    router = text_option(MERGED_NAME, {"router": ROUTER, **options}, "router", "a router's name")
+    sees = options.get("sees_instruction", True)
+    if not isinstance(sees, bool):
+        raise PolicyError(f"policy '{MERGED_NAME}': expected option sees_instruction: true or false, got {sees!r}")
+    plain, folder = options.get("recipe"), options.get("experts")
+    if (plain is None) != (folder is None):
+        raise PolicyError(f"policy '{MERGED_NAME}': expected options recipe and experts together, got one of them")
+    if plain is None:
+        return MergedOptions(checkpoint, router, sees, None, None)
+    if not isinstance(plain, Mapping):
+        raise PolicyError(f"policy '{MERGED_NAME}': expected option recipe: how to merge, got {plain!r}")
+    experts = shipped(text_option(MERGED_NAME, options, "experts", "a folder of expert checkpoints"))
+    return MergedOptions(checkpoint, router, sees, Recipe.from_json(plain), experts)

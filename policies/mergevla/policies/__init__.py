@@ -1,0 +1,1 @@
+"""MergeVLA's experts and merged models as policies."""

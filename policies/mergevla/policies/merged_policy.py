@@ -1,0 +1,162 @@
+"""Merged models that act: each query by the expert that the router chose for its episode."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM
+from robogauntlet.policies.contract import Decision, PolicyMismatch, PolicySpec, Query, Routing
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointMetadata, locate
+from robogauntlet.policies.mergevla.merging.masks import lambdas_of
+from robogauntlet.policies.mergevla.merging.operators import find_operator
+from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.trunk import check_kept_blocks
+from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders
+from robogauntlet.policies.mergevla.policies.single_policy import (
+    Network,
+    chunks_by,
+    device_here,
+    observed,
+    policy_spec,
+    stack_images,
+)
+from robogauntlet.policies.mergevla.routing.catalog import FITTED
+from robogauntlet.policies.mergevla.routing.catalog import router as router_named
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router
+from robogauntlet.suites.episode import Episode
+
+
+class MergedPolicy:
+    """Acts by a merged model as the expert that the router chose from the episode's first observation.
+
+    The choice is kept until the episode ends. Takes one thread.
+    """
+
+    def __init__(self, model: MergedModel, router: Router) -> None:
+        torch.set_num_threads(1)
+        self.spec = policy_spec(model.architecture)
+        self._model, self._router = model, router
+        self._chosen: dict[str, str] = {}
+        if router.passes(len(model.experts)):
+            # What is made at the first use only, such as networks and subspaces, would count as the first episode's
+            # latency.
+            router.route([_blank(model)], model)
+
+    @classmethod
+    def of(cls, options: MergedOptions) -> MergedPolicy:
+        """The policy of a merged checkpoint, or of experts that are merged now.
+
+        The options decide whether the router reads the instruction; the acting expert always does.
+
+        Raises:
+            PolicyError: A checkpoint cannot be used, or the router is unknown or was not fitted.
+        """
+        checkpoint = load_merged(options.checkpoint)
+        router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
+        parts = checkpoint.parts
+        if options.recipe is not None and options.experts is not None:
+            folders = expert_folders(options.experts)
+            _check_recipe(options.recipe, folders, options.router, checkpoint)
+            experts = read_experts(folders.values())
+            parts = merge_parts(experts, options.recipe, parts.instructions)
+        return cls(MergedModel(parts, device=device_here()), router)
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes: nothing is known of them."""
+        self.finish(episodes)
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Forget these episodes."""
+        for episode in episodes:
+            self._chosen.pop(episode.id, None)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """A chunk for each query, and the routing with an episode's first.
+
+        An answer does not depend on what else is in its batch (within 1e-5).
+        """
+        observations = observed(queries)
+        new = self._route(queries, stack_images(observations, self.spec.cameras) if observations else torch.empty(0))
+        experts = [self._chosen[query.episode.id] for query in queries]
+        chunks = chunks_by(observations, experts, experts, self._network)
+        return [Decision(chunk, new.pop(query.episode.id, None)) for query, chunk in zip(queries, chunks, strict=True)]
+
+    def _route(self, queries: Sequence[Query], images: Tensor) -> dict[str, Routing]:
+        """Choose for the episodes that are new; what was chosen, by episode."""
+        new: dict[str, FirstObservation] = {}
+        for query, frames in zip(queries, images, strict=True):
+            episode, observation = query.episode, query.observation
+            assert observation is not None
+            if episode.id not in self._chosen and episode.id not in new:
+                new[episode.id] = FirstObservation(
+                    frames, observation.instruction, observation.proprioception, episode.id, episode.task
+                )
+        if not new:
+            return {}
+        started = time.perf_counter()
+        answers = self._router.route(list(new.values()), self._model)
+        waited = time.perf_counter() - started
+        self._chosen |= {name: routed.choice for name, routed in zip(new, answers, strict=True)}
+        return {name: routed.timed(waited) for name, routed in zip(new, answers, strict=True)}
+
+    def _network(self, expert: str) -> Network:
+        parts = self._model.parts
+        steps = parts.action_steps.get(expert)
+        return Network(self._model.model(expert), parts.statistics, self._model.tokenizer, steps)
+
+
+def merged_spec(options: MergedOptions) -> PolicySpec:
+    """What a merged policy needs and produces, with everything checked but the merging itself.
+
+    Raises:
+        PolicyError: A checkpoint cannot be used, the router is unknown or was not fitted, or experts that are to be
+            merged now do not fit the recipe or the router.
+    """
+    folder = locate(options.checkpoint)
+    checkpoint = _checkpoint(folder, (folder / WEIGHTS).stat().st_mtime_ns if (folder / WEIGHTS).exists() else 0)
+    router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
+    if options.recipe is not None and options.experts is not None:
+        _check_recipe(options.recipe, expert_folders(options.experts), options.router, checkpoint)
+    return policy_spec(checkpoint.parts.architecture)
+
+
+@lru_cache(maxsize=2)
+def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
+    """Suites name one checkpoint many times. Args: changed_ns: When, so that a newer one is read."""
+    return load_merged(folder)
+
+
+def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, checkpoint: MergedCheckpoint) -> None:
+    """Refuse a recipe that cannot be, and experts whose base a fitted router of the checkpoint does not know.
+
+    Raises:
+        PolicyError: It is one, or they are.
+    """
+    find_operator(recipe.operator, recipe.options)
+    check_kept_blocks(recipe.kept_blocks, checkpoint.metadata.architecture.language.layers)
+    if recipe.masks is MaskRule.TASK:
+        lambdas_of({task: {} for task in folders}, recipe.lambda_)
+    expected = checkpoint.metadata.base_hash
+    for task, folder in folders.items() if router in FITTED else ():
+        base_hash = CheckpointMetadata.read(folder).base_hash or "none"
+        if base_hash != expected:
+            raise PolicyMismatch(
+                f"router '{router}': expected experts of the base that it was fitted to, {expected[:16]}, "
+                f"got one of {base_hash[:16]} for {task}"
+            )
+
+
+def _blank(model: MergedModel) -> FirstObservation:
+    architecture = model.architecture
+    images = torch.zeros(len(architecture.cameras), 3, architecture.image_size, architecture.image_size)
+    return FirstObservation(images, "", np.zeros(PROPRIOCEPTION_DIM), "", model.experts[0])

@@ -1,0 +1,193 @@
+"""MergeVLA networks that act."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from robogauntlet.adapters.contract import FloatArray, Observation
+from robogauntlet.policies.contract import (
+    Decision,
+    PolicyError,
+    PolicyInput,
+    PolicyMismatch,
+    PolicySpec,
+    Query,
+    StatelessPolicy,
+)
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MOST_MODELS
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet.policies.mergevla.network.config import Architecture
+from robogauntlet.policies.mergevla.network.lora import folded, has_lora
+from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer, tokenizer_for
+from robogauntlet.suites.episode import Episode
+from robogauntlet.suites.plugins import did_you_mean
+
+LARGEST_BATCH = 32
+"""Queries in one forward pass."""
+Key = TypeVar("Key", bound=Hashable)
+
+
+def policy_spec(architecture: Architecture) -> PolicySpec:
+    """What a network of this architecture needs and produces."""
+    return PolicySpec(
+        PolicyInput.OBSERVATION,
+        chunk_length=architecture.chunk_length,
+        action_dim=architecture.action_dim,
+        cameras=architecture.cameras,
+        image_size=architecture.image_size,
+    )
+
+
+def stack_images(observations: Sequence[Observation], cameras: Sequence[str]) -> Tensor:
+    """The observations' images as (B, cameras, 3, H, W) in [0, 1], float32.
+
+    Raises:
+        PolicyError: Frames of several sizes.
+    """
+    frames = [observation.images[camera] for observation in observations for camera in cameras]
+    sizes = sorted({frame.shape for frame in frames})
+    if len(sizes) > 1:
+        raise PolicyError(f"expected images of one size, got {sizes[0]} and {sizes[1]}")
+    pixels = torch.from_numpy(np.stack(frames)).permute(0, 3, 1, 2).float() / 255.0
+    return pixels.unflatten(0, (len(observations), len(cameras)))
+
+
+def observed(queries: Sequence[Query]) -> list[Observation]:
+    """The queries' observations.
+
+    Raises:
+        PolicyError: A query has none.
+    """
+    observations = [query.observation for query in queries if query.observation is not None]
+    if len(observations) != len(queries):
+        raise PolicyError("expected an observation in each query, got a query without one")
+    return observations
+
+
+def device_here() -> torch.device:
+    """Where networks run: on the GPU if there is one."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A network and what it takes to ask it."""
+
+    model: MergeVLA
+    """Without adapters."""
+    statistics: TaskStatistics
+    """Of its training data."""
+    tokenizer: Tokenizer
+    """The architecture's."""
+    action_steps: int | None = None
+    """See `CheckpointMetadata.action_steps`."""
+
+    @torch.inference_mode()
+    def chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
+        """What to execute for each observation, by one forward pass, shape (B, n, 7), in the contract's units.
+
+        n is `action_steps`, or the chunk's length.
+
+        Args:
+            observations: What is seen.
+            tasks: Whose statistics to use, one for each observation.
+
+        Raises:
+            PolicyError: Observations that the network was not made for, or a task without statistics.
+        """
+        device = next(self.model.parameters()).device
+        images = stack_images(observations, self.model.architecture.cameras).to(device)
+        prompts: Prompts = self.tokenizer([observation.instruction for observation in observations])
+        seen = np.stack([observation.proprioception for observation in observations])
+        normalised = self.statistics.normalise_proprioception(tasks, seen)
+        proprioception = torch.from_numpy(normalised).float().to(device)
+        chunks = self.model(images, prompts.to(device), proprioception)
+        return self.statistics.restore_actions(tasks, chunks[:, : self.action_steps].double().cpu().numpy())
+
+
+def load_network(reference: str | Path, device: torch.device) -> Network:
+    """The network of a checkpoint, a folder or a hub id, in evaluation mode.
+
+    Raises:
+        PolicyError: It cannot be used.
+    """
+    checkpoint = load_checkpoint(reference)
+    model = folded(checkpoint.model) if has_lora(checkpoint.model) else checkpoint.model
+    metadata, tokenizer = checkpoint.metadata, tokenizer_for(model.architecture)
+    return Network(model.eval().to(device), metadata.statistics, tokenizer, metadata.action_steps)
+
+
+def chunks_by(
+    observations: Sequence[Observation], tasks: Sequence[str], keys: Sequence[Key], network: Callable[[Key], Network]
+) -> list[FloatArray]:
+    """An action chunk for each observation, in order; each network is asked in batches of its own.
+
+    Args:
+        observations: What is seen.
+        tasks: Whose statistics to use, one for each observation.
+        keys: Which network acts, one for each observation.
+        network: Gives the network of a key.
+    """
+    answers: dict[int, FloatArray] = {}
+    for key in dict.fromkeys(keys):
+        places = [place for place, other in enumerate(keys) if other == key]
+        for start in range(0, len(places), LARGEST_BATCH):
+            batch = places[start : start + LARGEST_BATCH]
+            chunks = network(key).chunks([observations[place] for place in batch], [tasks[place] for place in batch])
+            answers |= dict(zip(batch, chunks, strict=True))
+    return [answers[place] for place in range(len(observations))]
+
+
+class MergeVLAPolicy(StatelessPolicy):
+    """Acts by one network, or by the network of the episode's task. Takes one thread, as one worker of many."""
+
+    def __init__(self, checkpoints: Path | Mapping[str, Path]) -> None:
+        """Args: checkpoints: folder of one for all tasks, or task to folder, read when its task first comes up.
+
+        Raises:
+            PolicyError: A checkpoint cannot be used, or they do not need or produce the same.
+        """
+        torch.set_num_threads(1)
+        self._checkpoints = checkpoints
+        self._network = lru_cache(maxsize=MOST_MODELS)(partial(load_network, device=device_here()))
+        if isinstance(checkpoints, Path):
+            self.spec = policy_spec(self._network(checkpoints).model.architecture)
+            return
+        specs = {
+            task: policy_spec(CheckpointMetadata.read(folder).architecture) for task, folder in checkpoints.items()
+        }
+        first, self.spec = next(iter(specs.items()))
+        for task, spec in specs.items():
+            if spec != self.spec:
+                raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Refuse episodes of a task that no checkpoint is for."""
+        for episode in episodes:
+            self._checkpoint(episode.task)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """A chunk for each query; an answer does not depend on what else is in its batch (within 1e-5)."""
+        observations, tasks = observed(queries), [query.episode.task for query in queries]
+        folders = [self._checkpoint(task) for task in tasks]
+        return [Decision(chunk) for chunk in chunks_by(observations, tasks, folders, self._network)]
+
+    def _checkpoint(self, task: str) -> Path:
+        if isinstance(self._checkpoints, Path):
+            return self._checkpoints
+        if task not in self._checkpoints:
+            raise PolicyError(
+                f"expected a task that has an expert, got '{task}'{did_you_mean(task, self._checkpoints)}"
+            )
+        return self._checkpoints[task]

@@ -1,0 +1,198 @@
+"""Evaluation of routers on first observations: answers, latencies, and scores of tasks left out of the fit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from robogauntlet.policies.contract import Routing
+from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, feature_spec_of, fitting_features, router
+from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
+from robogauntlet.policies.mergevla.routing.features import LabelledFeatures, labelled_features
+from robogauntlet.policies.mergevla.routing.fitted_router import RouterFit
+
+ProgressListener = Callable[[int, int], None]
+"""Called with the number done and the number in all."""
+
+
+@dataclass(frozen=True)
+class RoutedObservation:
+    """One routed first observation."""
+
+    task: str
+    """The true task."""
+    routing: Routing
+
+
+@dataclass(frozen=True)
+class RouterAnswers:
+    """A router's answers."""
+
+    router: str
+    sees_instruction: bool
+    passes: int
+    """Backbone passes for one decision."""
+    answers: tuple[RoutedObservation, ...]
+
+
+@dataclass(frozen=True)
+class RouterEvaluation:
+    """All routers on the same observations."""
+
+    pass_s: float
+    """Median time of one pass of the base over one observation (s)."""
+    routers: tuple[RouterAnswers, ...]
+
+
+@dataclass(frozen=True)
+class LeaveOneOutScores:
+    """Scores of a router that was fitted without one task; higher is less like a known task."""
+
+    known: tuple[float, ...]
+    """Of observations of the tasks that it was fitted to."""
+    unknown: tuple[float, ...]
+    """Of observations of the other task."""
+    threshold: float
+    """Score above which the router rejects."""
+
+
+@dataclass(frozen=True)
+class UnknownTaskScores:
+    """A fitted router's scores with each task left out of the fit in turn."""
+
+    router: str
+    sees_instruction: bool
+    by_task: Mapping[str, LeaveOneOutScores]
+
+
+def all_routers(stored: Mapping[str, Tensor]) -> list[Router]:
+    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors.
+
+    Raises:
+        RoutingError: Malformed tensors.
+    """
+    fitted = {key.partition("/")[0] for key in stored}
+    names = [name for name in NAMES if name not in FITTED or name in fitted]
+    return [router(name, sees_instruction=sees, stored=stored) for name in names for sees in (True, False)]
+
+
+def evaluate_routers(
+    routers: Sequence[Router],
+    candidates: Candidates,
+    observations: Sequence[FirstObservation],
+    *,
+    listener: ProgressListener = lambda done, total: None,
+    clock: Callable[[], float] = time.perf_counter,
+) -> RouterEvaluation:
+    """Route each observation by each router, one at a time.
+
+    A pass of the base is timed at every observation, so that other load slows routers and passes alike. Everything that
+    is built on first use is built before.
+
+    Args:
+        routers: Routers to evaluate.
+        candidates: The merged model.
+        observations: Observations of tasks that have an expert.
+        listener: See `ProgressListener`.
+        clock: Time in s, with any origin.
+
+    Raises:
+        RoutingError: There are no observations, or a router raises it.
+    """
+    if not observations:
+        raise RoutingError("expected first observations to route, got none")
+    _pass(candidates, observations[0])
+    for tested in routers:
+        tested.route(observations[:1], candidates)
+    answers: list[list[RoutedObservation]] = [[] for _ in routers]
+    pass_times = []
+    for done, observation in enumerate(observations):
+        listener(done, len(observations))
+        started = clock()
+        _pass(candidates, observation)
+        pass_times.append(clock() - started)
+        for tested, routed in zip(routers, answers, strict=True):
+            started = clock()
+            (decision,) = tested.route([observation], candidates)
+            routed.append(RoutedObservation(observation.task, decision.timed(clock() - started)))
+    listener(len(observations), len(observations))
+    experts = len(candidates.experts)
+    results = (
+        RouterAnswers(tested.name, tested.sees_instruction, tested.passes(experts), tuple(routed))
+        for tested, routed in zip(routers, answers, strict=True)
+    )
+    return RouterEvaluation(float(np.median(pass_times)), tuple(results))
+
+
+def unknown_tasks(
+    candidates: Candidates,
+    training_set: RouterTrainingSet,
+    observations: Mapping[str, Sequence[FirstObservation]],
+    *,
+    listener: ProgressListener = lambda done, total: None,
+) -> list[UnknownTaskScores]:
+    """Leave each task in turn out of the fit of every fitted router, and score new observations of all tasks.
+
+    Args:
+        candidates: Merged model, of which only the base is run.
+        training_set: Observations of all experts to fit to.
+        observations: Task to new observations.
+        listener: Called with the number of routers done and in all.
+
+    Raises:
+        RoutingError: Observations of fewer than two tasks.
+    """
+    scores: list[UnknownTaskScores] = []
+    total = 2 * len(FITTED)
+    for sees_instruction in (True, False):
+        listener(len(scores), total)
+        feature_spec = feature_spec_of(candidates.architecture, sees_instruction=sees_instruction)
+        new = labelled_features(candidates, observations, feature_spec)
+        for name, fitting in FITTED.items():
+            parts = fitting_features(fitting, candidates, training_set.frames, training_set.held_out, feature_spec)
+            by_task = leave_one_out(partial(fitting.fit, feature_spec=feature_spec), *parts, new)
+            scores.append(UnknownTaskScores(name, sees_instruction, by_task))
+    return sorted(scores, key=lambda each: each.router)
+
+
+def leave_one_out(
+    fit: Callable[[LabelledFeatures, LabelledFeatures], RouterFit],
+    frames: LabelledFeatures,
+    held_out: LabelledFeatures,
+    observations: LabelledFeatures,
+) -> dict[str, LeaveOneOutScores]:
+    """Leave each expert out of the fit, and score its observations and those of the others.
+
+    Args:
+        fit: A fit such as `gaussian.fit`, with its options bound.
+        frames: Features to fit to.
+        held_out: Features of the same experts, for the threshold.
+        observations: Other observations of some of these experts, which are scored.
+
+    Raises:
+        RoutingError: Observations of fewer than two experts, or of other experts than those of `frames`.
+    """
+    if len(observations.experts) < 2 or not set(observations.experts) <= set(frames.experts):
+        expected, given = ", ".join(frames.experts), ", ".join(observations.experts)
+        raise RoutingError(f"expected observations of two or more of {expected} to score, got {given or 'none'}")
+    by_expert = {}
+    for expert in observations.experts:
+        fitted = fit(frames.without(expert), held_out.without(expert))
+        known, unknown = (
+            fitted.unknown(x).tolist() for x in (observations.without(expert).features, observations.of(expert))
+        )
+        by_expert[expert] = LeaveOneOutScores(tuple(known), tuple(unknown), fitted.threshold)
+    return by_expert
+
+
+@torch.no_grad()
+def _pass(candidates: Candidates, observation: FirstObservation) -> None:
+    """Run the base on one observation and wait for the result."""
+    candidates.hidden_states(None, observation.images[None], [observation.instruction]).action[-1].sum().item()

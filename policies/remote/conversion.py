@@ -1,0 +1,144 @@
+"""Observations and action chunks in the convention of an external policy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from PIL import Image as Picture
+from scipy.spatial.transform import Rotation
+
+from robogauntlet.adapters.contract import FloatArray, Image, Observation
+from robogauntlet.policies.contract import PolicyMismatch
+from robogauntlet.policies.remote import libero
+from robogauntlet.policies.remote.server_options import Convention
+
+MAX_ACTIONS = 1000
+"""Longest chunk that is accepted in an answer."""
+TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
+"""Strides through an image's rows and columns."""
+
+
+def encode_observation(convention: Convention, observation: Observation, task: str) -> dict[str, Any]:
+    """Return the observation of a task under the server's keys.
+
+    Raises:
+        PolicyMismatch: The convention does not cover this task.
+    """
+    message: dict[str, Any] = {
+        key: resize_image(convention, turn_image(convention, observation.images[camera]))
+        for camera, key in convention.cameras.items()
+    }
+    if convention.proprioception is not None:
+        state = observation.proprioception
+        is_plain = convention.convention == "robogauntlet"
+        message[convention.proprioception] = state if is_plain else libero.native_proprioception(task, state)
+    if convention.instruction is not None:
+        message[convention.instruction] = observation.instruction
+    return message
+
+
+def turn_image(convention: Convention, image: Image) -> Image:
+    """Turn or mirror an image (height, width, 3)."""
+    rows, columns = TURNS[convention.turn]
+    return np.ascontiguousarray(image[::rows, ::columns])
+
+
+def resize_image(convention: Convention, image: Image) -> Image:
+    """Resize an image, bilinear; black padding on both sides fills another shape."""
+    if convention.image_size is None:
+        return image
+    height, width = convention.image_size if isinstance(convention.image_size, tuple) else (convention.image_size,) * 2
+    if image.shape[:2] == (height, width):
+        return image
+    picture = Picture.fromarray(image)
+    if convention.resize == "stretch":
+        return np.asarray(picture.resize((width, height), Picture.Resampling.BILINEAR))
+    factor = min(width / picture.width, height / picture.height)
+    inner = max(1, int(picture.width * factor)), max(1, int(picture.height * factor))
+    padded = Picture.new("RGB", (width, height))
+    padded.paste(
+        picture.resize(inner, Picture.Resampling.BILINEAR), ((width - inner[0]) // 2, (height - inner[1]) // 2)
+    )
+    return np.asarray(padded)
+
+
+def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArray:
+    """Return an answer's chunk, shape (n, 7), in the units of `robogauntlet.adapters.contract`.
+
+    Raises:
+        PolicyMismatch: The chunk is missing, too short or too narrow, or not finite.
+    """
+    columns = convention.columns or tuple(range(convention.width))
+    width = 1 + max((column for column in columns if column is not None), default=0)
+    rows = read_chunk(answer, convention.actions, width, exactly=convention.columns is None)
+    if convention.execute is not None:
+        if len(rows) < convention.execute:
+            raise PolicyMismatch(
+                f"expected {convention.execute} actions or more, as option execute says, got {len(rows)}"
+            )
+        rows = rows[: convention.execute]
+    read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
+    rotations = as_axis_angles(convention, read[:, 3:-1])
+    chunk = np.concatenate([read[:, :3] * convention.translation_scale, rotations, read[:, -1:]], axis=1)
+    if columns[-1] is not None:
+        span = convention.gripper_closed - convention.gripper_open
+        if convention.gripper_threshold is None and (convention.gripper_open, convention.gripper_closed) == (-1.0, 1.0):
+            pass  # already in the contract's units, so nothing is rounded
+        elif convention.gripper_threshold is None:
+            chunk[:, 6] = 2.0 * (chunk[:, 6] - convention.gripper_open) / span - 1.0
+        else:
+            chunk[:, 6] = np.where((chunk[:, 6] - convention.gripper_threshold) * span > 0, 1.0, -1.0)
+    return chunk
+
+
+def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:
+    """Convert an answer's rotations, (n, 3) or (n, 4), to axis-angle vectors (n, 3), rad, of angles up to pi.
+
+    Raises:
+        PolicyMismatch: A quaternion's length differs from 1 by more than 0.01; float16 rounding stays below that.
+    """
+    match convention.rotation:
+        case "axis-angle":
+            return rotations * convention.rotation_scale
+        case "euler":
+            return Rotation.from_euler("xyz", rotations * convention.rotation_scale).as_rotvec()
+    lengths = np.linalg.norm(rotations, axis=1)
+    for row in np.flatnonzero(np.abs(lengths - 1.0) > 0.01):
+        raise PolicyMismatch(
+            f"expected quaternions of length 1 in '{convention.actions}', got length {lengths[row]:.3g} in row {row}; "
+            "see options rotation and columns"
+        )
+    return Rotation.from_quat(rotations, scalar_first=convention.rotation.endswith("wxyz")).as_rotvec()
+
+
+def read_chunk(answer: Mapping[str, Any], key: str, width: int, *, exactly: bool) -> FloatArray:
+    """Return the finite array (n, width or more) under a key of an answer, float64.
+
+    Raises:
+        PolicyMismatch: It is missing, of another shape, or not finite.
+    """
+    if key not in answer:
+        keys = ", ".join(sorted(map(str, answer)))[:200] or "nothing"
+        raise PolicyMismatch(f"expected '{key}' in the answer, got {keys}; set option actions")
+    try:
+        rows = np.asarray(answer[key])
+    except ValueError:
+        rows = np.empty(0, dtype=object)
+    if rows.dtype.kind not in "iuf":
+        raise PolicyMismatch(f"expected numbers as '{key}', got {type(answer[key]).__name__} of type {rows.dtype}")
+    fits = rows.ndim == 2 and (rows.shape[1] == width if exactly else rows.shape[1] >= width)
+    if not fits or not 1 <= len(rows) <= MAX_ACTIONS:
+        wanted = f"{width}" if exactly else f"{width} or more"
+        hint = "; choose the action's columns by option columns" if rows.ndim == 2 and exactly else ""
+        raise PolicyMismatch(
+            f"expected '{key}' of shape (n, {wanted}), n from 1 to {MAX_ACTIONS}, got {rows.shape}{hint}"
+        )
+    rows = rows.astype(np.float64)
+    if not np.isfinite(rows).all():
+        row, column = np.argwhere(~np.isfinite(rows))[0]
+        raise PolicyMismatch(
+            f"expected finite numbers as '{key}', got {rows[row, column]} in row {row}, column {column}"
+        )
+    return rows

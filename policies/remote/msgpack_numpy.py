@@ -1,0 +1,109 @@
+"""Messages of openpi's protocol: msgpack with numpy arrays, and nothing that could run code or exhaust memory.
+
+An array is a mapping `{b"__ndarray__": True, b"data": bytes, b"dtype": text, b"shape": [...]}`, a numpy number
+`{b"__npgeneric__": True, b"data": number, b"dtype": text}`, as in `openpi_client.msgpack_numpy` (Apache 2.0,
+https://github.com/Physical-Intelligence/openpi). In addition, received data are checked before numpy sees them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import msgpack
+import numpy as np
+
+KINDS = "biufSU"
+"""Kinds of numpy types that are sent: truth values, numbers, text. No objects, structures or complex numbers."""
+_DTYPE = re.compile(rf"[<>|=]?[{KINDS}][1-9][0-9]{{0,5}}")
+_MOST_AXES = 8
+
+
+class PackingError(Exception):
+    """Data that are not, or cannot become, a message of this protocol."""
+
+
+def pack(message: Mapping[str, Any]) -> bytes:
+    """Return a message as bytes.
+
+    Raises:
+        PackingError: It holds an array of objects, structures or complex numbers, or a value that is not plain.
+    """
+    try:
+        packed: bytes = msgpack.packb(message, default=_packed)
+    except (TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise PackingError(f"cannot be sent: {error}") from None
+    return packed
+
+
+def unpack(frame: bytes) -> Any:
+    """Return the message in a frame. Arrays are new and can be written to.
+
+    Raises:
+        PackingError: It is not msgpack, or holds an array of another type or shape than its bytes.
+    """
+    try:
+        return msgpack.unpackb(frame, object_hook=_unpacked, ext_hook=_refuse, strict_map_key=True)
+    except PackingError:
+        raise
+    except msgpack.exceptions.ExtraData as error:
+        raise PackingError(f"expected one msgpack message, got {len(error.extra)} bytes more") from None
+    except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException) as error:
+        reason = str(error).strip().split("\n")[0] or type(error).__name__
+        raise PackingError(f"expected msgpack, got {len(frame)} bytes that are not: {reason}") from None
+
+
+def _packed(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        if value.dtype.kind not in KINDS:
+            raise TypeError(f"expected numbers or text, got an array of type {value.dtype}")
+        if isinstance(value, np.ndarray):
+            array = np.ascontiguousarray(value)
+            # The view saves a copy of each image; empty arrays and text have none.
+            data = array.reshape(-1).view(np.uint8).data if array.size and array.dtype.kind != "U" else array.tobytes()
+            return {b"__ndarray__": True, b"data": data, b"dtype": array.dtype.str, b"shape": value.shape}
+        return {b"__npgeneric__": True, b"data": value.item(), b"dtype": value.dtype.str}
+    raise TypeError(f"expected numbers, text, lists, mappings and arrays, got a {type(value).__name__}")
+
+
+def _unpacked(value: dict[Any, Any]) -> Any:
+    if b"__ndarray__" in value:
+        return _array(value)
+    if b"__npgeneric__" in value:
+        dtype, data = _dtype(value), value.get(b"data")
+        if not isinstance(data, bool | int | float | str | bytes):
+            raise PackingError(f"expected a number of type {dtype}, got a {type(data).__name__}")
+        try:
+            return dtype.type(data)
+        except (ValueError, TypeError, OverflowError):
+            raise PackingError(f"expected a number of type {dtype}, got another") from None
+    return value
+
+
+def _array(value: dict[Any, Any]) -> np.ndarray:
+    dtype, data, shape = _dtype(value), value.get(b"data"), value.get(b"shape")
+    sound = isinstance(shape, list) and all(type(length) is int and length >= 0 for length in shape)
+    if not sound or not isinstance(data, bytes) or len(shape or ()) > _MOST_AXES:
+        raise PackingError(f"expected an array's bytes and shape of {_MOST_AXES} axes at most, got something else")
+    if math.prod(shape) * dtype.itemsize != len(data):  # type: ignore[arg-type]
+        raise PackingError(f"expected an array of type {dtype} and shape {tuple(shape)}, got {len(data)} bytes")  # type: ignore[arg-type]
+    try:
+        return np.frombuffer(data, dtype).reshape(shape).copy() if data else np.zeros(shape, dtype)  # type: ignore[arg-type]
+    except (ValueError, OverflowError):
+        raise PackingError("expected an array's shape, got lengths that numpy does not take") from None
+
+
+def _dtype(value: dict[Any, Any]) -> np.dtype:
+    name = value.get(b"dtype")
+    if not isinstance(name, str) or not _DTYPE.fullmatch(name):
+        raise PackingError(f"expected an array of numbers or text, got type {str(name)[:40]!r}")
+    try:
+        return np.dtype(name)
+    except TypeError:
+        raise PackingError(f"expected an array of numbers or text, got type {name!r}") from None
+
+
+def _refuse(code: int, data: bytes) -> Any:
+    raise PackingError(f"expected plain msgpack, got extension type {code}")

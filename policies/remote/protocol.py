@@ -1,0 +1,189 @@
+"""The additions of RoboGauntlet's client and server to openpi's protocol, in keys that others ignore.
+
+A policy behind RoboGauntlet's server is given what it would be given in the process: the episode that keys its
+randomness, the step and, for oracles, the true state. The episode's record gets the routing evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from robogauntlet.adapters.contract import ACTION_NAMES, PROPRIOCEPTION_DIM, Observation
+from robogauntlet.policies.contract import Decision, Policy, PolicyInput, PolicySpec, Query, Routing, StatelessPolicy
+from robogauntlet.policies.remote.msgpack_numpy import PackingError
+from robogauntlet.policies.remote.server_options import ACTIONS_KEY, CAMERA_KEYS, INSTRUCTION_KEY, STATE_KEY
+from robogauntlet.policies.stored import first_fault
+from robogauntlet.suites.episode import Episode
+
+VERSION = 1
+EPISODE, STEP, FINISHED, TRUE_STATE, ROUTING = (
+    f"robogauntlet/{name}" for name in ("episode", "step", "finished", "privileged_state", "routing")
+)
+UNITS = "metres, radians (axis-angle), gripper -1 open to +1 closed; robot base frame"
+
+_EPISODE, _ROUTING = TypeAdapter(Episode), TypeAdapter(Routing)
+
+
+@dataclass(frozen=True)
+class Greeting:
+    """A RoboGauntlet server's description of its policy, sent on connection."""
+
+    digest: str
+    spec: PolicySpec
+    remembers: bool
+    """Whether the policy keeps state of an episode between queries, which is lost with the connection."""
+
+
+_GREETING = TypeAdapter(Greeting)
+
+
+def greeting_of(policy: Policy, digest: str) -> Greeting:
+    """Return the greeting of a policy's server."""
+    forgets = isinstance(policy, StatelessPolicy) and type(policy).finish is StatelessPolicy.finish
+    return Greeting(digest, policy.spec, remembers=not forgets)
+
+
+def as_metadata(greeting: Greeting) -> dict[str, Any]:
+    """Return the metadata frame, which other clients can read; RoboGauntlet's client reads its part `robogauntlet`."""
+    spec = greeting.spec
+    return {
+        "action_dim": spec.action_dim,
+        "action_horizon": spec.chunk_length,
+        "action_names": list(ACTION_NAMES),
+        "action_units": UNITS,
+        "cameras": {camera: CAMERA_KEYS[camera] for camera in spec.cameras},
+        "image_size": spec.image_size,
+        "state_dim": PROPRIOCEPTION_DIM,
+        "robogauntlet": {"version": VERSION, **_GREETING.dump_python(greeting, mode="json")},
+    }
+
+
+def greeting_in(metadata: Mapping[str, Any]) -> Greeting | None:
+    """Return the greeting of a RoboGauntlet server, or None if the server is another.
+
+    Raises:
+        PackingError: It is RoboGauntlet's, of another version.
+    """
+    greeting = metadata.get("robogauntlet")
+    if not isinstance(greeting, Mapping):
+        return None
+    if greeting.get("version") != VERSION:
+        version = str(greeting.get("version"))[:20]
+        raise PackingError(f"expected a RoboGauntlet server that speaks version {VERSION}, got version {version}")
+    try:
+        return _GREETING.validate_python(dict(greeting))
+    except ValidationError as error:
+        raise PackingError(f"expected the policy's needs, got something else: {first_fault(error)}") from None
+
+
+def as_message(query: Query, finished: Sequence[str]) -> dict[str, Any]:
+    """Return a query's message to a RoboGauntlet server, with the ids of `finished` episodes that it may forget."""
+    message: dict[str, Any] = {EPISODE: asdict(query.episode), STEP: query.step}
+    if finished:
+        message[FINISHED] = list(finished)
+    if query.observation is not None:
+        observation = query.observation
+        message |= {CAMERA_KEYS[camera]: image for camera, image in observation.images.items()}
+        message |= {STATE_KEY: observation.proprioception, INSTRUCTION_KEY: observation.instruction}
+    if query.privileged_state is not None:
+        message[TRUE_STATE] = dict(query.privileged_state)
+    return message
+
+
+def episode_in(message: Mapping[str, Any]) -> tuple[Episode, int] | None:
+    """Return episode and step of a message, or None if its client is not RoboGauntlet's.
+
+    Raises:
+        PackingError: They are malformed.
+    """
+    if EPISODE not in message:
+        return None
+    step = message.get(STEP)
+    if type(step) is not int or not 0 <= step < 2**31:
+        raise PackingError(f"expected a number of steps as {STEP}, got {str(step)[:40]}")
+    try:
+        return _EPISODE.validate_python(message[EPISODE]), step
+    except ValidationError as error:
+        raise PackingError(f"expected an episode as {EPISODE}: {first_fault(error)}") from None
+
+
+def finished_in(message: Mapping[str, Any]) -> list[str]:
+    """Return the ids of the episodes that the client has finished."""
+    finished = message.get(FINISHED, [])
+    return [name for name in finished if isinstance(name, str)] if isinstance(finished, list) else []
+
+
+def query_in(message: Mapping[str, Any], episode: Episode, step: int, spec: PolicySpec) -> Query:
+    """Return a message as a policy's query.
+
+    Raises:
+        PackingError: An input of the policy is missing or malformed.
+    """
+    match spec.sees:
+        case PolicyInput.OBSERVATION:
+            return Query(episode, step, observation=_observation(message, spec))
+        case PolicyInput.PRIVILEGED_STATE:
+            state = message.get(TRUE_STATE)
+            if not isinstance(state, dict) or not all(isinstance(value, np.ndarray) for value in state.values()):
+                raise PackingError(f"expected {TRUE_STATE}, on which this policy acts, got none")
+            return Query(episode, step, privileged_state=state)
+        case PolicyInput.NOTHING:
+            return Query(episode, step)
+
+
+def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
+    cameras = {key: camera for camera, key in CAMERA_KEYS.items()}
+    # The message's order is that of the view.
+    images = {cameras[key]: _image(key, value, spec) for key, value in message.items() if key in cameras}
+    missing = [camera for camera in spec.cameras if camera not in images]
+    if missing or not images:
+        needed = CAMERA_KEYS[missing[0]] if missing else " or ".join(CAMERA_KEYS.values())
+        raise PackingError(f"expected an image as {needed}, got none among {', '.join(sorted(map(str, message)))}")
+    state = message.get(STATE_KEY)
+    if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape != (PROPRIOCEPTION_DIM,):
+        got = f"shape {state.shape}" if isinstance(state, np.ndarray) else f"a {type(state).__name__}"
+        raise PackingError(f"expected an array of {PROPRIOCEPTION_DIM} numbers as {STATE_KEY}, got {got}")
+    instruction = message.get(INSTRUCTION_KEY, "")
+    if isinstance(instruction, np.ndarray) and instruction.ndim == 0:
+        instruction = instruction.item()
+    if not isinstance(instruction, str):
+        raise PackingError(f"expected text as {INSTRUCTION_KEY}, got a {type(instruction).__name__}")
+    return Observation(images, state.astype(np.float64), str(instruction))
+
+
+def _image(key: str, value: Any, spec: PolicySpec) -> np.ndarray:
+    size = spec.image_size
+    expected = f"({size or 'height'}, {size or 'width'}, 3)"
+    if not isinstance(value, np.ndarray) or value.dtype != np.uint8:
+        got = f"type {value.dtype}" if isinstance(value, np.ndarray) else f"a {type(value).__name__}"
+        raise PackingError(f"expected an image of bytes, shape {expected}, as {key}, got {got}")
+    if value.ndim != 3 or value.shape[2] != 3 or 0 in value.shape or (size and value.shape[:2] != (size, size)):
+        raise PackingError(f"expected an image of shape {expected} as {key}, got {value.shape}")
+    return value
+
+
+def as_answer(decision: Decision) -> dict[str, Any]:
+    """Return a decision as the server sends it."""
+    answer: dict[str, Any] = {ACTIONS_KEY: decision.actions}
+    if decision.routing is not None:
+        answer[ROUTING] = _ROUTING.dump_python(decision.routing, mode="json")
+    return answer
+
+
+def routing_in(message: Mapping[str, Any]) -> Routing | None:
+    """Return the routing evidence of an answer, or None.
+
+    Raises:
+        PackingError: It is malformed.
+    """
+    if ROUTING not in message:
+        return None
+    try:
+        return _ROUTING.validate_python(message[ROUTING])
+    except ValidationError as error:
+        raise PackingError(f"expected routing evidence as {ROUTING}: {first_fault(error)}") from None

@@ -1,0 +1,149 @@
+"""A policy behind a policy server."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robogauntlet.adapters.contract import ACTION_DIM
+from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
+from robogauntlet.policies.remote.connection import ServerConnection, packed
+from robogauntlet.policies.remote.conversion import MAX_ACTIONS, decode_chunk, encode_observation, read_chunk
+from robogauntlet.policies.remote.msgpack_numpy import PackingError
+from robogauntlet.policies.remote.protocol import Greeting, as_message, greeting_in, routing_in
+from robogauntlet.policies.remote.server_options import ACTIONS_KEY, ServerOptions
+from robogauntlet.suites.episode import Episode
+
+
+class ConnectionLost(Exception):
+    """The connection was lost, and with it the server's state of an episode. The episode can be played again."""
+
+
+class RemotePolicy:
+    """Asks a server of openpi's protocol, one query at a time. Deterministic if the server is."""
+
+    def __init__(self, options: ServerOptions) -> None:
+        """Connect, unless `options.identity` names the policy."""
+        self._options, self._connection = options, ServerConnection(options)
+        self._digest = ""
+        self._greeting: Greeting | None = None
+        self._greeted_connection = -1
+        """Number of the connection whose greeting was read."""
+        self._connection_of: dict[str, int] = {}
+        """Episode to the number of the connection that it is played over."""
+        self._finished: list[str] = []
+        if options.identity is None:
+            self._connection.connect()
+            self._read_greeting()
+            self._digest = self.digest()
+        own = self._greeting if self._is_robogauntlet and options.identity is None else None
+        execute = options.execute or MAX_ACTIONS
+        self.spec = own.spec if own else PolicySpec(PolicyInput.OBSERVATION, execute, cameras=tuple(options.cameras))
+
+    def digest(self) -> str:
+        """Hash of the policy's content, see `docs/remote-policies.md`.
+
+        Raises:
+            PolicyError: Neither the suite nor the server identifies the policy.
+        """
+        if self._options.identity is not None:
+            return self._options.digest({"identity": self._options.identity})
+        if self._is_robogauntlet:
+            assert self._greeting is not None
+            return self._greeting.digest
+        if not self._connection.metadata:
+            raise PolicyError(
+                f"policy server {self._options.address}: expected metadata that identify the policy, got none; "
+                "give option identity: a checkpoint's name or hash"
+            )
+        return self._options.digest({"metadata": _plain(self._connection.metadata)})
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes; nothing is sent."""
+        for episode in episodes:
+            self._connection_of.pop(episode.id, None)
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """Ask the server each query.
+
+        Raises:
+            PolicyError: See `ServerConnection.ask`; or the answer does not fit the options.
+            ConnectionLost: The server keeps state of its episodes, and the connection was lost within the episode.
+        """
+        return [self._decide(query) for query in queries]
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Forget these episodes; a RoboGauntlet server learns of it with the next query."""
+        self._finished += [episode.id for episode in episodes if self._connection_of.pop(episode.id, None) is not None]
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+    @property
+    def _is_robogauntlet(self) -> bool:
+        """Whether the server is RoboGauntlet's own, asked without conversions."""
+        return self._greeting is not None and self._options.is_plain
+
+    def _decide(self, query: Query) -> Decision:
+        answer = self._connection.ask(lambda: self._frame(query))
+        self._connection_of[query.episode.id] = self._connection.number
+        self._finished.clear()
+        try:
+            if self._is_robogauntlet:
+                return Decision(read_chunk(answer, ACTIONS_KEY, ACTION_DIM, exactly=True), routing_in(answer))
+            return Decision(decode_chunk(self._options, answer), routing_in(answer) if self._greeting else None)
+        except (PackingError, PolicyMismatch) as error:
+            raise PolicyMismatch(f"policy server {self._options.address}: {error}") from None
+
+    def _frame(self, query: Query) -> bytes:
+        self._read_greeting()
+        current = self._connection.number
+        started = self._connection_of.get(query.episode.id, current) if query.step else current
+        if started != current and self._greeting is not None and self._greeting.remembers:
+            raise ConnectionLost(f"policy server {self._options.address} was lost during the episode")
+        return packed(self._message(query))
+
+    def _read_greeting(self) -> None:
+        """Read the server's greeting if the connection is new."""
+        if self._greeted_connection == self._connection.number:
+            return
+        try:
+            self._greeting = greeting_in(self._connection.metadata)
+        except PackingError as error:
+            self._connection.close()
+            raise PolicyError(f"policy server {self._options.address}: {error}") from None
+        if self._digest and self.digest() != self._digest:
+            self._connection.close()
+            raise PolicyError(
+                f"policy server {self._options.address}: expected the policy that the run was planned with, "
+                "got another policy"
+            )
+        self._greeted_connection = self._connection.number
+
+    def _message(self, query: Query) -> dict[str, Any]:
+        if self._is_robogauntlet:
+            return as_message(query, self._finished)
+        assert query.observation is not None
+        message = encode_observation(self._options, query.observation, query.episode.task)
+        if self._greeting is not None:
+            complete = as_message(query, self._finished)
+            message |= {key: complete[key] for key in complete if key.startswith("robogauntlet/")}
+        return message
+
+
+def _plain(value: Any) -> Any:
+    """Metadata as JSON holds them."""
+    match value:
+        case dict():
+            return {str(key): _plain(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_plain(item) for item in value]
+        case np.ndarray() | np.generic():
+            return _plain(value.tolist())
+        case None | bool() | int() | str():
+            return value
+        case _:
+            return repr(value)

@@ -1,0 +1,169 @@
+"""The options of a policy behind a server: how an observation is sent and how the answer is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from robogauntlet.adapters.contract import ACTION_DIM
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.remote import libero
+from robogauntlet.policies.stored import first_fault
+from robogauntlet.suites.episode import CAMERAS, content_hash
+
+NAME = "openpi"
+CAMERA_KEYS = dict(zip(CAMERAS, ("observation/image", "observation/wrist_image"), strict=True))
+STATE_KEY, INSTRUCTION_KEY, ACTIONS_KEY = "observation/state", "prompt", "actions"
+Key = Annotated[str, Field(min_length=1, max_length=200)]
+Seconds = Annotated[float, Field(gt=0, le=3600)]
+Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
+
+
+class Convention(BaseModel):
+    """How an observation is sent to an external policy, and how its answer is read.
+
+    The fields' docstrings are what users are shown as the options' meaning.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+    convention: Literal["robogauntlet", "libero"] = "robogauntlet"
+    """robogauntlet, or libero for policies trained on LIBERO's own data, which sets turn, rotation and the scales"""
+    cameras: dict[str, Key] = Field(default=CAMERA_KEYS)
+    """camera to the server's key"""
+    proprioception: Key | None = STATE_KEY
+    """key of the eight numbers; null to leave them out"""
+    instruction: Key | None = INSTRUCTION_KEY
+    """key of the goal in words; null to leave it out"""
+    image_size: Size | tuple[Size, Size] | None = None
+    """px, or [height, width]; by default as rendered"""
+    resize: Literal["pad", "stretch"] = "pad"
+    """pad (keeps the shape) or stretch"""
+    turn: Literal["none", "half", "left-right", "upside-down"] = "none"
+    """none, half (180 degrees), left-right or upside-down: how images are turned before they are resized and sent"""
+    actions: Key = ACTIONS_KEY
+    """key of the chunk in the answer"""
+    columns: tuple[Annotated[int, Field(strict=True, ge=0, le=255)] | None, ...] | None = None
+    """columns of the answer for dx dy dz rx ry rz gripper (with a quaternion four, not three); null for 0"""
+    translation_scale: float = 1.0
+    """metres per unit of the answer"""
+    rotation: Literal["axis-angle", "euler", "quaternion-xyzw", "quaternion-wxyz"] = "axis-angle"
+    """axis-angle, euler (fixed axes x, y, z), quaternion-xyzw or quaternion-wxyz; turns the tool in the base frame"""
+    rotation_scale: float = 1.0
+    """radians per unit of the answer; 1 for quaternions"""
+    gripper_open: float = -1.0
+    """the answer's number for open"""
+    gripper_closed: float = 1.0
+    """the answer's number for closed"""
+    gripper_threshold: float | None = None
+    """beyond this number, seen from open, the gripper closes, else it opens; by default it also stops in between"""
+    execute: Annotated[int, Field(strict=True, ge=1, le=1000)] | None = None
+    """actions of a chunk that are executed at most; fewer in an answer are an error"""
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        unknown = [camera for camera in self.cameras if camera not in CAMERAS]
+        if unknown or not (self.cameras or "cameras" not in self.model_fields_set):
+            raise ValueError(f"cameras: expected some of {', '.join(CAMERAS)}, got {', '.join(unknown) or 'none'}")
+        keys = [key for key in (*self.cameras.values(), self.proprioception, self.instruction) if key is not None]
+        if len(set(keys)) < len(keys):
+            raise ValueError(f"expected another key for each part of the observation, got {', '.join(keys)}")
+        if self.columns is not None and len(self.columns) != self.width:
+            kind = "" if self.width == ACTION_DIM else f" for a {self.rotation}"
+            raise ValueError(f"columns: expected {self.width} places{kind}, got {len(self.columns)}")
+        if self.turns_by_quaternion and self.columns is not None and set(self.columns[3:7]) == {None}:
+            raise ValueError("columns: a quaternion is never all 0; leave out rotations by rotation: axis-angle")
+        if self.turns_by_quaternion and self.rotation_scale != 1.0:
+            raise ValueError(f"rotation_scale: quaternions have no unit, expected 1, got {self.rotation_scale}")
+        conflicting = sorted(self.model_fields_set & libero.OPTIONS.keys())
+        if self.convention == "libero" and conflicting:
+            raise ValueError(f"expected no {' and no '.join(conflicting)}, which convention libero sets")
+        if self.gripper_open == self.gripper_closed:
+            raise ValueError(f"expected gripper_open other than gripper_closed, got {self.gripper_open} for both")
+        return self
+
+    def resolved(self) -> Self:
+        """Return a copy with the options that its convention sets."""
+        return self.model_copy(update=libero.OPTIONS) if self.convention == "libero" else self
+
+    @property
+    def turns_by_quaternion(self) -> bool:
+        """Whether the answer's rotations are quaternions."""
+        return self.rotation.startswith("quaternion")
+
+    @property
+    def width(self) -> int:
+        """Number of columns that are read of an answer's row."""
+        return ACTION_DIM + 1 if self.turns_by_quaternion else ACTION_DIM
+
+
+class ServerOptions(Convention):
+    """The options of the kind `openpi`."""
+
+    address: str
+    """ws://HOST:PORT, wss://HOST, or openpi://HOST:PORT; HOST:PORT alone means ws"""
+    identity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    """the policy's checkpoint name or hash; by default the metadata that the server sends on connection"""
+    connect_timeout_s: Seconds = 10.0
+    """seconds to wait for a connection"""
+    timeout_s: Seconds = 60.0
+    """seconds to wait for an answer, reconnections included"""
+    retries: Annotated[int, Field(strict=True, ge=0, le=1000)] = 3
+    """times that a lost connection is opened again for one query"""
+    token_variable: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] | None = None
+    """environment variable that holds a token for the server"""
+    token_scheme: Literal["Bearer", "Api-Key"] = "Bearer"
+    """Bearer or Api-Key"""
+
+    @field_validator("address")
+    @classmethod
+    def _websocket(cls, value: str) -> str:
+        scheme, separator, rest = value.partition("://")
+        if not separator:
+            scheme, rest = "ws", value
+        scheme = "ws" if scheme == NAME else scheme
+        try:
+            parts = urlsplit(f"{scheme}://{rest}")
+            sound = scheme in ("ws", "wss") and bool(parts.hostname) and parts.port != 0 and parts.username is None
+        except ValueError:
+            sound = False
+        if not sound or any(character.isspace() for character in value):
+            raise ValueError(f"expected ws://HOST:PORT, got '{value}'")
+        return f"{scheme}://{rest}"
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether no option of the convention is given, so that RoboGauntlet's own server needs no conversion."""
+        return not self.model_fields_set - {"address", "identity", *_TRANSPORT}
+
+    def declaration(self) -> dict[str, Any]:
+        """The options that decide how the policy acts, as plain values: all but its address and time limits."""
+        options = self.model_dump(mode="json", exclude={"address", "identity", *_TRANSPORT})
+        return {name: value for name, value in options.items() if (name, value) not in _ADDED_DEFAULTS}
+
+    def digest(self, who: object) -> str:
+        """Hash of the policy's content; `who` identifies the policy behind the address, as plain values."""
+        return content_hash({"policy": NAME, "card": self.declaration(), "who": who})
+
+
+_TRANSPORT = ("connect_timeout_s", "timeout_s", "retries", "token_variable", "token_scheme")
+_ADDED_DEFAULTS = (("convention", "robogauntlet"), ("turn", "none"), ("rotation", "axis-angle"))
+"""Defaults of options that were added later: left out of the digest, so that older digests stay the same."""
+CONVENTION_OPTIONS = {name: field.description or "" for name, field in Convention.model_fields.items()}
+OPTIONS = {name: field.description or "" for name, field in ServerOptions.model_fields.items()}
+"""Option to its meaning."""
+
+
+def read_options(options: Mapping[str, Any]) -> ServerOptions:
+    """Read a suite's options.
+
+    Raises:
+        PolicyError: An option is missing or invalid.
+    """
+    try:
+        return ServerOptions.model_validate(dict(options)).resolved()
+    except ValidationError as error:
+        raise PolicyError(f"policy '{NAME}': {first_fault(error)}") from None

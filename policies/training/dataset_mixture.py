@@ -1,0 +1,164 @@
+"""Several datasets as one source of batches, with some episodes held out. NumPy in, NumPy out, no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robogauntlet.adapters.contract import Image
+from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics
+from robogauntlet.policies.training.dataset import Batch, Demonstrations, find_datasets, pooled_hash
+from robogauntlet.policies.training.lerobot_format import DatasetError
+
+HELD_OUT_EVERY = 10
+"""The last of every ten episodes is held out."""
+MOST_HELD_OUT = 128
+"""Largest number of held-out frames per dataset, evenly spread."""
+
+
+class DatasetMixture:
+    """Datasets that are trained on together; each has the same expected share of a batch, whatever its size."""
+
+    def __init__(self, datasets: Sequence[Demonstrations]) -> None:
+        """Split each dataset into training and held-out episodes.
+
+        Raises:
+            DatasetError: There is no dataset, or they differ in cameras or image size.
+        """
+        if not datasets:
+            raise DatasetError("expected at least one dataset, got none")
+        self.datasets = tuple(datasets)
+        self.cameras, self.image_size = datasets[0].spec.cameras, datasets[0].spec.image_size
+        for dataset in datasets:
+            if (set(dataset.spec.cameras), dataset.spec.image_size) != (set(self.cameras), self.image_size):
+                raise DatasetError(
+                    f"{dataset.folder}: expected {self.image_size} px images of {', '.join(self.cameras)} as in "
+                    f"{datasets[0].folder}, got {dataset.spec.image_size} px of {', '.join(dataset.spec.cameras)}"
+                )
+        split = [_split(dataset) for dataset in datasets]
+        self._train = [frames for frames, _ in split]
+        self._held_out = [frames for _, frames in split]
+
+    @classmethod
+    def open(cls, folders: Sequence[Path]) -> DatasetMixture:
+        """Open the datasets in these folders (datasets or folders of them), with decoded images in memory.
+
+        Raises:
+            DatasetError: There is no dataset, or one is malformed.
+        """
+        found = sorted({path.resolve(): path for folder in folders for path in find_datasets(folder)}.values())
+        mixture = cls([Demonstrations(path) for path in found])
+        for dataset in mixture.datasets:
+            dataset.preload()
+        return mixture
+
+    @property
+    def tasks(self) -> tuple[str, ...]:
+        """The tasks shown (`simulator/task`), each once."""
+        return tuple(dict.fromkeys(dataset.task for dataset in self.datasets))
+
+    @property
+    def frames(self) -> int:
+        """Number of frames to train on."""
+        return sum(map(len, self._train))
+
+    @cached_property
+    def statistics(self) -> TaskStatistics:
+        """Normalisation statistics of each task over its training frames."""
+        parts = list(zip(self.datasets, self._train, strict=True))
+        found = {}
+        for task in self.tasks:
+            own = [(dataset, frames) for dataset, frames in parts if dataset.task == task]
+            found[task] = Statistics.of(
+                np.concatenate([dataset.actions[frames] for dataset, frames in own]),
+                np.concatenate([dataset.states[frames] for dataset, frames in own]),
+            )
+        return TaskStatistics(found)
+
+    @cached_property
+    def data_hash(self) -> str:
+        """Hash of all numbers and pixels."""
+        return pooled_hash(self.datasets)
+
+    def sample(self, size: int, *, seed: int, step: int, chunk_length: int, largest_shift: int = 0) -> Batch:
+        """Draw a training batch with replacement: datasets uniformly, then their frames.
+
+        The batch depends on the arguments alone, so a resumed training sees the same batches. Images are shifted by up
+        to `largest_shift` px, each camera on its own.
+        """
+        generator = np.random.default_rng([seed, step])
+        which = np.sort(generator.integers(len(self.datasets), size=size))
+        parts = []
+        for index, (dataset, frames) in enumerate(zip(self.datasets, self._train, strict=True)):
+            wanted = int((which == index).sum())
+            if wanted:
+                chosen = frames[generator.integers(len(frames), size=wanted)]
+                parts.append(dataset.batch(chosen, chunk_length=chunk_length))
+        batch = _joined(parts)
+        if largest_shift == 0:
+            return batch
+        images = {
+            camera: shift(
+                batch.images[camera], generator.integers(-largest_shift, largest_shift + 1, (size, 2)), largest_shift
+            )
+            for camera in sorted(batch.images)
+        }
+        return replace(batch, images=images)
+
+    def held_out(self, size: int, *, chunk_length: int, task: str | None = None) -> Iterator[Batch]:
+        """Yield fixed batches of the held-out episodes of one task or all; a dataset of one episode has none."""
+        for dataset, frames in zip(self.datasets, self._held_out, strict=True):
+            if task not in (None, dataset.task):
+                continue
+            for start in range(0, len(frames), size):
+                yield dataset.batch(frames[start : start + size], chunk_length=chunk_length)
+
+
+def shift(images: Image, offsets: NDArray[np.int64], largest: int) -> Image:
+    """Shift each image and repeat its border: pad and crop (arXiv 2004.13649).
+
+    Args:
+        images: Shape (b, h, w, 3).
+        offsets: Rows and columns (px) to move down and right, shape (b, 2), within -largest .. largest.
+        largest: Largest offset (px).
+
+    Returns:
+        The moved images, same shape.
+    """
+    if largest == 0:
+        return images
+    height, width = images.shape[1:3]
+    padded = np.pad(images, ((0, 0), (largest, largest), (largest, largest), (0, 0)), mode="edge")
+    moved = np.empty_like(images)
+    for place, image, (down, right) in zip(moved, padded, offsets.tolist(), strict=True):
+        top, left = largest - down, largest - right
+        place[:] = image[top : top + height, left : left + width]
+    return moved
+
+
+def _split(dataset: Demonstrations) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the training frames and the held-out frames."""
+    episode = np.repeat(np.arange(dataset.episodes), dataset.ends - dataset.starts)
+    every = min(HELD_OUT_EVERY, dataset.episodes)
+    out = (episode % every == every - 1) & (every > 1)
+    held_out = np.flatnonzero(out)
+    spread = np.linspace(0, len(held_out) - 1, min(len(held_out), MOST_HELD_OUT)).round().astype(np.int64)
+    return np.flatnonzero(~out), held_out[spread]
+
+
+def _joined(parts: Sequence[Batch]) -> Batch:
+    if len(parts) == 1:
+        return parts[0]
+    return Batch(
+        {camera: np.concatenate([part.images[camera] for part in parts]) for camera in parts[0].images},
+        np.concatenate([part.states for part in parts]),
+        np.concatenate([part.actions for part in parts]),
+        np.concatenate([part.mask for part in parts]),
+        tuple(instruction for part in parts for instruction in part.instructions),
+        tuple(task for part in parts for task in part.tasks),
+    )

@@ -1,0 +1,313 @@
+"""Writes a dataset in steps, so that a collection can be stopped at any time and continued later."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from robogauntlet.policies.training.lerobot_format import (
+    CODEBASE_VERSION,
+    DATA_FILE,
+    EPISODES_FILE,
+    FILES_PER_CHUNK,
+    INFO_FILE,
+    JOURNAL_FILE,
+    ROBOT,
+    STATS_FILE,
+    TASKS_FILE,
+    DatasetError,
+    DatasetSpec,
+    EncodedEpisode,
+    episode_table,
+    features,
+    image_key,
+    number_statistics,
+    numbers,
+    pooled_image_statistics,
+)
+from robogauntlet.suites.episode import content_hash
+from robogauntlet.support.files import replacing
+
+SUCCESS_STATUS = "success"
+FLUSH_BYTES = 32 * 2**20
+"""Images of added episodes above which they are committed."""
+FLUSH_S = 10.0
+"""Time since the last commit after which added episodes are committed."""
+STORAGE: Mapping[str, Any] = {"compression": "none", "use_dictionary": False, "write_statistics": ["episode_index"]}
+"""PNG does not compress again and no two images are equal, so neither is tried."""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One seed that was played: its episode is kept if the dataset keeps that status, else it is only counted."""
+
+    seed: int
+    status: str
+    """`success`, `failure` or `error`."""
+    steps: int
+    error: str | None = None
+
+
+class DatasetWriter:
+    """One dataset in one folder. What is committed survives the process; what is added waits for a commit.
+
+    A commit rewrites the description of the whole dataset, so episodes that are added one by one share commits.
+    `meta/robogauntlet.json` is written last and lists what is committed; other files are leftovers of a process that
+    was killed, and are overwritten.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        source: Mapping[str, Any],
+        *,
+        keeps: Collection[str] = (SUCCESS_STATUS,),
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin or continue a dataset.
+
+        Args:
+            folder: The dataset's; made at the first commit.
+            source: How its episodes are made, as plain JSON. Must be the same to continue.
+            keeps: Statuses whose episodes are kept.
+            now: Seconds, from anywhere.
+
+        Raises:
+            DatasetError: The folder holds something else.
+        """
+        self.folder = folder
+        self.source = json.loads(json.dumps(source))
+        self._keeps = frozenset(keeps)
+        self.attempts: list[Attempt] = []
+        self.spec: DatasetSpec | None = None
+        self._rows: list[dict[str, Any]] = []
+        self._numbers: list[pa.Table] = []
+        self._tasks: dict[str, int] = {}
+        self._files = 0
+        self._now = now
+        self._added: list[tuple[Attempt, EncodedEpisode | None]] = []
+        self._committed_at = now()
+        if (folder / JOURNAL_FILE).exists():
+            self._continue()
+        elif (folder / "meta").exists():
+            raise DatasetError(f"{folder}: expected an empty folder or a dataset of ours, {JOURNAL_FILE} is missing")
+
+    @property
+    def episodes(self) -> int:
+        """Episodes committed."""
+        return len(self._rows)
+
+    @property
+    def frames(self) -> int:
+        """Frames committed."""
+        return int(self._rows[-1]["dataset_to_index"]) if self._rows else 0
+
+    @property
+    def content_hash(self) -> str | None:
+        """As `Demonstrations.content_hash`, from the hashes taken when the episodes were recorded."""
+        return content_hash(sorted(row["content_hash"] for row in self._rows)) if self._rows else None
+
+    def about(self, name: str) -> list[Any]:
+        """Values of this name in `Recording.about` of the committed episodes."""
+        return [row.get(name) for row in self._rows]
+
+    def add(self, attempt: Attempt, episode: EncodedEpisode | None) -> None:
+        """Add a seed that was played, with its episode if it is kept. It is lost with the process until a commit."""
+        self._added.append((attempt, episode))
+
+    def flush_if_due(self) -> None:
+        """Commit what was added, if it is large or the last commit was long ago.
+
+        Raises:
+            DatasetError, OSError: As `commit`.
+        """
+        size = sum(episode.size for _, episode in self._added if episode is not None)
+        if size > FLUSH_BYTES or self._now() - self._committed_at > FLUSH_S:
+            self.flush()
+
+    def flush(self) -> None:
+        """Commit what was added. If that fails, it is dropped.
+
+        Raises:
+            DatasetError, OSError: As `commit`.
+        """
+        if not self._added:
+            return
+        added, self._added = self._added, []
+        self.commit([attempt for attempt, _ in added], [episode for _, episode in added if episode is not None])
+        self._committed_at = self._now()
+
+    def commit(self, attempts: Sequence[Attempt], episodes: Sequence[EncodedEpisode]) -> None:
+        """Add what was played, in order.
+
+        Args:
+            attempts: Every seed that was played.
+            episodes: Those of them that are kept.
+
+        Raises:
+            DatasetError: The two do not fit together, or the episodes do not fit those that are there.
+            OSError: It cannot be written; nothing is committed.
+        """
+        expected = [attempt.seed for attempt in attempts if attempt.status in self._keeps]
+        if expected != [episode.seed for episode in episodes]:
+            raise DatasetError(
+                f"expected an episode for each that is kept {expected}, got {[e.seed for e in episodes]}"
+            )
+        for episode in episodes:
+            self.spec = self.spec or episode.spec
+            if episode.spec != self.spec:
+                raise DatasetError(f"{self.folder}: expected episodes of {self.spec}, got {episode.spec}")
+        if not (self.folder / JOURNAL_FILE).exists():
+            self._write_journal()  # so that leftovers of a first commit are recognised
+        if episodes:
+            self._add(episodes)
+        self.attempts += attempts
+        self._write_journal()
+
+    def _write_journal(self) -> None:
+        document = {
+            "source": self.source,
+            "data_files": self._files,
+            "episodes": self.episodes,
+            "attempts": [asdict(attempt) for attempt in self.attempts],
+        }
+        _write_json(self.folder / JOURNAL_FILE, document)
+
+    def _add(self, episodes: Sequence[EncodedEpisode]) -> None:
+        chunk, file = divmod(self._files, FILES_PER_CHUNK)
+        tables = []
+        for episode in episodes:
+            first = self.frames
+            task_index = self._tasks.setdefault(episode.instruction, len(self._tasks))
+            table = episode_table(episode, episode_index=len(self._rows), first_index=first, task_index=task_index)
+            tables.append(table)
+            self._numbers.append(_without_images(table))
+            self._rows.append(_row(episode, table, len(self._rows), first, chunk, file))
+        path = self.folder / DATA_FILE.format(chunk_index=chunk, file_index=file)
+        with _replacing(path) as partial, pq.ParquetWriter(partial, tables[0].schema, **STORAGE) as writer:
+            for table in tables:
+                writer.write_table(table)  # a row group per episode
+        self._files += 1
+        self._describe()
+
+    def _describe(self) -> None:
+        """Write everything under `meta/` but the journal."""
+        import pandas as pd
+
+        assert self.spec is not None
+        with _replacing(self.folder / EPISODES_FILE) as partial:
+            pq.write_table(pa.Table.from_pylist(self._rows), partial)
+        tasks = pd.DataFrame({"task_index": list(self._tasks.values())}, index=pd.Index(self._tasks, name="task"))
+        with _replacing(self.folder / TASKS_FILE) as partial:
+            tasks.to_parquet(partial)
+        _write_json(self.folder / STATS_FILE, self._statistics())
+        info = {
+            "codebase_version": CODEBASE_VERSION,
+            "robot_type": ROBOT,
+            "total_episodes": self.episodes,
+            "total_frames": self.frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": FILES_PER_CHUNK,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
+            "fps": self.spec.fps,
+            "splits": {"train": f"0:{self.episodes}"},
+            "data_path": DATA_FILE,
+            "video_path": None,
+            "features": features(self.spec),
+        }
+        _write_json(self.folder / INFO_FILE, info)
+
+    def _statistics(self) -> dict[str, Any]:
+        assert self.spec is not None
+        table = pa.concat_tables(self._numbers)
+        statistics = {name: number_statistics(numbers(table, name)) for name in table.column_names}
+        for camera in self.spec.cameras:
+            key = image_key(camera)
+            names = ("min", "max", "mean", "std", "count")
+            parts = [{name: row[f"stats/{key}/{name}"] for name in names} for row in self._rows]
+            statistics[key] = pooled_image_statistics(parts)
+        return statistics
+
+    def _continue(self) -> None:
+        path = self.folder / JOURNAL_FILE
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+            there = dict(document["source"])
+            self._files, episodes = int(document["data_files"]), int(document["episodes"])
+            self.attempts = [Attempt(**attempt) for attempt in document["attempts"]]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DatasetError(f"{path}: expected a record of attempts: {type(error).__name__}: {error}") from None
+        differing = [key for key in {**there, **self.source} if there.get(key) != self.source.get(key)]
+        if differing:
+            key = differing[0]
+            what = f"{key} {json.dumps(there.get(key))}, now {json.dumps(self.source.get(key))}"
+            raise DatasetError(f"{self.folder}: it was begun with {what}; give another folder with --out")
+        if not episodes:
+            return
+        try:
+            self._rows = pq.read_table(self.folder / EPISODES_FILE).to_pylist()[:episodes]
+            for number in range(self._files):
+                chunk, file = divmod(number, FILES_PER_CHUNK)
+                data = pq.ParquetFile(self.folder / DATA_FILE.format(chunk_index=chunk, file_index=file))
+                names = [field.name for field in data.schema_arrow if not pa.types.is_struct(field.type)]
+                self._numbers.append(data.read(names))
+            info = json.loads((self.folder / INFO_FILE).read_text(encoding="utf-8"))
+            self.spec = spec_of(info)
+        except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+            raise DatasetError(f"{self.folder}: it cannot be continued: {type(error).__name__}: {error}") from None
+        for row in self._rows:
+            self._tasks.setdefault(row["tasks"][0], len(self._tasks))
+
+
+def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
+    """The spec that `meta/info.json` declares."""
+    prefix = image_key("")
+    images = {name.removeprefix(prefix): f for name, f in info["features"].items() if name.startswith(prefix)}
+    return DatasetSpec(int(info["fps"]), tuple(images), int(next(iter(images.values()))["shape"][0]))
+
+
+def _row(
+    episode: EncodedEpisode, table: pa.Table, episode_index: int, first_index: int, chunk: int, file: int
+) -> dict[str, Any]:
+    """An episode's row under `meta/episodes`; `seed`, `content_hash` and `about` are not part of LeRobot's format."""
+    plain = _without_images(table)
+    statistics = {name: number_statistics(numbers(plain, name)) for name in plain.column_names}
+    statistics |= {image_key(camera): dict(found) for camera, found in episode.image_statistics.items()}
+    return {
+        "episode_index": episode_index,
+        "tasks": [episode.instruction],
+        "length": len(episode),
+        "data/chunk_index": chunk,
+        "data/file_index": file,
+        "dataset_from_index": first_index,
+        "dataset_to_index": first_index + len(episode),
+        "meta/episodes/chunk_index": 0,
+        "meta/episodes/file_index": 0,
+        "seed": episode.seed,
+        "content_hash": episode.content_hash,
+        **episode.about,
+        **{f"stats/{key}/{name}": value for key, found in statistics.items() for name, value in found.items()},
+    }
+
+
+def _without_images(table: pa.Table) -> pa.Table:
+    return table.select([field.name for field in table.schema if not pa.types.is_struct(field.type)])
+
+
+def _replacing(path: Path) -> AbstractContextManager[Path]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return replacing(path)
+
+
+def _write_json(path: Path, content: object) -> None:
+    with _replacing(path) as partial:
+        partial.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

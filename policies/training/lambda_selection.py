@@ -1,0 +1,109 @@
+"""Choice of lambda by held-out demonstrations, never by evaluation episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts, merge_parts
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
+from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
+from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
+from robogauntlet.policies.training.batch_loss import BatchLoss
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.training_checkpoint import TrainingError
+
+LAMBDAS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+"""Candidates for each task."""
+BATCH = 64
+Progress = Callable[[str], None]
+"""Called with the candidate that is being tried."""
+
+
+@torch.no_grad()
+def held_out_l1(
+    model_of: Callable[[str], MergeVLA],
+    statistics: TaskStatistics,
+    mixture: DatasetMixture,
+    tasks: Sequence[str] | None = None,
+) -> dict[str, float]:
+    """Mean L1 over the held-out episodes of each task.
+
+    Args:
+        model_of: Gives the network that acts in a task.
+        statistics: Of each task.
+        mixture: Demonstrations; images are read as they are needed.
+        tasks: Of the pool, by default all.
+
+    Raises:
+        TrainingError: No episode of a task is held out.
+    """
+    found: dict[str, float] = {}
+    for task in tasks or mixture.tasks:
+        model = model_of(task)
+        batch_loss = BatchLoss(
+            model.architecture, statistics, tokenizer_for(model.architecture), next(model.parameters()).device
+        )
+        batches = list(mixture.held_out(BATCH, chunk_length=model.architecture.chunk_length, task=task))
+        if not batches:
+            raise TrainingError(f"expected held-out episodes of {task}, got none: ten episodes give one")
+        weights = [int(batch.mask.sum()) for batch in batches]
+        found[task] = float(np.average([float(batch_loss.loss(model, batch)) for batch in batches], weights=weights))
+    return found
+
+
+def experts_l1(
+    experts: Experts, mixture: DatasetMixture, instructions: Mapping[str, str] | None = None
+) -> dict[str, float]:
+    """Mean L1 of the unmerged experts on their held-out episodes: the lower bound for merging."""
+    alone = {task: replace(experts, by_task={task: expert}) for task, expert in experts.by_task.items()}
+    recipe = Recipe(backbone=BackboneRule.SELECT, trunk=TrunkRule.MEAN)
+    return {
+        task: held_out_l1(MergedModel(parts).model, parts.statistics, mixture, [task])[task]
+        for task, parts in ((task, merge_parts(one, recipe, instructions)) for task, one in alone.items())
+    }
+
+
+def choose_lambdas(
+    experts: Experts,
+    recipe: Recipe,
+    mixture: DatasetMixture,
+    instructions: Mapping[str, str] | None = None,
+    *,
+    among: Sequence[float] = LAMBDAS,
+    progress: Progress | None = None,
+) -> tuple[Recipe, dict[str, dict[float, float]]]:
+    """Give each task the lambda with which it does best on its held-out demonstrations.
+
+    A task's weights depend on the merged task vector and its own mask alone, so the tasks are chosen for one by one.
+
+    Args:
+        experts: To be merged.
+        recipe: How; with task masks.
+        mixture: Demonstrations of each expert's task.
+        instructions: As for `merge_experts`.
+        among: Values of lambda.
+        progress: See `Progress`.
+
+    Returns:
+        The recipe with a lambda per expert, and expert to lambda to held-out L1.
+
+    Raises:
+        TrainingError: The recipe has no lambda.
+    """
+    if recipe.masks is not MaskRule.TASK:
+        raise TrainingError(f"expected task masks, whose lambda can be chosen, got masks '{recipe.masks}'")
+    table: dict[str, dict[float, float]] = {task: {} for task in experts.by_task}
+    for value in among:
+        if progress is not None:
+            progress(f"lambda {value:g}")
+        parts = merge_parts(experts, replace(recipe, lambda_=value), instructions)
+        for task, loss in held_out_l1(MergedModel(parts).model, parts.statistics, mixture, list(table)).items():
+            table[task][value] = loss
+    best = {task: min(losses, key=lambda value: (losses[value], value)) for task, losses in table.items()}
+    return replace(recipe, lambda_=best), table

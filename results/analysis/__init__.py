@@ -1,0 +1,1 @@
+"""From rows to tables, comparisons, leaderboards and robustness."""

@@ -1,0 +1,172 @@
+"""Leaderboard of policies across runs: rates with intervals, and letters instead of ranks.
+
+Two policies that share a letter do not differ significantly: each pair of policies is compared on the episodes that
+both played (McNemar's exact test, adjusted over all pairs by Holm's method). The letters are the compact display of
+Piepho (2004, Journal of Computational and Graphical Statistics 13), by insertion and absorption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence, Set
+from dataclasses import dataclass
+from itertools import combinations
+from string import ascii_letters
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robogauntlet.results.api import read_episodes
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunError
+from robogauntlet.results.statistics.multiplicity import ALPHA, holm
+from robogauntlet.results.statistics.pairs import Pairs, mcnemar
+from robogauntlet.results.statistics.rates import Interval, wilson_interval
+from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.history_records import rows_url
+from robogauntlet.results.store.run_history import History
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status")
+"""Fields of the record that a leaderboard needs."""
+
+
+@dataclass(frozen=True)
+class LeaderboardRow:
+    """A policy on the leaderboard."""
+
+    policy: str
+    policy_digest: str
+    run: str
+    """Name of the run with its episodes."""
+    started_at: float
+    """Start of that run (seconds since 1970, UTC)."""
+    successes: int
+    verdicts: int
+    rate: float
+    """Mean over tasks; tasks have equal weight."""
+    interval: Interval | None
+    """Wilson interval of the pooled rate, 95 %."""
+    letters: str
+    """Policies that share a letter do not differ significantly."""
+
+
+@dataclass(frozen=True)
+class PolicyEpisodes:
+    """A policy's rows in one run."""
+
+    policy: str
+    policy_digest: str
+    run: str
+    started_at: float
+    rows: pd.DataFrame
+    """Columns `COLUMNS`, of this policy."""
+
+
+def latest_results_per_policy(
+    history: History, suite: str, left_out: Callable[[str], None]
+) -> Iterator[PolicyEpisodes]:
+    """Yield the episodes of each policy in its newest complete run whose rows can be read.
+
+    Args:
+        history: The history of the runs.
+        suite: Name of the suite.
+        left_out: Called with a message for each run whose rows cannot be read; an older run takes its place.
+
+    Raises:
+        StoreError: The history cannot be read.
+    """
+    found: set[str] = set()
+    for entry, digests in history.newest_runs(suite):
+        wanted = [name for name in digests if name not in found]
+        if not wanted:
+            continue
+        try:
+            rows = read_episodes(rows_url(entry, history.url), entry.run_id, COLUMNS)
+        except (RunError, StoreError) as error:
+            left_out(f"{entry.name} is left out: {error}")
+            continue
+        for name in wanted:
+            of_policy = rows[rows["policy"] == name]
+            if len(of_policy):
+                found.add(name)
+                yield PolicyEpisodes(name, digests[name], entry.name, entry.started_at, of_policy)
+
+
+def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[LeaderboardRow]:
+    """Rank policies by success on clean episodes without an error.
+
+    Args:
+        played: Episodes of each policy, all of one suite.
+        alpha: Maximum probability that any two policies that do not differ share no letter.
+
+    Returns:
+        A row per policy, the highest rate first. Only letters show significant differences.
+    """
+    outcomes = [_outcomes(one.rows) for one in played]
+    order = sorted((i for i, rows in enumerate(outcomes) if len(rows)), key=lambda i: -_task_mean(outcomes[i]))
+    pairs = list(combinations(order, 2))
+    p_values = holm([_p_value(outcomes[a], outcomes[b]) for a, b in pairs]) if pairs else ()
+    differ = {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p <= alpha}
+    letters = compact_letters(order, differ)
+    return [_row(played[i], outcomes[i], letters[i]) for i in order]
+
+
+def compact_letters(order: Sequence[int], differ: Set[frozenset[int]]) -> dict[int, str]:
+    """Assign letters such that two policies share one if and only if they do not differ significantly.
+
+    Args:
+        order: Indices of the policies, which get the first letters in this order.
+        differ: Pairs that differ significantly.
+    """
+    columns: list[set[int]] = [set(order)]
+    for pair in differ:
+        split: list[set[int]] = []
+        for column in columns:
+            split += [column - {one} for one in pair] if pair <= column else [column]
+        columns = [c for i, c in enumerate(split) if not any(_absorbs(split, i, j) for j in range(len(split)))]
+    place = {one: number for number, one in enumerate(order)}
+    columns.sort(key=lambda column: sorted(place[one] for one in column))
+    names = [_letter(number) for number in range(len(columns))]
+    return {one: "".join(name for name, column in zip(names, columns, strict=True) if one in column) for one in order}
+
+
+def _absorbs(columns: Sequence[set[int]], i: int, j: int) -> bool:
+    """Whether column j contains column i."""
+    return i != j and columns[i] <= columns[j] and (columns[i] != columns[j] or j < i)
+
+
+def _letter(number: int) -> str:
+    return ascii_letters[number] if number < len(ascii_letters) else f"({number})"
+
+
+def _outcomes(rows: pd.DataFrame) -> pd.DataFrame:
+    clean = rows[(rows["severity"] == 0) & (rows["status"] != str(Status.ERROR))]
+    return clean.assign(won=clean["status"] == str(Status.SUCCESS))[["pair_id", "task", "won"]]
+
+
+def _task_mean(rows: pd.DataFrame) -> float:
+    return float(rows.groupby("task", observed=True)["won"].mean().mean())
+
+
+def _p_value(one: pd.DataFrame, other: pd.DataFrame) -> float:
+    both = one.merge(other, on="pair_id", suffixes=("", "_other"))
+    if both.empty:
+        return 1.0
+    return mcnemar(Pairs.from_outcomes(both["won"].to_numpy(np.float64), both["won_other"].to_numpy(np.float64)))
+
+
+def _row(one: PolicyEpisodes, rows: pd.DataFrame, letters: str) -> LeaderboardRow:
+    won, count = int(rows["won"].sum()), len(rows)
+    return LeaderboardRow(
+        policy=one.policy,
+        policy_digest=one.policy_digest,
+        run=one.run,
+        started_at=one.started_at,
+        successes=won,
+        verdicts=count,
+        rate=_task_mean(rows),
+        interval=wilson_interval(won, count),
+        letters=letters,
+    )

@@ -1,0 +1,250 @@
+"""Comparison of policies under perturbations: success lost against a baseline, and accuracy of routers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes
+from robogauntlet.results.analysis.routing import Rate
+from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument
+from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, resampled_means
+from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochberg
+from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
+from robogauntlet.results.statistics.sequential import paired_evidence
+from robogauntlet.suites.episode import CLEAN, CONTROLS, content_hash
+from robogauntlet.suites.schema import AdaptiveEntry
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, slots=True)
+class LossRow:
+    """Baseline minus another policy at one level, on seeds with a verdict of both."""
+
+    policy: str
+    """The other policy."""
+    axis: str
+    severity: int
+    """0 for the clean condition."""
+    pairs: int
+    baseline: float
+    """Rate of the baseline on the pairs."""
+    rate: float
+    """Rate of the other on the pairs."""
+    loss: Estimate | None
+    p: float
+    """Exact McNemar, two-sided."""
+    evidence: float
+    """E-value, valid at any number of looks; 20 decides at 5 %."""
+    adjusted: float
+    """Benjamini-Hochberg over all levels and axes of this policy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interaction:
+    """Loss of a policy against the baseline under an axis beyond its clean loss."""
+
+    policy: str
+    axis: str
+    tasks: int
+    extra: Estimate
+    """Mean loss over the severities minus the clean loss; tasks have equal weight."""
+    corrected: Interval | None
+    """Simultaneous interval for all axes of this policy (Bonferroni)."""
+
+    @property
+    def is_shown(self) -> bool:
+        """Whether the simultaneous interval excludes 0."""
+        ends = self.corrected
+        return ends is not None and (ends.low > 0 or ends.high < 0)
+
+
+@dataclass(frozen=True, slots=True)
+class RouterRow:
+    """Router accuracy of a policy at one level, over all simulators."""
+
+    policy: str
+    axis: str
+    severity: int
+    right: Rate
+    """Episodes in which the task was inferred correctly."""
+    success: Rate
+    misrouted: Rate
+    """Success in misrouted episodes."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyShift:
+    """The comparison of policies under perturbations."""
+
+    baseline: str
+    others: tuple[str, ...]
+    losses: tuple[LossRow, ...]
+    interactions: tuple[Interaction, ...]
+    routers: tuple[RouterRow, ...]
+    rule: AdaptiveEntry | None = None
+    """The rule for stopping conditions early, if the suite has one."""
+    decided: tuple[Decided, ...] = ()
+
+
+def build_policy_shift(document: RunDocument, eligible: EligibleEpisodes) -> PolicyShift | None:
+    """Compare policies as the suite asks; None if it does not.
+
+    Args:
+        document: The run.
+        eligible: Its rows, with the column `inferred_task`.
+    """
+    sides = document.suite.comparison
+    if sides is None:
+        return None
+    axes = tuple(dict.fromkeys(c.axis for c in document.plan if c.axis not in (CLEAN, *CONTROLS)))
+    losses, interactions = [], []
+    for policy in sides.others:
+        rows: list[LossRow] = []
+        for axis in axes:
+            cells = [_cells(document, name, axis) for name in (sides.baseline, policy)]
+            levels = sorted({cell.severity for cell in cells[0]} & {cell.severity for cell in cells[1]})
+            levels, strata = _levels_with_verdicts(levels, eligible.paired(cells, levels))
+            if len(levels) < 2 or levels[0] != 0 or not strata:
+                continue
+            rows += [row for row in _loss_rows(policy, axis, levels, strata) if row.severity or not rows]
+            interactions.append(interaction(policy, axis, len(levels), strata, len(axes)))
+        losses += _adjusted(rows)
+    routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
+    return PolicyShift(
+        sides.baseline,
+        sides.others,
+        tuple(losses),
+        tuple(interactions),
+        tuple(routers),
+        document.suite.adaptive,
+        document.decided,
+    )
+
+
+def _levels_with_verdicts(
+    levels: Sequence[int], strata: Sequence[NDArray[np.floating]]
+) -> tuple[list[int], list[NDArray[np.floating]]]:
+    """Drop levels at which no pair has both verdicts, such as those that the oracle gate rejects in every task."""
+    count = len(levels)
+    kept = [i for i in range(count) if any((~np.isnan(s[:, i]) & ~np.isnan(s[:, count + i])).any() for s in strata)]
+    return [levels[i] for i in kept], [s[:, [*kept, *(count + i for i in kept)]] for s in strata]
+
+
+def _cells(document: RunDocument, policy: str, axis: str) -> list[PlannedCell]:
+    return [cell for cell in document.plan if cell.policy == policy and cell.axis in (axis, CLEAN)]
+
+
+def _loss_rows(policy: str, axis: str, levels: Sequence[int], strata: Sequence[NDArray[np.floating]]) -> list[LossRow]:
+    rows = []
+    for place, severity in enumerate(levels):
+        pairs = pooled(Pairs.from_outcomes(outcomes[:, place], outcomes[:, len(levels) + place]) for outcomes in strata)
+        if pairs.trials:
+            baseline, rate = pairs.first / pairs.trials, pairs.second / pairs.trials
+            p = mcnemar(pairs)
+            loss, evidence = paired_difference(pairs), paired_evidence(pairs)
+            rows.append(LossRow(policy, axis, severity, pairs.trials, baseline, rate, loss, p, evidence, p))
+    return rows
+
+
+def _adjusted(rows: Sequence[LossRow]) -> list[LossRow]:
+    values = benjamini_hochberg([row.p for row in rows]) if rows else ()
+    return [replace(row, adjusted=value) for row, value in zip(rows, values, strict=True)]
+
+
+def interaction(
+    policy: str, axis: str, levels: int, strata: Sequence[NDArray[np.floating]], axes: int, draws: int = DRAWS
+) -> Interaction:
+    """Estimate the loss against the baseline under an axis beyond the clean loss.
+
+    Args:
+        policy: The other policy.
+        axis: The axis.
+        levels: Number of levels of each policy, including clean, which comes first.
+        strata: Per task, shape (seeds, 2 x levels), the baseline first; see `EligibleEpisodes.paired`.
+        axes: Number of axes of the simultaneous interval.
+        draws: Bootstrap samples.
+    """
+    generator = np.random.default_rng(int(content_hash(["interaction", policy, axis]), 16))
+    value = float(_extra(mean_outcomes(strata)[None], levels)[0])
+    drawn = _extra(resampled_means(strata, generator, draws), levels)
+    interval, corrected = (_ends(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
+    return Interaction(policy, axis, len(strata), Estimate(value, interval), corrected)
+
+
+def _extra(means: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
+    """Mean loss over the perturbed levels minus the clean one, shape (draws,).
+
+    Args:
+        means: Mean outcomes, shape (draws, strata, 2 x levels), the baseline's first.
+        levels: Number of levels of each policy.
+    """
+    loss = means[..., :levels] - means[..., levels:]
+    with np.errstate(invalid="ignore"):
+        by_level = np.nanmean(loss[..., 1:] - loss[..., :1], axis=-2)
+    return np.asarray(by_level.mean(axis=-1), dtype=np.float64)
+
+
+def _ends(drawn: NDArray[np.float64], confidence: float) -> Interval | None:
+    """Percentile interval of bootstrap values; None if one is missing or all are equal."""
+    if np.isnan(drawn).any() or drawn.max() == drawn.min():
+        return None
+    low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return Interval(float(low), float(high))
+
+
+def _routers(document: RunDocument, eligible: EligibleEpisodes, policy: str, axis: str) -> list[RouterRow]:
+    cells = _cells(document, policy, axis)
+    if not any(cell.axis == axis for cell in cells):
+        return []
+    rows = []
+    for severity in sorted({cell.severity for cell in cells}):
+        found = eligible.verdicts([cell for cell in cells if cell.severity == severity])
+        routed = found[found["inferred_task"].notna()]
+        if len(routed):
+            rows.append(_router(policy, axis, severity, routed))
+    return rows
+
+
+def _router(policy: str, axis: str, severity: int, routed: pd.DataFrame) -> RouterRow:
+    right = routed["inferred_task"].astype(str) == routed["task"].astype(str)
+    won = routed["status"].astype(str) == "success"
+    return RouterRow(
+        policy,
+        axis,
+        severity,
+        Rate.from_counts(int(right.sum()), len(right)),
+        Rate.from_counts(int(won.sum()), len(won)),
+        Rate.from_counts(int((won & ~right).sum()), int((~right).sum())),
+    )
+
+
+def first_to_fail(rows: Sequence[RouterRow]) -> str | None:
+    """Attribute the first significant loss along an axis to the router or the policy.
+
+    Args:
+        rows: One policy along one axis, the clean condition first.
+
+    Returns:
+        `router` if more than half of the loss at the first level with a significant loss is on misrouted episodes,
+        else `policy`; None without a significant loss.
+    """
+    if len(rows) < 2 or rows[0].severity:
+        return None
+    clean = rows[0].success
+    clean_interval, clean_rate = clean.interval, clean.rate
+    for row in rows[1:]:
+        ends = row.success.interval
+        if clean_interval is None or clean_rate is None or ends is None or ends.high >= clean_interval.low:
+            continue
+        lost = clean_rate * row.success.trials - row.success.successes
+        on_misrouted = clean_rate * row.misrouted.trials - row.misrouted.successes
+        return "router" if on_misrouted > lost / 2 else "policy"
+    return None

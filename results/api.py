@@ -1,0 +1,152 @@
+"""Public API for notebooks and scripts: open a run, read its episodes as a table, compare two runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence, Set
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robogauntlet.results.analysis.comparison import COLUMNS, Comparison, Difference, Run, compare_runs
+from robogauntlet.results.analysis.tables import Tables, build_tables
+from robogauntlet.results.record import FIELDS
+from robogauntlet.results.run_document import RunDocument, RunError, read_run
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.history_records import RunEntry, rows_url
+from robogauntlet.results.store.run_history import History
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class OpenRun:
+    """A run folder with its episodes."""
+
+    def __init__(self, folder: Path, document: RunDocument, store: str | None) -> None:
+        """See `open_run`."""
+        self.folder, self.document, self._store = folder, document, store
+
+    def __repr__(self) -> str:
+        document = self.document
+        return f"{self.folder}: suite {document.suite.name}, {document.planned:,} episodes planned, {document.status}"
+
+    def episodes(self, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+        """Return a table with a row per episode.
+
+        Args:
+            fields: Fields of `robogauntlet.EpisodeResult`, the columns of the table.
+
+        Raises:
+            RunError: The rows are in a database whose URL was not given.
+            StoreError: The rows cannot be read.
+        """
+        return _frame(Store.open_begun(self.folder, self.document, self._store), fields)
+
+    def tables(self) -> Tables:
+        """Return success per task, simulator and policy with intervals, as in the report."""
+        return build_tables(self.document, self.episodes())
+
+
+def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+    """Read fields of a run's episodes as a table.
+
+    Args:
+        url: URL of the store with the rows.
+        run_id: Id of the run.
+        fields: Fields of `robogauntlet.EpisodeResult`, the columns of the table.
+
+    Raises:
+        StoreError: The rows cannot be read.
+    """
+    return _frame(Store.open(url, run_id), fields)
+
+
+def _frame(rows: Store, fields: Sequence[str]) -> pd.DataFrame:
+    import pandas as pd
+
+    try:
+        pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in rows.batches(50_000, fields)]
+    finally:
+        rows.close()
+    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})
+
+
+def open_run(folder: Path | str, store: str | None = None) -> OpenRun:
+    """Open a run.
+
+    Args:
+        folder: The run folder.
+        store: URL of its store, if that is not in the folder.
+
+    Raises:
+        RunError: The folder is not a run folder.
+    """
+    return OpenRun(Path(folder), read_run(Path(folder)), store)
+
+
+def open_entry(history: History, entry: RunEntry, document: RunDocument | None = None) -> OpenRun:
+    """Open a run of a history.
+
+    Args:
+        history: The history with the run.
+        entry: The run.
+        document: Its document; None to read it from the history.
+
+    Raises:
+        RunError: Its rows are not accessible.
+        StoreError: The history cannot be read.
+    """
+    if entry.folder is None and entry.rows_url is None:
+        raise RunError(f"{entry.name}: expected its folder with the rows, but the folder was removed")
+    url = rows_url(entry, history.url)
+    return OpenRun(Path(entry.folder or entry.name), document or history.document(entry.run_id), url)
+
+
+class PrintableComparison(Comparison):
+    """A comparison that prints itself: as text, and in notebooks as Markdown."""
+
+    def __str__(self) -> str:
+        from robogauntlet.results.report.comparison import as_text
+
+        return as_text(self)
+
+    def _repr_markdown_(self) -> str:
+        from robogauntlet.results.report.comparison import as_markdown
+
+        return as_markdown(self)
+
+
+def compare(
+    run: OpenRun | Path | str,
+    baseline: OpenRun | Path | str,
+    *,
+    alpha: float | None = None,
+    margin: float | None = None,
+    only: Sequence[str] = (),
+    allowed: Set[Difference] = frozenset(),
+) -> PrintableComparison:
+    """Compare a run with a baseline run: paired tests per task and policy, adjusted for multiplicity.
+
+    `print` shows the result as text; notebooks show it as a table.
+
+    Args:
+        run: The run to judge.
+        baseline: The run to compare with.
+        alpha: Maximum probability of a false alarm; None for the value of the run's suite.
+        margin: Largest decrease of a rate that counts as no worse; None for the value of the run's suite.
+        only: Names of policies; empty for all.
+        allowed: Differences of the runs that do not prevent the comparison.
+
+    Raises:
+        RunError: A folder is not a run folder.
+        StoreError: Rows cannot be read.
+    """
+    runs = [given if isinstance(given, OpenRun) else open_run(given) for given in (run, baseline)]
+    defaults = runs[0].document.suite.regression
+    comparison = compare_runs(
+        *(Run(side.folder.absolute().name, side.document, side.episodes(COLUMNS)) for side in runs),
+        alpha=defaults.alpha if alpha is None else alpha,
+        margin=defaults.margin if margin is None else margin,
+        only=only,
+        allowed=allowed,
+    )
+    return PrintableComparison(**vars(comparison))

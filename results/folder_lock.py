@@ -1,0 +1,40 @@
+"""Folders that one process writes into at a time."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from robogauntlet.results.run_document import RUN_FILE
+from robogauntlet.support.errors import describe_os_error
+from robogauntlet.support.files import exclusive
+
+LOCK_FILE = ".lock"
+
+
+class FolderError(Exception):
+    """The run folder cannot be used; the message says why."""
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path, *, for_run: bool = False) -> Iterator[None]:
+    """Hold the lock of a folder, which is made if necessary, for the duration of the block.
+
+    Args:
+        folder: The folder to write into.
+        for_run: Whether it is the folder of a run, into which nothing else is written.
+
+    Raises:
+        FolderError: It cannot be written, another process writes into it, or it holds a run.
+    """
+    if not for_run and (folder / RUN_FILE).exists():
+        raise FolderError(f"{folder}: expected another folder than that of a run; give one with --out")
+    with contextlib.ExitStack() as held:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            refusal = FolderError(f"{folder}: another process runs into this folder")
+            held.enter_context(exclusive(folder / LOCK_FILE, refusal))
+        except OSError as error:
+            raise FolderError(f"{folder}: {describe_os_error(error)}") from None
+        yield

@@ -1,0 +1,153 @@
+"""A policy's results in the words of other evaluation programs, for their tools to read.
+
+`eval_info.json` is what LeRobot's `lerobot-eval` writes (Apache 2.0); the other is the result file of Allen AI's
+vla-evaluation-harness (`src/vla_eval/results/collector.py`). What they have and we do not is null or left out.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunDocument, RunError
+from robogauntlet.suites.episode import Condition
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = (
+    *("policy", "simulator", "task", "axis", "severity", "seed", "status", "error"),
+    *("reward_sum", "steps", "wall_s"),
+)
+"""Fields of the record that these are made from."""
+
+
+def of_policy(rows: pd.DataFrame, policy: str | None) -> pd.DataFrame:
+    """The rows of one policy.
+
+    Args:
+        rows: Of a run.
+        policy: Its name; None if the run has only one.
+
+    Raises:
+        RunError: There is no such policy, or there are several and none is named.
+    """
+    names = list(dict.fromkeys(rows["policy"]))
+    if policy is None and len(names) > 1:
+        raise RunError(f"expected one policy, the run has {', '.join(names)}; name one with --policy")
+    if policy is not None and policy not in names:
+        raise RunError(f"no episode of a policy '{policy}'; the run has {', '.join(names) or 'none'}")
+    return rows if policy is None else rows[rows["policy"] == policy]
+
+
+def lerobot(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
+    """LeRobot's `eval_info.json`: per task, per group (simulator and condition) and overall.
+
+    Episodes that ended in an error are left out: LeRobot has no word for them. Highest rewards are null: not recorded.
+
+    Args:
+        document: The run.
+        rows: Columns `COLUMNS`, of one policy.
+    """
+    judged = rows[rows["status"] != str(Status.ERROR)]
+    per_task = []
+    for number, ((task, axis, severity), own) in enumerate(
+        judged.groupby(["task", "axis", "severity"], sort=True, observed=True)
+    ):
+        per_task.append(
+            {
+                "task_group": _group(str(task).partition("/")[0], axis, severity),
+                "task_id": number,
+                "task": task,
+                "metrics": {
+                    "sum_rewards": own["reward_sum"].tolist(),
+                    "max_rewards": [None] * len(own),
+                    "successes": (own["status"] == str(Status.SUCCESS)).tolist(),
+                    "seeds": own["seed"].tolist(),
+                    "video_paths": [],
+                },
+            }
+        )
+    groups = judged.groupby(["simulator", "axis", "severity"], sort=True, observed=True)
+    seconds = float(judged["wall_s"].sum())
+    return {
+        "per_task": per_task,
+        "per_group": {_group(name, axis, severity): _means(own) for (name, axis, severity), own in groups},
+        "overall": {**_means(judged), "eval_s": seconds, "eval_ep_s": seconds / max(1, len(judged))},
+        "robogauntlet": _about(document),
+    }
+
+
+def vla_eval(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
+    """The result file of vla-evaluation-harness. An error is an episode with a `failure_reason`, which is in no mean.
+
+    Args:
+        document: The run.
+        rows: Columns `COLUMNS`, of one policy.
+    """
+    judged = rows[rows["status"] != str(Status.ERROR)]
+    tasks = []
+    for (task, axis, severity), own in rows.groupby(["task", "axis", "severity"], sort=True, observed=True):
+        good = own[own["status"] != str(Status.ERROR)]
+        found: dict[str, Any] = {
+            "task": _group(str(task), axis, severity),
+            "episodes": [_episode(row) for row in own.itertuples()],
+            "num_episodes": len(own),
+            "avg_steps": float(good["steps"].mean()) if len(good) else 0.0,
+        }
+        if len(own) > len(good):
+            found["num_errors"] = len(own) - len(good)
+        tasks.append(found | _mean_success(good))
+    return {
+        "benchmark": document.suite.name,
+        "mode": "sync",
+        "harness_version": f"robogauntlet {version('robogauntlet')}",
+        "created_at": datetime.fromtimestamp(document.finished_at or document.started_at, UTC).isoformat(),
+        "tasks": tasks,
+        "config": _about(document),
+        "metric_keys": {"success": "mean"},
+        **_mean_success(judged),
+    }
+
+
+def _episode(row: Any) -> dict[str, Any]:
+    found = {"episode_id": int(row.seed), "metrics": {}, "steps": int(row.steps), "elapsed_sec": float(row.wall_s)}
+    if row.status == str(Status.ERROR):
+        kind, _, detail = str(row.error).partition(": ")
+        return found | {"failure_reason": kind, "failure_detail": detail}
+    return found | {"metrics": {"success": row.status == str(Status.SUCCESS)}}
+
+
+def _mean_success(judged: pd.DataFrame) -> dict[str, float]:
+    if judged.empty:
+        return {}
+    return {"mean_success": round(float((judged["status"] == str(Status.SUCCESS)).mean()), 4)}
+
+
+def _means(judged: pd.DataFrame) -> dict[str, Any]:
+    some = len(judged) > 0
+    return {
+        "avg_sum_reward": float(judged["reward_sum"].mean()) if some else None,
+        "avg_max_reward": None,
+        "pc_success": 100 * float((judged["status"] == str(Status.SUCCESS)).mean()) if some else None,
+        "n_episodes": len(judged),
+        "video_paths": [],
+    }
+
+
+def _group(name: str, axis: str, severity: int) -> str:
+    condition = Condition(axis, int(severity))
+    return name if condition == Condition() else f"{name} {condition}"
+
+
+def _about(document: RunDocument) -> dict[str, Any]:
+    return {
+        "run_id": document.run_id,
+        "suite": document.suite.name,
+        "suite_hash": document.suite_hash,
+        "rows_hash": document.rows_hash,
+        "git_commit": document.provenance.git_commit,
+        "packages": document.provenance.versions,
+    }

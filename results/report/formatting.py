@@ -1,0 +1,197 @@
+"""Numbers as words, and tables as text: what the terminal, `report.md` and `report.html` have in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from robogauntlet.results.analysis.routing import Rate
+from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables, Tally
+from robogauntlet.results.analysis.timing import PHASES, PhaseTiming
+from robogauntlet.results.statistics.rates import Estimate, Interval, RateBounds
+from robogauntlet.support.durations import format_duration
+
+NOTHING = "–"
+"""Shown where there is no value."""
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table of words, for whoever draws it: Markdown here, rich in the terminal."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    labels: int
+    """Leading columns that name the row (left-aligned); the others are numbers (right-aligned)."""
+
+
+def percent(value: float | None) -> str:
+    """0.8236 as `82 %`; a rate near an end is never rounded onto it."""
+    if value is None:
+        return NOTHING
+    if 0 < value < 0.01 or 0.99 < value < 1:
+        return f"{100 * value:.1f} %" if 0.001 <= value <= 0.999 else ("<0.1 %" if value < 0.5 else ">99.9 %")
+    return f"{100 * value:.0f} %"
+
+
+def span(interval: Interval | None) -> str:
+    """An interval in percent: `[74, 89]`."""
+    return NOTHING if interval is None else f"[{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
+
+
+def bounds(value: RateBounds | None) -> str:
+    """Bounds of a rate: `80–84 %`, with a digit more where they are close."""
+    if value is None:
+        return NOTHING
+    digits = 0 if value.high - value.low >= 0.015 else 1
+    return f"{100 * value.low:.{digits}f}–{100 * value.high:.{digits}f} %"
+
+
+def seconds(value: float | None) -> str:
+    """A time with a fitting unit: `4.2 ms`, `7.31 s`, `12 min 5 s`, `3 h 20 min`."""
+    if value is None:
+        return NOTHING
+    if value >= 59.995:
+        return format_duration(value)
+    if value >= 0.9995 or value == 0:
+        return f"{value:.3g} s"
+    return f"{1000 * value:.3g} ms"
+
+
+def count(value: float | None) -> str:
+    """A whole number with thousands separators."""
+    return NOTHING if value is None else f"{value:,.0f}"
+
+
+def counted(number: int, noun: str) -> str:
+    """`1 episode`, `1,200 episodes`."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
+def rate_text(tally: Tally) -> str:
+    """`82 % [74, 89]`, or why there is none."""
+    return NOTHING if tally.rate is None else f"{percent(tally.rate)} {span(tally.interval)}"
+
+
+def rate(estimate: Estimate | None) -> str:
+    """`82 % [74, 89]`."""
+    if estimate is None or math.isnan(estimate.value):
+        return NOTHING
+    return percent(estimate.value) + (f" {span(estimate.interval)}" if estimate.interval else "")
+
+
+def share(value: Rate | None) -> str:
+    """A rate with its interval, or why there is none."""
+    return NOTHING if value is None or value.rate is None else f"{percent(value.rate)} {span(value.interval)}"
+
+
+def number(estimate: Estimate | None) -> str:
+    """`0.82 [0.74, 0.89]`."""
+    if estimate is None or math.isnan(estimate.value):
+        return NOTHING
+    ends = estimate.interval
+    return f"{estimate.value:.2f}" + (f" [{ends.low:.2f}, {ends.high:.2f}]" if ends else "")
+
+
+def points(estimate: Estimate | None) -> str:
+    """A difference of rates in percentage points: `+4.0 [-1.2, 9.0]`; a digit more than rates, to tell it from none."""
+    if estimate is None:
+        return NOTHING
+    value, interval = round(100 * estimate.value, 1) + 0.0, estimate.interval
+    ends = [] if interval is None else [f"{round(100 * end, 1) + 0.0:.1f}" for end in (interval.low, interval.high)]
+    return f"{value:+.1f} [{', '.join(ends)}]" if ends else f"{value:+.1f}"
+
+
+def p_value(value: float) -> str:
+    """`0.031`, or `<0.001`."""
+    return "<0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def aggregate_of(tables: Tables, policy: str, simulator: str | None, axis: str, severity: int) -> Aggregate | None:
+    """The aggregate of that policy, simulator (None: all) and condition."""
+    wanted = (policy, simulator, axis, severity)
+    rows = tables.by_policy if simulator is None else tables.by_simulator
+    return next((row for row in rows if (row.policy, row.simulator, row.axis, row.severity) == wanted), None)
+
+
+def summary_table(tables: Tables) -> TextTable:
+    """Policies (and conditions, if there are several) x simulators: pooled rate with its Wilson interval."""
+    several = len(tables.conditions) > 1
+    header = ("policy", *(("condition",) if several else ()), *tables.simulators, "all", "mean of tasks", "errors")
+    rows = []
+    for total in tables.by_policy:
+        found = (aggregate_of(tables, total.policy, name, total.axis, total.severity) for name in tables.simulators)
+        rows.append(
+            (
+                total.policy,
+                *((str(total.condition),) if several else ()),
+                *(NOTHING if row is None else rate_text(row.tally) for row in found),
+                rate_text(total.tally),
+                percent(total.task_mean),
+                count(total.tally.errors),
+            )
+        )
+    return TextTable(header, tuple(rows), 2 if several else 1)
+
+
+def task_table(tables: Tables, simulator: str) -> TextTable:
+    """One simulator's cells with counts, rate, interval and bounds."""
+    several = len(tables.conditions) > 1
+    cells = [cell for cell in tables.cells if cell.simulator == simulator]
+    header = ("task", "policy", *(("condition",) if several else ()), "planned", "done", "success", "failure", "error")
+    header += ("missing", "rate", "interval", "bounds", "success once", "mean steps", "mean time")
+    return TextTable(header, tuple(_task_row(cell, several) for cell in cells), 3 if several else 2)
+
+
+def _task_row(cell: CellRow, several: bool) -> tuple[str, ...]:
+    tally = cell.tally
+    return (
+        short_task(cell.task),
+        cell.policy,
+        *((str(cell.condition),) if several else ()),
+        *map(count, (tally.planned, tally.done, tally.successes, tally.failures, tally.errors, tally.missing)),
+        percent(tally.rate),
+        span(tally.interval),
+        bounds(tally.bounds if tally.done else None),
+        percent(tally.success_once),
+        count(tally.mean_steps),
+        seconds(tally.mean_seconds),
+    )
+
+
+def timing_table(timing: Sequence[PhaseTiming]) -> TextTable:
+    """Worker time per simulator and phase."""
+    header = ("simulator", "workers", *PHASES, "total", "busy", "episodes per hour of a worker")
+    rows = tuple(
+        (
+            line.simulator,
+            count(line.workers),
+            *(seconds(line.seconds(phase)) for phase in PHASES),
+            seconds(line.total_s),
+            percent(line.busy_share),
+            count(line.episodes_per_worker_hour),
+        )
+        for line in timing
+    )
+    return TextTable(header, rows, 1)
+
+
+def short_task(task: str) -> str:
+    """`maniskill/PushCube-v1` as `PushCube-v1`."""
+    return task.partition("/")[2] or task
+
+
+def markdown(table: TextTable) -> str:
+    """A table in GitHub's Markdown, with whatever names contain made harmless."""
+    rules = ["---"] * table.labels + ["---:"] * (len(table.header) - table.labels)
+    lines = [[escape(cell) for cell in table.header], rules, *([escape(cell) for cell in row] for row in table.rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def escape(text: str) -> str:
+    """Text that Markdown shows as it is, on one line."""
+    text = " ".join(text.split()).replace("\\", "\\\\").replace("&", "&amp;").replace("<", "&lt;")
+    for character in "|`*_":
+        text = text.replace(character, "\\" + character)
+    return text.replace("](", "]\\(")

@@ -1,0 +1,222 @@
+"""Tables, heat maps and sentences that compare policies under perturbations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from robogauntlet.results.analysis.policy_shift import Interaction, LossRow, PolicyShift, RouterRow, first_to_fail
+from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, rate, share
+from robogauntlet.results.report.robustness import known_rates, overall_curves
+from robogauntlet.results.statistics.rates import Estimate, Interval
+from robogauntlet.suites.axes import AXES
+
+REACH = 0.5
+"""Half the range of a forest plot, a difference of rates."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeatCell:
+    """One policy at one level in one simulator."""
+
+    rate: Estimate
+    episodes: int
+
+
+@dataclass(frozen=True, slots=True)
+class HeatRow:
+    """One level of one axis."""
+
+    axis: str
+    severity: int
+    cells: tuple[HeatCell | None, ...]
+    """One per column; None where no episode counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeatMap:
+    """One policy's success, levels by simulators."""
+
+    policy: str
+    columns: tuple[str, ...]
+    """Simulators, then `all` if there are several."""
+    rows: tuple[HeatRow, ...]
+
+
+def heat_maps(robustness: Robustness) -> tuple[HeatMap, ...]:
+    """A heat map per policy, the clean condition first."""
+    policies = dict.fromkeys(curve.policy for curve in robustness.curves)
+    return tuple(_heat_map(robustness, policy) for policy in policies)
+
+
+def heat_map_groups(robustness: Robustness, *, no_skill_baselines: bool) -> tuple[tuple[HeatMap, ...], ...]:
+    """Group heat maps with equal rows, so that a group can be drawn as one table.
+
+    Args:
+        robustness: The results of the run.
+        no_skill_baselines: Whether to return the maps of the no-skill baselines or those of the other policies.
+    """
+    groups: dict[tuple[tuple[str, int], ...], list[HeatMap]] = {}
+    for found in heat_maps(robustness):
+        if (found.policy in robustness.no_skill_baselines) is no_skill_baselines:
+            groups.setdefault(tuple((row.axis, row.severity) for row in found.rows), []).append(found)
+    return tuple(map(tuple, groups.values()))
+
+
+def _heat_map(robustness: Robustness, policy: str) -> HeatMap:
+    of_policy = [curve for curve in robustness.curves if curve.policy == policy]
+    places = sorted({curve.simulator for curve in of_policy}, key=lambda name: (name is None, name or ""))
+    rows: list[HeatRow] = []
+    for axis in robustness.axes:
+        curves = {curve.simulator: curve for curve in of_policy if curve.axis == axis}
+        for level in sorted({int(level) for curve in curves.values() for level in curve.curve.levels}):
+            if level or not rows:
+                rows.append(HeatRow(axis, level, tuple(_heat_cell(curves.get(place), level) for place in places)))
+    return HeatMap(policy, tuple(place or "all" for place in places), tuple(rows))
+
+
+def _heat_cell(curve: PolicyCurve | None, level: int) -> HeatCell | None:
+    if curve is None or level not in curve.curve.levels:
+        return None
+    place = curve.curve.levels.index(level)
+    return HeatCell(curve.curve.rates[place], curve.episodes[place]) if curve.episodes[place] else None
+
+
+def condition_text(axis: str, severity: int) -> str:
+    """A condition with its level, `noise@4: 18.4 dB PSNR`, or `clean`."""
+    if not severity:
+        return "clean"
+    return f"{axis}@{severity}" + (f": {AXES[axis].describe(severity)}" if axis in AXES else "")
+
+
+def heat_table(found: HeatMap) -> TextTable:
+    """A heat map as a table of rate, interval and number of episodes."""
+    lines = [
+        (
+            condition_text(row.axis, row.severity),
+            *(f"{rate(c.rate)}, {c.episodes}" if c else NOTHING for c in row.cells),
+        )
+        for row in found.rows
+    ]
+    return TextTable(("condition", *found.columns), tuple(lines), 1)
+
+
+def loss_table(shift: PolicyShift) -> TextTable:
+    """Success lost against the baseline by each other policy at every level."""
+    header = ("policy", "condition", shift.baseline, "policy's", "lost", "p", "adjusted p", "e-value", "pairs")
+    return TextTable(header, tuple(_loss_line(row) for row in shift.losses), 2)
+
+
+def _loss_line(row: LossRow) -> tuple[str, ...]:
+    return (
+        *(
+            row.policy,
+            condition_text(row.axis, row.severity),
+            formatting.percent(row.baseline),
+            formatting.percent(row.rate),
+        ),
+        *(points(row.loss), p_value(row.p), p_value(row.adjusted), e_value(row.evidence), formatting.count(row.pairs)),
+    )
+
+
+def e_value(value: float) -> str:
+    """An e-value such as `0.3`, `24`, or `>1,000,000`."""
+    return ">1,000,000" if value > 1e6 else (f"{value:,.0f}" if value >= 10 else f"{value:.2g}")
+
+
+def stopping_rule(shift: PolicyShift) -> str | None:
+    """Sentences on the rule that stopped conditions early, and its effect; None without a rule."""
+    rule = shift.rule
+    if rule is None:
+        return None
+    text = (
+        f"A condition stops when the e-value of {shift.baseline} against every other policy, over all tasks, reaches "
+        f"{1 / rule.alpha:g}, evaluated after every {formatting.counted(rule.round, 'seed')}; the probability of "
+        f"deciding a comparison without a difference is at most {formatting.percent(rule.alpha)}. Saved episodes go to "
+        f"undecided conditions, up to {formatting.counted(rule.most, 'seed')} each, in random order per round. "
+    )
+    parts = [
+        f"{row.axis}@{row.severity} after {formatting.counted(row.seeds, 'seed')} per task "
+        f"({row.policy}, e-value {e_value(row.evidence)})"
+        for row in shift.decided
+    ]
+    return text + (f"Decided: {'; '.join(parts)}." if parts else "No condition was decided.")
+
+
+def interaction_table(shift: PolicyShift) -> TextTable:
+    """Success lost under each axis beyond the clean loss."""
+    header = ("policy", "axis", "lost beyond clean", "simultaneous interval", "tasks")
+    lines = [
+        (row.policy, row.axis, points(row.extra), _points_span(row.corrected), formatting.count(row.tasks))
+        for row in shift.interactions
+    ]
+    return TextTable(header, tuple(lines), 2)
+
+
+def _points_span(interval: Interval | None) -> str:
+    return NOTHING if interval is None else f"[{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
+
+
+def interactions_of(shift: PolicyShift) -> tuple[tuple[str, tuple[Interaction, ...]], ...]:
+    """The interactions, policy by policy."""
+    return tuple((policy, tuple(rows)) for policy, rows in groupby(shift.interactions, key=lambda row: row.policy))
+
+
+def plot_position(value: float) -> float:
+    """Position of a difference of rates on a forest plot, from 0 to 100."""
+    return 50 + 50 * max(-1.0, min(1.0, value / REACH))
+
+
+def router_table(shift: PolicyShift) -> TextTable:
+    """Router accuracy and success at every level, and whether router or policy failed first."""
+    lines = []
+    for rows in _axes_of(shift):
+        first = first_to_fail(rows) or "not shown"
+        for number, row in enumerate(rows):
+            lines.append(
+                (
+                    *(row.policy, condition_text(row.axis, row.severity) if row.severity else f"clean ({row.axis})"),
+                    *(share(row.right), share(row.success), share(row.misrouted), "" if number else first),
+                )
+            )
+    header = ("policy", "condition", "router accuracy", "success", "success if misrouted", "failed first")
+    return TextTable(header, tuple(lines), 2)
+
+
+def _axes_of(shift: PolicyShift) -> list[Sequence[RouterRow]]:
+    return [list(rows) for _, rows in groupby(shift.routers, key=lambda row: (row.policy, row.axis))]
+
+
+def repeats_sentence(robustness: Robustness) -> str:
+    """A sentence on whether repeated episodes were identical."""
+    if not robustness.repeats:
+        return "No clean episode was repeated (condition `again`): determinism was not tested."
+    parts = [f"{row.identical:,} of {row.episodes:,} in {row.simulator}" for row in robustness.repeats]
+    return f"Repeated clean episodes with bit-identical actions and final states: {', '.join(parts)}."
+
+
+def no_skill_sentence(robustness: Robustness) -> str | None:
+    """A sentence on what is subtracted before retention is computed; None without no-skill baselines."""
+    if not robustness.no_skill_baselines:
+        return None
+    names = " or ".join(robustness.no_skill_baselines)
+    return f"Success of {names} at the same level is subtracted before area kept and half lost are computed."
+
+
+def worst_level(robustness: Robustness, policy: str) -> tuple[PolicyCurve, int] | None:
+    """The curve and severity with the lowest success of a policy over all simulators."""
+    found = [
+        (estimate.value, -severity, curve)
+        for axis in robustness.axes
+        for curve in overall_curves(robustness, axis)
+        if curve.policy == policy
+        for severity, estimate in known_rates(curve.curve)
+        if severity
+    ]
+    if not found:
+        return None
+    _, severity, curve = min(found, key=lambda item: item[:2])
+    return curve, int(-severity)

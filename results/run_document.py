@@ -1,0 +1,218 @@
+"""The run folder: what was planned, with what, where, and how far it came. `run.json` beside the store."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Literal
+from urllib.parse import quote
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from robogauntlet.suites.schema import Suite
+from robogauntlet.support.files import write_whole
+
+RUN_FILE = "run.json"
+STORE_FILE = "episodes.sqlite"
+FORMAT: Literal[1] = 1
+EVERYWHERE = ("robogauntlet", "ray", "numpy", "scipy", "torch")
+"""Distributions that every run records; the others that it records are its simulators'."""
+
+
+class RunStatus(StrEnum):
+    """How far a run came."""
+
+    RUNNING = "running"
+    COMPLETE = "complete"
+    """Every planned episode has a row."""
+    INTERRUPTED = "interrupted"
+    """Stopped from outside (Ctrl-C, a signal); running it again continues."""
+    STOPPED = "stopped"
+    """Ended itself early; `reason` says why."""
+
+
+class RunError(Exception):
+    """A folder that is not a run, or not the run that was asked for; the message says what was expected."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PlannedCell(_Model):
+    """A cell of the plan: one policy on one task under one condition."""
+
+    simulator: str
+    task: str
+    policy: str
+    policy_digest: str
+    axis: str
+    severity: int
+    planned: int
+    """Episodes (seeds) planned."""
+
+
+class Unsupported(_Model):
+    """An axis that a task of the plan cannot have; no episode of the two together is planned."""
+
+    axis: str
+    task: str
+    reason: str
+
+
+class Decided(_Model):
+    """A comparison under one condition that was decided before its episodes were used up."""
+
+    policy: str
+    """The other; the baseline is that of the comparison."""
+    axis: str
+    severity: int
+    pairs: int
+    seeds: int
+    """Per task, when it was decided."""
+    evidence: float
+    """E-value."""
+
+
+class EnvironmentRecord(_Model):
+    """A Python environment beside the run's own, in which a simulator ran."""
+
+    name: str
+    hash: str
+    """Of what the environment is made of, as the suite, the user's configuration or the adapter says."""
+    python: str
+    inherits: bool
+    """Whether the run's own packages were seen behind the environment's."""
+    packages: dict[str, str]
+    """Distribution to version, as installed there: the simulator's, and those that were asked for."""
+
+
+class Provenance(_Model):
+    """With what the run was made."""
+
+    git_commit: str | None = None
+    git_dirty: bool | None = None
+    """Whether the working tree had uncommitted changes."""
+    python: str = ""
+    platform: str = ""
+    processor: str = ""
+    cores: int = 0
+    packages: dict[str, str] = Field(default_factory=dict)
+    """Distribution to version."""
+    environments: dict[str, EnvironmentRecord] = Field(default_factory=dict)
+    """Simulator to the environment that it ran in, if it was not the run's own."""
+    definitions: dict[str, str] = Field(default_factory=dict)
+    """Task to the hash of the file that defines it, for tasks that users write such files for."""
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Every version: `packages`, those of environments as `simulator: distribution`, and `definitions`."""
+        apart = {
+            f"{simulator}: {name}": version
+            for simulator, one in self.environments.items()
+            for name, version in one.packages.items()
+        }
+        return {**self.packages, **apart, **self.definitions}
+
+
+class RunDocument(_Model):
+    """What `run.json` says."""
+
+    format: Literal[1] = FORMAT
+    run_id: str
+    suite: Suite
+    """What was played, in part if only a part was asked for, and how the report compares it."""
+    suite_hash: str
+    """Hash of what is evaluated; equal for suites that plan the same episodes."""
+    suite_text: str
+    """The suite file, word for word."""
+    suite_path: str
+    store_url: str | None = None
+    """URL of the store (password hidden), or None for the file in the run folder."""
+    started_at: float
+    """Start of the first session (seconds since 1970, UTC)."""
+    finished_at: float | None = None
+    """End of the last session."""
+    elapsed_s: float = 0.0
+    """Time spent running, over all sessions (s)."""
+    status: RunStatus = RunStatus.RUNNING
+    reason: str | None = None
+    plan: tuple[PlannedCell, ...]
+    unsupported: tuple[Unsupported, ...] = ()
+    instructions: dict[str, str] = Field(default_factory=dict)
+    """Task to its goal in words."""
+    decided: tuple[Decided, ...] = ()
+    workers: dict[str, int] = Field(default_factory=dict)
+    """Simulator to its number of workers in the last session; empty if all simulators shared `shared_workers`."""
+    shared_workers: int | None = None
+    inference: str = "worker"
+    """Where policies that look at images computed in the last session: "worker" or "served"."""
+    skipped: dict[str, str] = Field(default_factory=dict)
+    """Simulator to the reason why it could not run here."""
+    render_devices: dict[str, str] = Field(default_factory=dict)
+    """Simulator to what drew its images."""
+    rows_hash: str | None = None
+    """Hash of all stored rows, timing aside."""
+    provenance: Provenance = Provenance()
+
+    @property
+    def planned(self) -> int:
+        """Episodes planned, skipped simulators included."""
+        return sum(cell.planned for cell in self.plan)
+
+
+def read_run(folder: Path) -> RunDocument:
+    """The document of a run folder.
+
+    Raises:
+        RunError: The folder is no run folder, or its document has another format.
+    """
+    path = folder / RUN_FILE
+    if not folder.is_dir():
+        raise RunError(f"{folder}: expected a run folder, there is {'a file' if folder.exists() else 'nothing'}")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise RunError(f"{folder}: expected a run folder, it has no {RUN_FILE}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{path}: cannot be read: {error}") from None
+    return parse_run(text, str(path))
+
+
+def parse_run(text: str, where: str) -> RunDocument:
+    """A document from its JSON.
+
+    Args:
+        text: What `run.json`, or a store, holds.
+        where: Where it is from, for messages.
+
+    Raises:
+        RunError: It is not a run document of format `FORMAT`.
+    """
+    try:
+        return RunDocument.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"])) or "the file"
+        raise RunError(
+            f"{where}: expected a run document of format {FORMAT}, got another one ({place}: {first['msg']}); "
+            "read it with the RoboGauntlet that wrote it, or run the suite again"
+        ) from None
+
+
+def write_run(folder: Path, document: RunDocument) -> None:
+    """Write `run.json` so that a crash leaves either the old or the new one. Raises OSError."""
+    write_whole(folder / RUN_FILE, document.model_dump_json(indent=1) + "\n")
+
+
+def store_url(folder: Path, document: RunDocument, url: str | None = None) -> str:
+    """URL of a run's store: the one given, or the file in the run folder.
+
+    Raises:
+        RunError: The rows are in a database whose URL (with its password) has to be given.
+    """
+    if url is not None:
+        return url
+    if document.store_url is not None:
+        raise RunError(f"{folder}: its rows are in {document.store_url}; give that address with --store")
+    return f"sqlite:///{quote(str(folder / STORE_FILE))}"

@@ -1,0 +1,1 @@
+"""Episode rows and the history of runs, in SQLite or PostgreSQL."""

@@ -1,0 +1,151 @@
+"""The rows of a run: SQLite in the run folder, or PostgreSQL by URL. A row is stored once however often played."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+
+from robogauntlet.results.record import FIELDS, EpisodeResult
+from robogauntlet.results.run_document import RunDocument, store_url
+from robogauntlet.results.store.database import Database, StoreError, file_url, parse
+from robogauntlet.results.store.schema import SCHEMA, episodes, runs
+
+__all__ = ["Store", "StoreError", "file_url"]
+
+
+class Store:
+    """The rows of one run. One process writes; any number may read."""
+
+    def __init__(self, database: Database, run_id: str) -> None:
+        """See `open`."""
+        self.database = database
+        self._run_id = run_id
+
+    @classmethod
+    def open(cls, url: str, run_id: str) -> Store:
+        """Open the store at an SQLAlchemy URL for one run; create its tables where they are missing.
+
+        The run itself is recorded by `History.record`, which has to come before its rows on PostgreSQL.
+
+        Raises:
+            StoreError: It cannot be reached, is not a store, or is of another version.
+        """
+        return cls(Database.open(url, SCHEMA), run_id)
+
+    @classmethod
+    def open_begun(cls, folder: Path, document: RunDocument, url: str | None = None) -> Store:
+        """Open the store of a run that was begun, making nothing.
+
+        Args:
+            folder: Of the run.
+            document: The run.
+            url: Of the store, if it is not the file in the folder.
+
+        Raises:
+            RunError: The rows are in a database whose URL was not given.
+            StoreError: As `open`; or it is not there, or is the store of other runs.
+        """
+        found = parse(store_url(folder, document, url))
+        file = found.database if found.get_backend_name() == "sqlite" and "uri" not in found.query else None
+        if file is not None and not Path(file).exists():
+            raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
+        store = cls.open(store_url(folder, document, url), document.run_id)
+        if url is not None and not store.knows_run():
+            where = store.database.where
+            store.close()
+            raise StoreError(f"{where}: expected the store of the run in {folder}, it has nothing of this run")
+        return store
+
+    @classmethod
+    def open_file(cls, path: Path, run_id: str) -> Store:
+        """Open an SQLite store in a file. Raises StoreError."""
+        if path.is_dir():
+            raise StoreError(f"{path}: expected a store file, this is a directory")
+        return cls.open(file_url(path), run_id)
+
+    def knows_run(self) -> bool:
+        """Whether the run was recorded here, or has rows. Raises StoreError."""
+        with self.database.reading() as connection:
+            queries = (sa.select(table.c.run_id).where(table.c.run_id == self._run_id) for table in (runs, episodes))
+            return any(connection.scalar(query.limit(1)) is not None for query in queries)
+
+    def add(self, results: Sequence[EpisodeResult]) -> int:
+        """Store rows that are not there yet, in one transaction; return how many were new.
+
+        Raises:
+            StoreError: The disk is full, the folder is read-only, the server is gone. Nothing of the batch is stored.
+        """
+        if not results:
+            return 0
+        rows = [{"run_id": self._run_id, **{name: getattr(r, name) for name in FIELDS}} for r in results]
+        with self.database.writing() as connection:
+            # Counted by what comes back: drivers do not agree on the row count of many inserts at once.
+            statement = self.database.insert_new(episodes).returning(episodes.c.episode_id)
+            return len(connection.execute(statement, rows).all())
+
+    def outcomes(self) -> dict[tuple[str, str, str, int], dict[int, str]]:
+        """Status of each stored seed by (policy digest, task, axis, severity)."""
+        e = episodes.c
+        columns = (e.policy_digest, e.task, e.axis, e.severity, e.seed, e.status)
+        query = sa.select(*columns).where(e.run_id == self._run_id)
+        found: dict[tuple[str, str, str, int], dict[int, str]] = {}
+        with self.database.reading() as connection:
+            for row in connection.execution_options(yield_per=10_000).execute(query):
+                found.setdefault((row[0], row[1], row[2], row[3]), {})[row[4]] = row[5]
+        return found
+
+    def status_counts(self) -> dict[tuple[str, str], int]:
+        """Stored rows by (simulator, status)."""
+        e = episodes.c
+        query = sa.select(e.task, e.status, sa.func.count()).where(e.run_id == self._run_id).group_by(e.task, e.status)
+        counts: Counter[tuple[str, str]] = Counter()
+        with self.database.reading() as connection:
+            for task, status, count in connection.execute(query):
+                counts[task.partition("/")[0], status] += count
+        return dict(counts)
+
+    def results(self) -> Iterator[EpisodeResult]:
+        """Every row, ordered by simulator, task, policy, condition and seed."""
+        for batch in self.batches():
+            for row in batch:
+                yield EpisodeResult(**dict(zip(FIELDS, row, strict=True)))
+
+    def batches(self, size: int = 10_000, fields: Sequence[str] = FIELDS) -> Iterator[Sequence[Sequence[Any]]]:
+        """These fields of the rows of `results` as plain values, at most `size` at a time."""
+        e = episodes.c
+        query = (
+            sa.select(*(e[name] for name in fields))
+            .where(e.run_id == self._run_id)
+            .order_by(e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
+        )
+        with self.database.reading() as connection:
+            yield from connection.execution_options(yield_per=size).execute(query).partitions()
+
+    def find(self, episode_id: str) -> EpisodeResult | None:
+        """The row of that id, or of the one id that starts like it."""
+        e = episodes.c
+        query = (
+            sa.select(*(e[name] for name in FIELDS))
+            .where(e.run_id == self._run_id, e.episode_id.startswith(episode_id, autoescape=True))
+            .limit(2)
+        )
+        with self.database.reading() as connection:
+            rows = connection.execute(query).all()
+        if len(rows) > 1:
+            raise StoreError(f"{episode_id}: more than one episode id starts like this; give more digits")
+        return EpisodeResult(**dict(zip(FIELDS, rows[0], strict=True))) if rows else None
+
+    def forget_errors(self) -> int:
+        """Remove error rows, so that the run does them again; return how many."""
+        e = episodes.c
+        with self.database.writing() as connection:
+            statement = sa.delete(episodes).where(e.run_id == self._run_id, e.status == "error")
+            return int(connection.execute(statement).rowcount)
+
+    def close(self) -> None:
+        """Free the connections."""
+        self.database.close()

@@ -1,0 +1,331 @@
+"""Many runs in one store: what each was, what it came to, how a policy did from night to night."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from pydantic import ValidationError
+
+from robogauntlet.results.live_status import LiveStatus
+from robogauntlet.results.run_document import RunDocument, RunError, parse_run
+from robogauntlet.results.store.database import Database
+from robogauntlet.results.store.history_records import GOOD, CellCounts, CellKey, Counts, PolicyRunResult, RunEntry
+from robogauntlet.results.store.schema import SCHEMA, cells, counted_cells, episodes, runs
+
+HISTORY_FILE = "history.sqlite"
+NEWEST = 500
+"""Runs of a suite among which each policy's newest is looked for."""
+
+
+class History:
+    """The runs of a store. Any number of processes may read and write."""
+
+    def __init__(self, database: Database) -> None:
+        """See `open`."""
+        self.database = database
+
+    @classmethod
+    def open(cls, url: str) -> History:
+        """Open the store at an SQLAlchemy URL; create its tables where they are missing.
+
+        Raises:
+            StoreError: It cannot be reached, is not a store, or is of another version.
+        """
+        return cls(Database.open(url, SCHEMA))
+
+    def close(self) -> None:
+        """Free the connections."""
+        self.database.close()
+
+    # Writing
+
+    def record(
+        self,
+        document: RunDocument,
+        folder: Path | None = None,
+        counted: Mapping[CellKey, Counts] | None = None,
+        schedule: str | None = None,
+    ) -> None:
+        """Write what a run is and came to, over what was written before.
+
+        Args:
+            document: The run.
+            folder: Its folder; None leaves what is known.
+            counted: Counts of its cells; cells of the plan that are not among them count as not played. None leaves
+                what is known.
+            schedule: The schedule that began it; None leaves what is known.
+
+        Raises:
+            StoreError: The store cannot be written.
+        """
+        values: dict[str, Any] = {
+            "started_at": document.started_at,
+            "document": document.model_dump_json(),
+            "suite": document.suite.name,
+            "status": str(document.status),
+            "finished_at": document.finished_at,
+            "planned": document.planned,
+            "rows_url": document.store_url,
+            "live": None,
+        }
+        if folder is not None:
+            values["folder"] = str(folder.absolute())
+        if schedule is not None:
+            values["schedule"] = schedule
+        rows = [{"run_id": document.run_id, **row} for row in _cell_rows(document, counted or {})]
+        with self.database.writing() as connection:
+            statement = self.database.insert(runs).values(run_id=document.run_id, **values)
+            connection.execute(statement.on_conflict_do_update(index_elements=["run_id"], set_=values))
+            if counted is not None:
+                connection.execute(sa.delete(cells).where(cells.c.run_id == document.run_id))
+            if rows:
+                connection.execute(self.database.insert_new(cells), rows)
+
+    def write_live_status(self, run_id: str, live: LiveStatus) -> None:
+        """Write what a running suite does, over what it said before. Raises StoreError."""
+        self._change(run_id, live=live.model_dump_json())
+
+    def write_verdict(self, run_id: str, verdict: str, baseline: str | None, reasons: Sequence[str]) -> None:
+        """Write what a comparison with a baseline came to. Raises StoreError."""
+        self._change(run_id, verdict=verdict, baseline=baseline, reasons="\n".join(reasons))
+
+    def accept(self, run_id: str) -> None:
+        """Accept a run as the baseline of later ones, whatever its verdict. Raises StoreError."""
+        self._change(run_id, accepted=True)
+
+    def clear_folder(self, run_id: str) -> None:
+        """Write down that a run's folder was removed: its numbers stay. Raises StoreError."""
+        self._change(run_id, folder=None)
+
+    def delete_run(self, run_id: str) -> None:
+        """Remove a run with everything that this store has of it. Raises StoreError."""
+        with self.database.writing() as connection:
+            for table in (cells, episodes, runs):
+                connection.execute(sa.delete(table).where(table.c.run_id == run_id))
+
+    def _change(self, run_id: str, **values: Any) -> None:
+        with self.database.writing() as connection:
+            connection.execute(sa.update(runs).where(runs.c.run_id == run_id).values(**values))
+
+    # Reading
+
+    def count_cells(self, run_id: str) -> dict[CellKey, Counts]:
+        """Counts of a run's cells, from the episodes in this store. Raises StoreError."""
+        with self.database.reading() as connection:
+            found = connection.execute(counted_cells().where(episodes.c.run_id == run_id)).all()
+        return {(r.policy_digest, r.task, r.axis, r.severity): Counts(0, r[-3], r[-2], r[-1]) for r in found}
+
+    def runs(
+        self, *, suite: str | None = None, status: str | None = None, limit: int | None = None, offset: int = 0
+    ) -> list[RunEntry]:
+        """Runs, the newest first. Raises StoreError."""
+        query = self._filtered(sa.select(runs.c.run_id), suite, status)
+        query = query.order_by(runs.c.started_at.desc(), runs.c.run_id).offset(offset)
+        wanted = query.limit(limit) if limit is not None else query.limit(-1 if self._is_sqlite else None)
+        return self.entries(wanted)
+
+    def entries(self, ids: sa.Select[tuple[str]] | Sequence[str]) -> list[RunEntry]:
+        """The runs of these ids, or whose ids a query gives, with the sums of their cells; the newest first.
+
+        Raises:
+            StoreError: The store cannot be read.
+        """
+        columns = [column for column in runs.c if column.name not in ("document", "planned")]
+        names = ("planned", "successes", "failures", "errors")
+        sums = [sa.func.coalesce(sa.func.sum(cells.c[name]), 0).label(name) for name in names]
+        query = sa.select(*columns, *sums).outerjoin(cells, cells.c.run_id == runs.c.run_id)
+        query = query.where(runs.c.run_id.in_(ids)).group_by(*columns)
+        with self.database.reading() as connection:
+            return list(map(_entry, connection.execute(query.order_by(runs.c.started_at.desc(), runs.c.run_id))))
+
+    def newest_runs(self, suite: str) -> list[tuple[RunEntry, dict[str, str]]]:
+        """The newest complete runs of a suite, each with its policies' digests by name; the newest first.
+
+        Raises:
+            StoreError: The store cannot be read.
+        """
+        newest = self._filtered(sa.select(runs.c.run_id), suite, "complete")
+        newest = newest.order_by(runs.c.started_at.desc()).limit(NEWEST)
+        query = sa.select(cells.c.run_id, cells.c.policy, cells.c.policy_digest).where(cells.c.run_id.in_(newest))
+        digests: dict[str, dict[str, str]] = {}
+        with self.database.reading() as connection:
+            for run_id, policy, digest in connection.execute(query.distinct()):
+                digests.setdefault(run_id, {})[policy] = digest
+        return [(entry, digests[entry.run_id]) for entry in self.entries(newest) if entry.run_id in digests]
+
+    def count(self, *, suite: str | None = None, status: str | None = None) -> int:
+        """Number of runs. Raises StoreError."""
+        with self.database.reading() as connection:
+            return int(
+                connection.scalar(self._filtered(sa.select(sa.func.count()).select_from(runs), suite, status)) or 0
+            )
+
+    def find(self, name: str) -> RunEntry | None:
+        """The run with this id; else the newest in a folder of this name; else the newest whose id begins so.
+
+        Raises:
+            StoreError: The store cannot be read.
+        """
+        if not name:
+            return None
+        called = runs.c.folder.endswith(f"/{name}", autoescape=True)
+        clause = sa.or_(called, runs.c.run_id.startswith(name, autoescape=True))
+        rank = sa.case((runs.c.run_id == name, 0), (called, 1), else_=2)
+        newest = sa.select(runs.c.run_id).where(clause).order_by(rank, runs.c.started_at.desc()).limit(1)
+        found = self.entries(newest)
+        return found[0] if found else None
+
+    def document(self, run_id: str) -> RunDocument:
+        """What a run was.
+
+        Raises:
+            RunError: It is not here, or its document has another format.
+            StoreError: The store cannot be read.
+        """
+        with self.database.reading() as connection:
+            text = connection.scalar(sa.select(runs.c.document).where(runs.c.run_id == run_id))
+        if text is None:
+            raise RunError(f"{self.database.where}: expected run {run_id}, it is not there")
+        return parse_run(text, f"{self.database.where}: run {run_id}")
+
+    def cells(self, run_id: str) -> list[CellCounts]:
+        """Counts of a run's cells, ordered by task, policy and condition. Raises StoreError."""
+        query = sa.select(cells).where(cells.c.run_id == run_id)
+        query = query.order_by(cells.c.task, cells.c.policy, cells.c.axis, cells.c.severity)
+        with self.database.reading() as connection:
+            return [
+                CellCounts(r.policy, r.policy_digest, r.task, r.axis, r.severity, _counts(r))
+                for r in connection.execute(query)
+            ]
+
+    def suites(self) -> dict[str, int]:
+        """Suite to its number of runs. Raises StoreError."""
+        query = sa.select(runs.c.suite, sa.func.count()).group_by(runs.c.suite)
+        with self.database.reading() as connection:
+            return {row[0]: row[1] for row in connection.execute(query.order_by(runs.c.suite))}
+
+    def policies(self, suite: str | None = None) -> list[str]:
+        """Names of all policies, or of those that a suite played. Raises StoreError."""
+        query = sa.select(cells.c.policy).distinct().order_by(cells.c.policy)
+        if suite is not None:
+            query = query.join(runs, runs.c.run_id == cells.c.run_id).where(runs.c.suite == suite)
+        with self.database.reading() as connection:
+            return list(connection.scalars(query))
+
+    def policy_history(
+        self, policy: str, *, suite: str | None = None, task: str | None = None, limit: int = 200
+    ) -> list[PolicyRunResult]:
+        """How a policy did, run by run, the oldest first; without perturbations.
+
+        Args:
+            policy: Its name.
+            suite: Only in runs of this suite.
+            task: Only on this task; None: over all.
+            limit: At most this number of runs, the newest.
+
+        Raises:
+            StoreError: The store cannot be read.
+        """
+        newest = sa.select(runs.c.run_id).where(
+            sa.exists().where(cells.c.run_id == runs.c.run_id, cells.c.policy == policy)
+        )
+        newest = self._filtered(newest, suite, None).order_by(runs.c.started_at.desc()).limit(limit)
+        sums = [sa.func.sum(cells.c[name]).label(name) for name in ("planned", "successes", "failures", "errors")]
+        query = sa.select(cells.c.run_id, cells.c.policy_digest, *sums)
+        query = query.where(cells.c.run_id.in_(newest), cells.c.policy == policy, cells.c.severity == 0)
+        if task is not None:
+            query = query.where(cells.c.task == task)
+        with self.database.reading() as connection:
+            found = connection.execute(query.group_by(cells.c.run_id, cells.c.policy_digest)).all()
+        entries = {entry.run_id: entry for entry in self.entries([row.run_id for row in found])}
+        results = [PolicyRunResult(entries[row.run_id], policy, row.policy_digest, _counts(row)) for row in found]
+        return sorted(results, key=lambda result: (result.run.started_at, result.run.run_id))
+
+    def baseline(self, document: RunDocument) -> RunEntry | None:
+        """The baseline of a run: the last good run of its suite that was begun before it.
+
+        Good is a complete run that was not itself found worse, unless a person accepted it.
+
+        Raises:
+            StoreError: The store cannot be read.
+        """
+        clause = sa.and_(
+            runs.c.suite == document.suite.name,
+            runs.c.started_at < document.started_at,
+            runs.c.run_id != document.run_id,
+            runs.c.status == "complete",
+            sa.or_(runs.c.accepted.is_(True), runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD)),
+        )
+        last = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(1)
+        found = self.entries(last)
+        return found[0] if found else None
+
+    def folders(self) -> dict[str, tuple[str, str]]:
+        """Folder to (run id, status) of all runs that have one. Raises StoreError."""
+        query = sa.select(runs.c.folder, runs.c.run_id, runs.c.status).where(runs.c.folder.is_not(None))
+        with self.database.reading() as connection:
+            return {folder: (run_id, status) for folder, run_id, status in connection.execute(query)}
+
+    @property
+    def url(self) -> str:
+        """Where it is, with the password if there is one: never to be shown."""
+        return self.database.engine.url.render_as_string(hide_password=False)
+
+    @property
+    def _is_sqlite(self) -> bool:
+        return self.database.engine.dialect.name == "sqlite"
+
+    def _filtered(self, query: Any, suite: str | None, status: str | None) -> Any:
+        if suite is not None:
+            query = query.where(runs.c.suite == suite)
+        return query if status is None else query.where(runs.c.status == status)
+
+
+def _cell_rows(document: RunDocument, counted: Mapping[CellKey, Counts]) -> Iterator[Mapping[str, Any]]:
+    for cell in document.plan:
+        counts = counted.get((cell.policy_digest, cell.task, cell.axis, cell.severity), Counts())
+        yield {
+            "policy": cell.policy,
+            "policy_digest": cell.policy_digest,
+            "task": cell.task,
+            "axis": cell.axis,
+            "severity": cell.severity,
+            "planned": cell.planned,
+            "successes": counts.successes,
+            "failures": counts.failures,
+            "errors": counts.errors,
+        }
+
+
+def _counts(row: Any) -> Counts:
+    return Counts(int(row.planned), int(row.successes), int(row.failures), int(row.errors))
+
+
+def _entry(row: Any) -> RunEntry:
+    return RunEntry(
+        run_id=row.run_id,
+        suite=row.suite,
+        status=row.status,
+        started_at=row.started_at,
+        finished_at=row.finished_at,
+        counts=_counts(row),
+        folder=row.folder,
+        rows_url=row.rows_url,
+        verdict=row.verdict,
+        baseline=row.baseline,
+        reasons=tuple((row.reasons or "").splitlines()),
+        accepted=bool(row.accepted),
+        schedule=row.schedule,
+        live=_live(row.live),
+    )
+
+
+def _live(text: str | None) -> LiveStatus | None:
+    """What a run says of itself, if this version understands it."""
+    try:
+        return LiveStatus.model_validate_json(text) if text else None
+    except ValidationError:
+        return None

@@ -1,0 +1,164 @@
+"""Child processes that answer requests, in lines of JSON."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Self
+
+from robogauntlet.support.errors import last_line
+
+END_S = 10.0
+"""Time that a process has to exit after it closed its answers (s)."""
+
+
+class ChildEnded(Exception):
+    """The process exited before it answered; the message says how."""
+
+
+class ChildTimeout(Exception):
+    """The process did not answer in time; it is still running."""
+
+
+class JsonChild:
+    """A process that reads requests from its standard input and writes answers to a separate pipe, a line each.
+
+    Its last argument is the file descriptor of the pipe, so that printed text is not mistaken for an answer. If it
+    exits, the last line of its standard error is reported. A context manager, which kills it at the end of the block.
+    """
+
+    def __init__(
+        self, command: Sequence[str], *, environment: Mapping[str, str] | None = None, own_group: bool = False
+    ) -> None:
+        """Start the process.
+
+        Args:
+            command: Interpreter, script and arguments.
+            environment: Environment variables; by default those of this process.
+            own_group: Whether it leads a process group, which is killed with it and does not receive Ctrl-C.
+
+        Raises:
+            OSError: The process cannot be started.
+        """
+        self._answers, write_end = os.pipe()
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  closed in close
+        try:
+            self._process = subprocess.Popen(
+                [*command, str(write_end)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=self._stderr,
+                env=environment,
+                pass_fds=(write_end,),
+                start_new_session=own_group,
+            )
+        except BaseException:
+            os.close(self._answers)
+            self._stderr.close()
+            raise
+        finally:
+            os.close(write_end)
+        self._own_group, self._unread = own_group, b""
+
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Kill it."""
+        self.close()
+
+    def __del__(self) -> None:
+        """Kill it, if it was not closed."""
+        with contextlib.suppress(Exception):
+            self.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._process.poll() is None
+
+    @property
+    def stderr(self) -> str:
+        """Its standard error so far."""
+        self._stderr.seek(0)
+        return self._stderr.read().decode(errors="replace")
+
+    def ask(self, request: object, limit_s: float) -> Any:
+        """Send a request and return the answer.
+
+        Args:
+            request: Any JSON value.
+            limit_s: Time limit of the answer (s).
+
+        Raises:
+            ChildEnded: The process exited.
+            ChildTimeout: The time limit was exceeded.
+        """
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it exited; `receive` raises the reason
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
+            self._process.stdin.flush()
+        return self.receive(limit_s)
+
+    def receive(self, limit_s: float) -> Any:
+        """Return its next answer; see `ask`."""
+        deadline = time.monotonic() + limit_s
+        while b"\n" not in self._unread:
+            ready, _, _ = select.select([self._answers], [], [], max(0.0, deadline - time.monotonic()))
+            if not ready:
+                raise ChildTimeout(f"the process did not answer within {limit_s:g} s")
+            read = os.read(self._answers, 1 << 16)
+            if not read:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self._process.wait(END_S)
+                self.kill()
+                raise ChildEnded(self._how_it_ended())
+            self._unread += read
+        line, _, self._unread = self._unread.partition(b"\n")
+        return json.loads(line)
+
+    def kill(self) -> None:
+        """Kill it, and its group if it leads one."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            if self._own_group:
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
+        self._process.wait()
+
+    def close(self, grace_s: float = 0.0) -> None:
+        """Close its standard input, wait for it to exit (s), and kill it. May be called twice."""
+        if self._stderr.closed:
+            return
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+        if grace_s:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(grace_s)
+        self.kill()
+        os.close(self._answers)
+        self._stderr.close()
+
+    def _how_it_ended(self) -> str:
+        code, last = self._process.returncode, last_line(self.stderr)
+        if code < 0:
+            return f"the process was killed by {signal.Signals(-code).name}: {last}"
+        return f"the process ended with code {code}: {last}"
+
+
+def serve(answer: Callable[[Any], object]) -> None:
+    """Answer requests until there are no more; called in the child process."""
+    with os.fdopen(int(sys.argv[-1]), "w") as answers:
+        for line in sys.stdin:
+            answers.write(json.dumps(answer(json.loads(line))) + "\n")
+            answers.flush()

@@ -1,0 +1,79 @@
+"""A part of a suite: some of its policies, tasks or seeds. Its episodes are the whole suite's, with the same ids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.schema import CompareEntry, MergingEntry, Seeds, Suite
+
+
+class SelectionError(Exception):
+    """The suite has nothing that was asked for."""
+
+
+@dataclass(frozen=True)
+class SuiteSelection:
+    """What to keep of a suite; everything by default."""
+
+    policies: tuple[str, ...] = ()
+    """Names, or patterns such as `ties-*`."""
+    tasks: tuple[str, ...] = ()
+    """`simulator/task`, or patterns."""
+    seeds: int | None = None
+    """The first so many."""
+
+    def apply_to(self, suite: Suite) -> Suite:
+        """The suite with nothing else in it. A comparison of which a policy is left out is left out too.
+
+        Args:
+            suite: With its task patterns replaced, see `Suite.with_names`.
+
+        Raises:
+            SelectionError: A name or pattern that finds nothing, or more seeds than the suite has.
+        """
+        names = match_patterns("policy", self.policies, [policy.name for policy in suite.policies])
+        count = suite.seeds.count if self.seeds is None else self.seeds
+        if not 1 <= count <= suite.seeds.count:
+            raise SelectionError(f"expected 1 to {suite.seeds.count} seeds, got {count}")
+        merging = suite.merging if _within(suite.merging, names) else None
+        compare = suite.compare if _within(suite.compare, names) else None
+        return suite.model_copy(
+            update={
+                "policies": tuple(policy for policy in suite.policies if policy.name in names),
+                "tasks": tuple(task for task in suite.tasks if task in match_patterns("task", self.tasks, suite.tasks)),
+                "seeds": Seeds(start=suite.seeds.start, count=count),
+                "merging": merging,
+                "compare": compare,
+                "adaptive": suite.adaptive if merging or compare else None,
+                "oracle_gate": suite.oracle_gate if suite.oracle_gate in names else None,
+                "no_skill_baselines": tuple(name for name in suite.no_skill_baselines if name in names),
+            }
+        )
+
+
+def _within(sides: MergingEntry | CompareEntry | None, names: set[str]) -> bool:
+    return sides is not None and {name for _, name in sides.places()} <= names
+
+
+def match_patterns(what: str, patterns: Iterable[str], names: Sequence[str], *, whole: str = "suite") -> set[str]:
+    """The names that some pattern finds; all of them if there is no pattern.
+
+    Args:
+        what: Kind of the names, for messages.
+        patterns: Names, or patterns as `fnmatch` has them.
+        names: All there are.
+        whole: Of what they are, for messages.
+
+    Raises:
+        SelectionError: A pattern finds nothing.
+    """
+    kept: set[str] = set()
+    for pattern in patterns:
+        found = {name for name in names if fnmatchcase(name, pattern)}
+        if not found:
+            raise SelectionError(f"the {whole} has no {what} '{pattern}'{did_you_mean(pattern, names)}")
+        kept |= found
+    return kept or set(names)

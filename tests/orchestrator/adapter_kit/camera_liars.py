@@ -1,0 +1,104 @@
+"""Adapters whose cameras lie, each in one way, see `tests.orchestrator.adapter_kit.liars`."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robogauntlet.adapters.scene_control import SceneControls
+from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.cameras import ToysimCameras
+from tests.orchestrator.adapter_kit.liars import Liar
+
+
+class Mirrored(Liar):
+    def draw(self, camera, size):
+        return super().draw(camera, size)[:, ::-1].copy()
+
+
+class UpsideDown(Liar):
+    def draw(self, camera, size):
+        return super().draw(camera, size)[::-1].copy()
+
+
+class WristTurnedRound(Liar):
+    def draw(self, camera, size):
+        image = super().draw(camera, size)
+        return image[::-1, ::-1].copy() if camera == "wrist" else image
+
+
+class PictureUpsideDown(Liar):
+    def picture(self):
+        return super().picture()[::-1].copy()
+
+
+class UpsideDownUntold(UpsideDown):
+    """Its cameras are not told, so they cannot be turned to find out."""
+
+    def __init__(self, view):
+        super().__init__(view)
+        self.scene_controls = SceneControls()
+
+
+class Rolled(ToysimCameras):
+    """Hangs from the ceiling, and says so."""
+
+    def viewpoint(self, camera):
+        own = super().viewpoint(camera)
+        return replace(own, rotation=own.rotation @ np.diag([-1.0, -1.0, 1.0]))
+
+
+class Misplaced(ToysimCameras):
+    def viewpoint(self, camera):
+        own = super().viewpoint(camera)
+        return replace(own, position=own.position + np.array([0.0, 0.5, 0.0]))
+
+
+class Wide(ToysimCameras):
+    def viewpoint(self, camera):
+        own = super().viewpoint(camera)
+        return replace(own, fovy=2.0 * own.fovy)
+
+    def set_viewpoint(self, camera, viewpoint):
+        super().set_viewpoint(camera, replace(viewpoint, fovy=0.5 * viewpoint.fovy))
+
+
+class Deaf(ToysimCameras):
+    def set_viewpoint(self, camera, viewpoint):
+        pass
+
+
+class _OtherCameras(Liar):
+    cameras = ToysimCameras
+
+    def __init__(self, view):
+        super().__init__(view)
+        self._cameras = self.cameras()
+        self.scene_controls = SceneControls(cameras=self._cameras)
+
+
+class CameraElsewhere(_OtherCameras):
+    cameras = Misplaced
+
+
+class HangsFromTheCeiling(_OtherCameras):
+    cameras = Rolled
+
+
+class HalfTheLens(_OtherCameras):
+    cameras = Wide
+
+
+class CameraStays(_OtherCameras):
+    cameras = Deaf
+
+
+class CameraKeepsItsPlace(_OtherCameras):
+    def reset(self, seed):
+        now = dict(self._cameras.now)
+        super().reset(seed)
+        self._cameras.now = now
+
+
+class OffersNothing(Liar):
+    def __init__(self, view):
+        super().__init__(view)
+        self.scene_controls = SceneControls()

@@ -1,0 +1,69 @@
+"""Adapters that let their ball be moved, and lie about it, see `tests.orchestrator.adapter_kit.liars`."""
+
+import numpy as np
+
+from robogauntlet.adapters.scene_control import PlacementRegion, SceneControls
+from tests.orchestrator.adapter_kit.liars import Liar
+
+
+class MovesTheBall(Liar):
+    """Honest."""
+
+    low, high = np.array([0.4, -0.12]), np.array([0.6, 0.12])
+
+    def __init__(self, view):
+        super().__init__(view)
+        self.scene_controls = SceneControls(cameras=self._cameras, objects=self)
+
+    def placeable(self):
+        return {"ball": PlacementRegion(self.low, self.high)}
+
+    def move(self, name, offset):
+        self._world.ball[:2] += offset
+
+
+class TooSmallABox(MovesTheBall):
+    high = np.array([0.55, 0.12])
+
+
+class TooLargeABox(MovesTheBall):
+    high = np.array([0.9, 0.12])
+
+
+class SlidesUntold(MovesTheBall):
+    """The ball slides by 5 cm after each reset."""
+
+    def reset(self, seed):
+        super().reset(seed)
+        self._world.ball[0] += 0.05
+
+
+class SlidesAndSaysSo(SlidesUntold):
+    """Honest."""
+
+    def privileged_state(self):
+        return super().privileged_state() | {"settling_shift": np.array([0.05])}
+
+
+class RollsAway(MovesTheBall):
+    def step(self, action):
+        self._world.ball[0] += 0.002
+        return super().step(action)
+
+
+class HasANeighbour(MovesTheBall):
+    """Honest: a wall beside the ball pushes it away where they meet."""
+
+    wall = np.zeros(3)
+
+    def reset(self, seed):
+        super().reset(seed)
+        self.wall = self._world.ball + np.array([0.05, -0.03, 0.0])
+
+    def step(self, action):
+        if np.linalg.norm(self.wall - self._world.ball) < 0.04:
+            self._world.ball[0] -= 0.01
+        return super().step(action)
+
+    def privileged_state(self):
+        return super().privileged_state() | {"wall_position": self.wall.copy()}

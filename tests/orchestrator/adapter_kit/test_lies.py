@@ -1,0 +1,145 @@
+"""Each lie of an adapter is told by the check that is meant for it, in one clear line."""
+
+import os
+
+import pytest
+
+from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, resources
+from robogauntlet.orchestrator.adapter_kit.checks.check import Outcome
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
+from tests.orchestrator.adapter_kit import camera_liars, object_liars  # noqa: F401  register them
+from tests.orchestrator.adapter_kit.liars import LIARS
+
+LIES = [
+    ("wrongshape", "observation", "the image of third_person as (96, 96, 3), uint8; seen: (96, 96, 4), uint8"),
+    ("wrongtype", "observation", "the image of third_person as (96, 96, 3), uint8; seen: (96, 96, 3), float32"),
+    ("singleprecision", "privileged-state", "tcp_position as (3,), float64; seen: (3,), float32"),
+    ("centimetres", "units", "tcp_position within 2 m of the base; seen: [45."),
+    ("centimetres", "proprioception", "position, tcp_position"),
+    ("degrees", "units", "near (pi, 0, 0) rad, pointing down; seen: [180."),
+    ("worldframe", "units", "tcp_position in front of the base: x forward, y left; seen: [-0.1"),
+    ("scalarfirst", "proprioception", "axis-angle, axis_angle(tcp_quaternion)"),
+    ("numpybool", "step-outcome", "a bool as success; seen: "),
+    ("constanthash", "state-hash", "another hash after the tool has moved"),
+    ("otherwords", "observation", "the task's instruction, 'touch the red ball'; seen: 'do something'"),
+    ("blackimages", "images", "third_person to show something"),
+    ("raisesatopen", "opens", "the task to open; seen: no licence for the engine: run `licence --renew`"),
+    ("raisesinobserve", "observation", "seen: KeyError: 'agentview'; look at "),
+    ("unseeded", "seeds", "seed 0 to start alike after other episodes"),
+    ("sameforall", "seeds", "other seeds to start differently; seen: 1 of 4"),
+    ("keepsfingers", "seeds", "to start alike after other episodes"),
+    ("driftsunseen", "seeds", "which differ in the last bits only"),
+    ("flickers", "seeds-images", "again; seen: others; look at parts of the image"),
+    ("oneworld", "two-at-once", "the same end beside another simulation"),
+    ("lookingsteps", "looking", "the same state before and after an observation"),
+    ("stale", "present", "third_person to show that the tool has moved by 10 steps; seen: the same image"),
+    ("onebuffer", "own-images", "the first image of third_person to stay as it was"),
+    ("drawsinstep", "step-draws-nothing", "ms in draw, which renders the observations"),
+    ("actsincentimetres", "action-dx", "+0.000 m in z (a controller in centimetres?); look at Simulation.step"),
+    ("actsindegrees", "action-rx", "to turn the tool by +0.150 rad; seen: it turned by +0.003 rad about x, +0.000 rad"),
+    ("flippedy", "action-dy", "to move the tool by +0.050 m; seen: it moved by +0.000 m in x, -0.050 m in y"),
+    ("toolframe", "action-dz", "-0.050 m in z"),
+    ("turnsintoolframe", "action-rz", "-0.150 rad about z"),
+    ("opensatplusone", "action-gripper", "fingers more than 0.04 m apart at -1"),
+    ("ignoresinsecret", "action-rx", "it turned by +0.000 rad about x"),
+    ("ignoresinsecret", "action-ignored", "an effect of rx, or its name in `ignored`"),
+    ("actsthoughignored", "action-ignored", "no effect of gripper, which is declared ignored"),
+    ("actsthoughignored", "action-gripper", "fingers that stay, since `gripper` is declared ignored"),
+    ("unclipped", "action-clipped", "3 times the bounds to do what the bounds do"),
+    ("clipsinplace", "action-unchanged", "the action as it was given"),
+    ("alwayssuccess", "start-is-no-success", "no success at the first step of seed 0"),
+    ("neversuccess", "oracle", "success of the oracle within 60 steps from seed 0; seen: failure after 60 steps"),
+    ("endsathorizon", "survives", "steps beyond the horizon of 60; seen: ValueError: executing action in terminated"),
+    ("mirrored", "camera-viewpoint", "they move as in an image that is mirrored"),
+    (
+        "upsidedownuntold",
+        "camera-upright",
+        "motion to go up in the third-person image as the tool goes up; seen: it goes down",
+    ),
+    ("upsidedown", "camera-viewpoint", "third_person, turned by 8 deg, to show the same things moved accordingly"),
+    ("hangsfromtheceiling", "camera-upright", "the image's down to point down in the base frame; seen: it points to"),
+    ("wristturnedround", "camera-viewpoint", "wrist, turned by 8 deg, to show the same things moved accordingly"),
+    ("pictureupsidedown", "camera-picture", "the picture to look like the third-person image"),
+    ("cameraelsewhere", "camera-place", "where tcp_position projects; seen: motion around row"),
+    ("halfthelens", "camera-viewpoint", "third_person, turned by 8 deg"),
+    ("camerastays", "camera-adjusted", "third_person to have the position that was set"),
+    ("camerastays", "axis-camera-orbit", "5 deg; seen: "),
+    (
+        "camerakeepsitsplace",
+        "camera-adjusted",
+        "all as before after a reset, once third_person was moved; seen: other images",
+    ),
+    ("camerakeepsitsplace", "axis-camera-bump", "the clean episode after camera-bump@1; seen: other images"),
+    ("offersnothing", "adjusts", "cameras; seen: nothing offered by the simulation"),
+    ("toosmallabox", "objects-box", "ball between (0.400, -0.120) m and (0.550, 0.120) m; seen: from (0.4"),
+    (
+        "toolargeabox",
+        "objects-box",
+        "ball to be put anywhere in a box of (0.500, 0.240) m; seen: 12 seeds spread over (0.1",
+    ),
+    ("slidesuntold", "objects-box", "ball between (0.400, -0.120) m and (0.600, 0.120) m; seen: from (0.4"),
+    ("rollsaway", "objects-move", "ball to stay at rest there; seen: it drifts by [0.006"),
+    ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
+    ("keepsfiles", "closes", "2 more file descriptor(s)"),
+    ("keepsthreads", "closes", "2 more Python thread(s)"),
+    ("closesonce", "closes", "AdapterError: already closed"),
+]
+
+
+@pytest.mark.parametrize(("liar", "check", "line"), LIES, ids=[f"{liar}-{check}" for liar, check, _ in LIES])
+def test_a_lie_is_told_in_a_line_by_its_check(subject, liar, check, line):
+    findings = CHECKS[check].run(subject(liar))
+    assert {finding.outcome for finding in findings} == {Outcome.FAILED}
+    told = str(findings[0])
+    assert told.startswith(f"{check}: expected ")
+    assert line in told
+    assert "\n" not in told
+
+
+@pytest.mark.parametrize("check", sorted({check for _, check, _ in LIES}))
+def test_the_honest_toy_passes_every_check_that_finds_a_lie(subject, check):
+    honest = "movestheball" if check.startswith("objects-") else "honest"
+    assert {finding.outcome for finding in CHECKS[check].run(subject(honest))} == {Outcome.PASSED}
+
+
+def test_a_start_may_lie_outside_the_box_by_as_much_as_things_slid(subject):
+    assert CHECKS["objects-box"].run(subject("slidesandsaysso"))[0].outcome is Outcome.PASSED
+
+
+def test_a_thing_is_moved_to_where_no_other_is(subject):
+    assert CHECKS["objects-move"].run(subject("hasaneighbour"))[0].outcome is Outcome.PASSED
+
+
+def test_a_declaration_that_imports_its_simulator_is_told():
+    subject = CheckedTask(LIARS["honest"], "Reach", loaded_by_declaring=frozenset({"mujoco", "json"}))
+    (finding,) = CHECKS["declaration"].run(subject)
+    assert "seen: it imports mujoco;" in str(finding)
+
+
+def test_where_an_adapter_raised_is_told_by_file_and_line(subject):
+    (finding,) = CHECKS["observation"].run(subject("raisesinobserve"))
+    file, _, rest = finding.look.partition(":")
+    assert file.endswith("liars.py")
+    assert rest.endswith("in observe")
+
+
+def test_a_step_that_takes_longer_than_a_run_can_wait_is_told(subject, monkeypatch):
+    monkeypatch.setitem(resources.LIMITS_S, "step", 0.02)
+    assert "step to take less than 0.02 s; seen: 0.03" in str(CHECKS["pace"].run(subject("slow"))[0])
+    assert CHECKS["pace"].run(subject("honest"))[0].outcome is Outcome.PASSED
+
+
+def test_memory_that_others_left_free_in_the_process_does_not_hide_what_grows(subject):
+    several = [os.urandom(1 << 10) * 100 for _ in range(1000)]
+    last = several.pop()  # keeps what is below it in the heap from going back to the system
+    del several
+    (finding,) = CHECKS["memory"].run(subject("keepsmemory"))
+    del last
+    assert finding.outcome is Outcome.FAILED
+
+
+def test_a_task_that_does_not_open_fails_once_and_skips_the_rest(subject):
+    closed = subject("raisesatopen")
+    outcomes = {name: check.run(closed)[0].outcome for name, check in CHECKS.items()}
+    assert [name for name, outcome in outcomes.items() if outcome is Outcome.FAILED] == ["opens"]
+    assert [name for name, outcome in outcomes.items() if outcome is Outcome.PASSED] == ["declaration", "description"]

@@ -1,0 +1,158 @@
+"""`robogauntlet adapters` as a person types it: list, new, check."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+from typer.testing import CliRunner
+
+from robogauntlet.orchestrator.adapter_kit.scaffold import renamed
+from robogauntlet.orchestrator.cli import app
+from robogauntlet.orchestrator.cli.adapters.check import check
+from robogauntlet.orchestrator.cli.adapters.new import new
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput
+from robogauntlet.suites.loading import load_suite
+from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
+from tests import ROOT
+from tests.full_disk import full_disk
+
+GAUNTLET = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()"]
+
+
+KNOWN = Registry(
+    {"my-sim/Reach": KnownTask(60)}, {name: KnownPolicy(frozenset(), None) for name in ("oracle", "random")}, {}
+)
+
+
+def command(arguments, folder, *paths, timeout=120):
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(map(str, [ROOT / "src", ROOT, *paths])),
+        "COLUMNS": "200",
+    }
+    return subprocess.run(
+        arguments, capture_output=True, text=True, timeout=timeout, cwd=folder, env=environment, check=False
+    )
+
+
+def run_command(*arguments, folder, paths=(), **more):
+    return command([*GAUNTLET, *map(str, arguments)], folder, *paths, **more)
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """A package from `robogauntlet adapters new`, put on the path as an editable installation would."""
+    folder = tmp_path_factory.mktemp("new")
+    done = run_command("adapters", "new", "my-sim", folder=folder)
+    assert done.returncode == 0, done.stderr
+    package = folder / "robogauntlet-my-sim"
+    built = command([sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"], package)
+    assert built.returncode == 0, built.stderr
+    return package
+
+
+def test_a_new_adapter_passes_every_check_at_once(package):
+    done = run_command("adapters", "check", "my-sim", folder=package, paths=[package])
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " 0 failed" in done.stdout
+    assert "robogauntlet:" not in done.stderr
+    assert [policy.kind for policy in load_suite(package / "my-sim.yaml", KNOWN).policies] == ["oracle", "random"]
+
+
+def test_the_tests_of_a_new_adapter_are_a_test_for_each_check(package):
+    arguments = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-k",
+        "description or action-dx or stage-paint",
+    ]
+    done = command(arguments, package, package)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 passed, 1 skipped" in done.stdout
+
+
+def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
+    adapter = package / "robogauntlet_my_sim" / "adapter.py"
+    own = adapter.read_text()
+    adapter.write_text(own.replace("self._world.step(action[:3],", "self._world.step(-action[:3],"))
+    try:
+        options = ("--only", "action-d", "--json")
+        done = run_command("adapters", "check", "my-sim", *options, folder=package, paths=[package])
+    finally:
+        adapter.write_text(own)
+    assert done.returncode == 1
+    findings = json.loads(done.stdout)
+    assert [finding["outcome"] for finding in findings] == ["failed"] * 6
+    assert "(the other sign?)" in findings[0]["seen"]
+
+
+def test_the_list_tells_versions_tasks_oracles_and_what_can_be_adjusted():
+    done = CliRunner().invoke(app, ["adapters", "list"])
+    (line,) = [line.split() for line in done.stdout.splitlines() if line.startswith("pybullet")]
+    assert line == [
+        "pybullet",
+        "PyBullet",
+        "(panda-gym)",
+        *versions("pybullet", "panda-gym", "gymnasium"),
+        "3",
+        "3",
+        "all",
+    ]
+
+
+def versions(*names):
+    return ", ".join(f"{name} {metadata.version(name)}" for name in names).split()
+
+
+BAD = ["MySim", "my sim", "my_sim", "-x", "x-", "1x", "a" * 41, "../up", "maniskill"]
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
+    with pytest.raises(BadInput) as refused:
+        new(name, tmp_path / "folder")
+    assert f"'{name}'" in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_package_that_cannot_be_written_whole_is_a_line_and_leaves_no_part(tmp_path):
+    with full_disk(), pytest.raises(BadInput, match="cannot be written: File too large"):
+        new("mysim", tmp_path / "folder")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_exists_is_left_alone(tmp_path):
+    (tmp_path / "there").mkdir()
+    done = run_command("adapters", "new", "mysim", "--out", "there", folder=tmp_path)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert done.stderr == "robogauntlet: there exists; give another folder with --out\n"
+    assert not list((tmp_path / "there").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"name": "pybulet"}, "unknown simulator 'pybulet'; did you mean 'pybullet'?"),
+        ({"task": ["PandaReech-v3"]}, "unknown task 'pybullet/PandaReech-v3'; did you mean 'pybullet/PandaReach-v3'?"),
+        ({"only": ["sedes"]}, "unknown check 'sedes'; did you mean 'seeds'?"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_what_was_meant(arguments, said):
+    with pytest.raises(BadInput) as refused:
+        check(**{"name": "pybullet", **arguments})
+    assert str(refused.value) == said
+
+
+@pytest.mark.parametrize("name", ["toysim2", "my-sim", "sim"])
+def test_a_name_replaces_the_toys_in_every_form(name):
+    module, title = name.replace("-", "_"), "".join(part.capitalize() for part in name.split("-"))
+    text = "robogauntlet_toysim toysim/Reach ToysimCameras test_toysim_keeps"
+    assert renamed(text, name) == f"robogauntlet_{module} {name}/Reach {title}Cameras test_{module}_keeps"

@@ -1,0 +1,95 @@
+"""`robogauntlet compare` and `robogauntlet gate` as a person, or a pipeline, types them."""
+
+import json
+from xml.etree import ElementTree
+
+import pytest
+
+from robogauntlet.results.run_document import RunStatus
+from tests.orchestrator.cli.test_cli import run_command
+from tests.results.synthetic import cells, document, row, run_folder
+
+TASKS = ("maniskill/A", "pybullet/B")
+
+
+def save(folder, success, **changes):
+    own = cells(("p", "q"), TASKS)
+    rows = [row(cell, seed, "success" if success(cell, seed) else "failure") for cell in own for seed in range(40)]
+    values = {"run_id": folder.name, "regression": {"alpha": 0.05, "margin": 0.1}}
+    return run_folder(folder, document(40, own, **{**values, **changes}), rows)
+
+
+def good(cell, seed):
+    return seed % 4 != 0
+
+
+def bad(cell, seed):
+    return good(cell, seed) and (cell.policy != "p" or seed % 4 != 1)
+
+
+@pytest.fixture
+def runs(tmp_path):
+    """Two nights that are alike, an unfinished one, one of another suite, and one that is worse."""
+    root = tmp_path / "runs"
+    save(root / "monday", good, started_at=1.0)
+    save(root / "tuesday", good, started_at=2.0)
+    save(root / "half", bad, started_at=3.0, status=RunStatus.INTERRUPTED)
+    save(root / "other", bad, started_at=4.0, name="another")
+    save(root / "wednesday", bad, started_at=5.0)
+    return root
+
+
+def test_a_regression_is_told_in_lines_and_by_the_exit_code(runs):
+    done = run_command("compare", runs / "wednesday", runs / "monday")
+    assert done.returncode == 1
+    assert "REGRESSED: wednesday against monday\n" in done.stdout
+    assert "- p, maniskill/A: 75 % before, 50 % now of 40 episodes, -25.0 points [" in done.stdout
+    assert "- q: the same policy, the same actions in all of 80 episodes" in done.stdout
+
+
+def test_the_gate_takes_the_last_complete_run_of_the_suite_before(runs):
+    done = run_command("gate", runs / "wednesday")
+    assert done.returncode == 1
+    assert done.stdout.startswith("REGRESSED: wednesday against tuesday\n")
+    quiet = run_command("gate", runs / "tuesday")
+    assert quiet.returncode == 0
+    assert quiet.stdout.startswith("no evidence of a difference: tuesday against monday\n")
+
+
+def test_only_the_policies_that_are_named_are_judged(runs):
+    done = run_command("gate", runs / "wednesday", "--policy", "q")
+    assert done.returncode == 0
+    assert "\n- p" not in done.stdout
+
+
+def test_other_suites_are_not_compared_unless_it_is_allowed(runs):
+    done = run_command("gate", runs / "wednesday", "--baseline", runs / "other")
+    assert done.returncode == 2
+    assert "suite differs: suite 'synthetic', the baseline is of 'another'" in done.stdout
+    assert run_command("gate", runs / "wednesday", "--baseline", runs / "other", "--allow", "suite").returncode == 0
+
+
+def test_it_is_written_for_programs_pull_requests_and_test_reports(runs, tmp_path):
+    for told, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
+        file = tmp_path / told
+        done = run_command("gate", runs / "wednesday", "--format", told, "--out", file)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert read(file.read_text())
+        printed = run_command("gate", runs / "wednesday", "--format", told)
+        assert printed.stdout == file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("gate", "monday"), "monday: expected a complete earlier run of suite 'synthetic' beside it, found none; "),
+        (("compare", "monday", "nowhere"), "nowhere: expected a run folder, there is nothing"),
+        (("compare", "monday", "tuesday", "--policy", "P"), "monday: the run has no policy 'P'; known: p, q"),
+        (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: cannot be written: No such file or directory"),
+    ],
+)
+def test_bad_input_is_told_in_a_line(runs, arguments, message):
+    done = run_command(*arguments, cwd=runs)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert message in done.stderr

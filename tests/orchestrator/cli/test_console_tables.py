@@ -1,0 +1,55 @@
+"""What a run prints at its end."""
+
+import pytest
+
+from robogauntlet.orchestrator.cli import console_tables
+from robogauntlet.results.report import write_report
+from robogauntlet.suites.episode import Condition
+from tests.results.routed import routed_document, routed_rows
+from tests.results.synthetic import cells, document, rows, run_folder
+
+
+@pytest.fixture
+def said(tmp_path, capsys, monkeypatch):
+    """What is printed about a run, a list of words per line."""
+    monkeypatch.setattr(console_tables.out, "_width", 200)
+
+    def summarise(**changes):
+        folder = run_folder(tmp_path / "run", routed_document(10, **changes), routed_rows(10))
+        console_tables.print_summary(write_report(folder))
+        return [line.split() for line in capsys.readouterr().out.splitlines()]
+
+    return summarise
+
+
+def test_a_suite_that_compares_merged_policies_gets_their_table(said):
+    lines = said()
+    heads = [line for line in lines if line[:3] == ["task", "expert", "oracle-routed"]]
+    assert heads == [["task", "expert", "oracle-routed", "routed", "accuracy", "n"]] * 2
+    assert [line[-1] for line in lines if line[:1] == ["all"]] == ["50", "50"]
+    assert ["percentage", "points", "merged", "merged-paper"] in lines
+
+
+def test_nothing_of_it_is_cut_off_in_a_terminal_of_80_columns(said, monkeypatch):
+    monkeypatch.setattr(console_tables.out, "_width", 80)
+    lines = said()
+    start = next(i for i, line in enumerate(lines) if line[:3] == ["task", "expert", "oracle-routed"])
+    assert not any("…" in word for line in lines[start:] for word in line)
+
+
+def test_any_other_suite_does_not(said):
+    assert not any(line[:3] == ["task", "expert", "oracle-routed"] for line in said(merging=None))
+
+
+def test_a_suite_of_many_conditions_gets_a_line_for_each_and_the_findings(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(console_tables.out, "_width", 200)
+    conditions = (Condition(), *(Condition(axis, level) for axis in ("noise", "blur") for level in (1, 2, 3)))
+    plan = cells(("experts", "merged"), conditions=conditions)
+    folder = run_folder(tmp_path / "run", document(20, of=plan), rows(plan, 20))
+    console_tables.print_summary(write_report(folder))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines if line.startswith(("clean", "noise@", "blur@"))] == [
+        str(condition) for condition in conditions
+    ]
+    assert len([line for line in lines if line.startswith("robosuite/")]) == 1
+    assert any(line.startswith("- experts: ") for line in lines)

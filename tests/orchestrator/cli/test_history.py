@@ -1,0 +1,137 @@
+"""`robogauntlet history`, `leaderboard`, `accept`, `export`, `import` as a person types them."""
+
+import sqlite3
+
+import pytest
+
+from robogauntlet.results.run_document import RunStatus
+from tests.orchestrator.cli.test_compare import bad, good, save
+
+
+@pytest.fixture
+def runs(tmp_path):
+    root = tmp_path / "runs"
+    save(root / "monday", good, run_id="1", started_at=1.0)
+    save(root / "tuesday", bad, run_id="2", started_at=86_400.0)
+    save(root / "other", good, run_id="3", started_at=2 * 86_400.0, name="another")
+    save(root / "half", bad, run_id="4", started_at=3 * 86_400.0, status=RunStatus.INTERRUPTED)
+    return root
+
+
+def test_runs_that_lie_there_are_listed_the_newest_first(run_command, runs):
+    said = run_command("history")
+    assert said.code == 0
+    names = [line.split()[2] for line in said.out.splitlines()[2:]]
+    assert names == ["half", "other", "tuesday", "monday"]
+    assert [line.split()[2] for line in run_command("history", "--suite", "another").out.splitlines()[2:]] == ["other"]
+
+
+def test_a_policy_is_followed_with_intervals_and_verdicts(run_command, runs, tmp_path):
+    assert run_command("gate", "runs/tuesday").code == 1
+    said = run_command("history", "p", "--suite", "synthetic", "--out", "plot.svg")
+    lines = said.out.splitlines()
+    assert "75 %  [65, 83]" in lines[2]
+    assert "▼ regressed" in lines[3]
+    assert "▇▅▅  success" in said.out
+    picture = (tmp_path / "plot.svg").read_text()
+    assert picture.startswith("<svg")
+    assert picture.count('class="bad"') == 1
+    page = run_command("history", "p", "--task", "maniskill/A", "--out", "plot.html")
+    assert page.code == 0
+    assert (tmp_path / "plot.html").read_text().startswith("<!doctype html>")
+
+
+def test_a_worse_run_is_no_baseline_until_it_is_accepted(run_command, runs):
+    assert run_command("gate", "runs/tuesday").code == 1
+    save(runs / "wednesday", bad, run_id="5", started_at=4 * 86_400.0)
+    assert "wednesday against monday" in run_command("gate", "runs/wednesday").out
+    assert run_command("accept", "tuesday").code == 0
+    said = run_command("gate", "runs/wednesday")
+    assert (said.code, "wednesday against tuesday" in said.out) == (0, True)
+
+
+def test_a_folders_name_comes_before_the_beginning_of_an_id(run_command, runs):
+    save(runs / "thursday", good, run_id="mondaylike", started_at=5 * 86_400.0)
+    assert run_command("accept", "runs/monday").out.startswith("monday: later runs")
+
+
+def test_the_leaderboard_gives_letters_and_no_ranks(run_command, runs):
+    said = run_command("leaderboard", "synthetic")
+    assert said.code == 0
+    rows = {line.split()[0]: line.split()[2] for line in said.out.splitlines()[2:4]}
+    assert rows == {"q": "a", "p": "b"}
+
+
+def test_a_run_travels_as_one_file(run_command, runs, tmp_path):
+    assert run_command("export", "runs/monday").out == "160 episodes into monday.robogauntlet\n"
+    said = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday")
+    assert said.code == 0
+    assert (tmp_path / "elsewhere" / "monday" / "report.html").exists()
+    assert "monday" in run_command("history", "--history", f"sqlite:///{tmp_path}/runs/history.sqlite").out
+
+
+@pytest.mark.parametrize(
+    ("form", "file"),
+    [
+        ("csv", "monday.csv"),
+        ("parquet", "monday.parquet"),
+        ("lerobot", "monday-eval_info.json"),
+        ("vla-eval", "monday-vla_eval.json"),
+    ],
+)
+def test_results_are_written_for_other_programs_and_over_nothing(run_command, runs, tmp_path, form, file):
+    whole = form in ("csv", "parquet")
+    typed = ("export", "runs/monday", "--format", form, *(() if whole else ("--policy", "p")))
+    count = 160 if whole else 80
+    assert run_command(*typed).out == f"{count} episodes into {file}\n"
+    assert (tmp_path / file).stat().st_size
+    again = run_command(*typed)
+    assert (again.code, "this one exists" in again.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("history", "pp"), "no run with a policy 'pp'; did you mean 'p'?"),
+        (("history", "--suite", "synthetc"), "no run of a suite 'synthetc'; did you mean 'synthetic'?"),
+        (("history", "p", "--task", "nowhere"), "no run with a policy 'p' on 'nowhere'"),
+        (("history", "p", "--out", "no/such/folder.svg"), "cannot be written"),
+        (("history", "p", "--out", "plot.png"), "--out: expected a file that ends in .svg or .html, got 'plot.png'"),
+        (("history", "--out", "plot.svg"), "--out: expected the name of the policy to plot"),
+        (("history", "--history", "mysql://x/y"), "expected an sqlite or postgresql URL, got mysql"),
+        (("history", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
+        (("leaderboard", "nothing"), "no run of a suite 'nothing'"),
+        (("accept", "nothing"), "no run 'nothing' in the history"),
+        (("export", "nothing"), "expected a run folder, there is nothing"),
+        (("export", "runs/monday", "--format", "lerobot"), "the run has p, q; name one with --policy"),
+        (
+            ("export", "runs/monday", "--format", "csv", "--out", "no/such.csv"),
+            "no/such.csv: cannot be written: Cannot",
+        ),
+        (("export", "runs/monday", "--format", "csv", "--policy", "p"), "expected --policy with --format lerobot"),
+        (
+            ("export", "runs/monday", "--format", "lerobot-dataset", "--condition", "nois@4"),
+            "the run has no condition 'nois@4'; known: clean\n",
+        ),
+        (("export", "runs/monday", "--store", "sqlite:///mistyped.sqlite"), "the run in runs/monday, there is no such"),
+        (("import", "nothing"), "expected an exported run"),
+        (("import", "runs/monday/run.json"), "this is something else"),
+    ],
+)
+def test_what_cannot_be_is_one_line(run_command, runs, typed, words):
+    said = run_command(*typed)
+    assert said.code == 2
+    assert words in said.err
+    assert said.err.count("\n") == 1
+    assert "secret" not in said.err
+
+
+def test_a_history_of_a_newer_version_is_refused_and_untouched(run_command, runs):
+    run_command("history")
+    with sqlite3.connect(runs / "history.sqlite") as connection:
+        connection.execute("UPDATE robogauntlet_schema SET version = 99")
+    connection.close()
+    before = (runs / "history.sqlite").read_bytes()
+    said = run_command("history")
+    assert (said.code, "expected a store of version 1, got version 99" in said.err) == (2, True)
+    assert (runs / "history.sqlite").read_bytes() == before

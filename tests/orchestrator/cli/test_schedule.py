@@ -1,0 +1,133 @@
+"""`robogauntlet schedule` as a person types it."""
+
+import re
+import subprocess
+import time
+
+import pytest
+
+from robogauntlet.orchestrator.schedules.schedule import Schedule
+from robogauntlet.orchestrator.schedules.server import exclusive_server
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.store.database import file_url
+from tests import ROOT
+
+SUITE = "name: nulls\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 5}\n"
+
+
+@pytest.fixture
+def suite(tmp_path):
+    (tmp_path / "nulls.yaml").write_text(SUITE)
+
+
+def test_a_schedule_is_added_listed_and_removed(run_command, suite):
+    added = run_command(
+        "schedule", "add", "nightly", "nulls.yaml", "--cron", "0 2 * * *", "--timezone", "Europe/Berlin"
+    )
+    assert re.fullmatch(r"nightly: 5 episodes of nulls, next at 20\d\d-\d\d-\d\d 0[01]:00 UTC\n", added.out)
+    assert "0 2 * * * Europe/Berlin" in run_command("schedule", "list").out
+    assert run_command("schedule", "remove", "nightly").out == "nightly: removed, its runs stay\n"
+    assert "no schedule yet" in run_command("schedule", "list").out
+
+
+@pytest.mark.ray
+def test_run_now_plays_judges_and_leaves_its_mark_in_the_history(run_command, suite):
+    run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily", "--no-media")
+    said = run_command("schedule", "run-now", "nightly")
+    assert said.code == 0, said.err
+    assert "nightly: done, 100 % of 5 episodes; the first of its suite" in said.out
+    assert "done: 100 % of 5 episodes" in run_command("schedule", "list").out
+    assert "nulls" in run_command("history").out
+
+
+def test_while_another_process_serves_run_now_leaves_it_to_that(run_command, suite, tmp_path):
+    run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily")
+    schedule_store = ScheduleStore.open(file_url(tmp_path / "runs" / "history.sqlite"))
+    with exclusive_server(schedule_store.database, tmp_path / "runs"):
+        said = run_command("schedule", "run-now", "nightly")
+        assert "the running schedule server starts it" in said.out
+        assert [scheduled_run.manual for scheduled_run in schedule_store.scheduled_runs()] == [True]
+        other = run_command("schedule", "serve")
+        assert (other.code, "another schedule server runs on" in other.err) == (2, True)
+    schedule_store.close()
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        (("add", "n", "nulls.yaml", "--cron", "0 2 * *"), "expected five fields"),
+        (("add", "n", "nulls.yaml", "--cron", "0 25 * * *"), "Bad hour; expected five fields"),
+        (("add", "n", "nulls.yaml", "--cron", "@daily", "--timezone", "Berlin"), "time zone 'Berlin': expected one"),
+        (("add", "n", "nosuite", "--cron", "@daily"), "nosuite"),
+        (("add", "n", "missing.yaml", "--cron", "@daily"), "missing.yaml"),
+        (("add", "n", "nulls.yaml", "--cron", "@daily", "--policy", "orcle"), "orcle"),
+        (("add", "a/b", "nulls.yaml", "--cron", "@daily"), "name 'a/b': expected letters"),
+        (("remove", "nothing"), "no schedule 'nothing'"),
+        (("run-now", "nothing"), "no schedule 'nothing'"),
+        (("test-message",), "no recipient: set ROBOGAUNTLET_WEBHOOK_URL"),
+    ],
+)
+def test_what_cannot_be_is_one_line(run_command, suite, monkeypatch, typed, words):
+    for name in ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST"):
+        monkeypatch.delenv(name, raising=False)
+    said = run_command("schedule", *typed)
+    assert said.code == 2
+    assert words in said.err
+    assert said.err.count("\n") == 1
+    assert "no schedule yet" in run_command("schedule", "list").out
+
+
+def test_a_name_is_taken_once(run_command, suite):
+    run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily")
+    again = run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@hourly")
+    assert (again.code, "schedule 'nightly' exists" in again.err) == (2, True)
+
+
+def printed(run_command, target, cron="15 2 * * 1-5", **options):
+    more = [part for name, value in options.items() for part in (f"--{name}", value)]
+    run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", cron, "--no-media", *more)
+    return run_command("schedule", "list", "--print", target)
+
+
+def test_cron_gets_a_line_whose_command_is_a_shell_command(run_command, suite, tmp_path):
+    text = printed(run_command, "cron").out
+    note, zone, line = text.splitlines()
+    assert note.startswith("# ")
+    assert zone == "CRON_TZ=UTC"
+    assert line.startswith("15 2 * * 1-5 cd ")
+    command = line.partition("1-5 ")[2].replace(r"\%", "%")
+    assert subprocess.run(["sh", "-n", "-c", command], check=False).returncode == 0
+    assert "--no-media" in command
+    assert "gate" in command
+
+
+def test_systemd_gets_a_service_and_a_timer(run_command, suite):
+    text = printed(run_command, "systemd", timezone="Europe/Berlin").out
+    assert "OnCalendar=Mon,Tue,Wed,Thu,Fri *-*-* 2:15:00 Europe/Berlin\n" in text
+    assert "Persistent=true" in text
+    assert "%%Y%%m%%d" in text
+
+
+def test_github_gets_the_workflow_of_the_example_at_its_time_with_its_arguments(run_command, suite):
+    import yaml
+
+    example = (ROOT / "examples" / "github-nightly.yml").read_text()
+    workflow = yaml.safe_load(printed(run_command, "github", cron="@daily").out)
+    expected = yaml.safe_load(example)
+    expected["name"], expected["env"]["SUITE"] = "nightly", "nulls.yaml"
+    expected[True]["schedule"] = [{"cron": "0 0 * * *"}]
+    run = next(step for step in expected["jobs"]["robogauntlet"]["steps"] if step.get("name") == "play")
+    run["run"] = 'robogauntlet run "$SUITE" --no-media --out runs/now'
+    assert workflow == expected
+
+
+def test_github_knows_no_time_zones(run_command, suite):
+    said = printed(run_command, "github", timezone="Europe/Berlin")
+    assert (said.code, "GitHub runs schedules in UTC" in said.err) == (2, True)
+
+
+def test_what_was_due_before_it_was_added_is_not_due(tmp_path):
+    schedule_store = ScheduleStore.open(file_url(tmp_path / "history.sqlite"))
+    schedule_store.add(Schedule("n", "smoke", "* * * * *", created_at=time.time()))
+    assert schedule_store.record_due(time.time(), lambda schedule, due: "x") == 0
+    schedule_store.close()

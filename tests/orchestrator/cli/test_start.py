@@ -1,0 +1,85 @@
+"""The command line starts fast, describes each verb once, and helps with typing."""
+
+import inspect
+import os
+import resource
+import subprocess
+import sys
+from importlib import import_module
+from importlib.metadata import version
+
+import pytest
+import typer
+
+from robogauntlet.orchestrator.cli import VERBS
+from tests import ROOT
+
+HEAVY = ("scipy", "sqlalchemy", "pandas", "numpy", "ray", "torch", "yaml", "rich.table", "robogauntlet.suites")
+
+
+def run_python(code, *arguments, **variables):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "200", **variables}
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, check=False)
+
+
+def run_main(*arguments, **variables):
+    code = "import sys; sys.argv[0] = 'robogauntlet'\nfrom robogauntlet.orchestrator.cli import main; main()"
+    return run_python(code, *arguments, **variables)
+
+
+def test_help_imports_no_verb_and_no_heavy_library():
+    code = (
+        "import sys; sys.argv = ['robogauntlet', '--help']\nfrom robogauntlet.orchestrator.cli import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        f"verbs = {[address.partition(':')[0] for address, _ in VERBS.values()]}\n"
+        f"names = [f'robogauntlet.orchestrator.cli.{{verb}}' for verb in verbs] + list({HEAVY})\n"
+        "print([name for name in names if name in sys.modules])"
+    )
+    assert run_python(code).stdout.splitlines()[-1] == "[]"
+
+
+def test_help_takes_less_than_half_a_second_of_cpu():
+    run_main("--help")  # compiles
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert run_main("--help").returncode == 0
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.5
+
+
+def test_version_is_that_of_the_distribution():
+    assert run_main("--version").stdout == f"robogauntlet {version('robogauntlet')}\n"
+
+
+def test_a_mistyped_verb_gets_a_suggestion():
+    done = run_main("validat")
+    assert done.returncode == 2
+    assert "No such command 'validat'. Did you mean 'validate'?" in done.stderr
+
+
+def test_a_mistyped_option_of_a_verb_gets_no_hidden_suggestion():
+    done = run_main("run", "demo", "--shcedule", "x")
+    assert done.returncode == 2
+    assert "--schedule" not in done.stderr
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_shell_completion_is_offered(shell):
+    done = run_main("--show-completion", shell, _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert done.returncode == 0
+    assert "_ROBOGAUNTLET_COMPLETE" in done.stdout
+    assert "--install-completion" in run_main("--help").stdout
+
+
+def test_verbs_are_completed():
+    variables = {"COMP_WORDS": "robogauntlet val", "COMP_CWORD": "1", "_ROBOGAUNTLET_COMPLETE": "complete_bash"}
+    assert run_main(**variables).stdout.split() == ["validate"]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_list_of_verbs_describes_a_verb_as_its_own_help_does(verb):
+    address, line = VERBS[verb]
+    module, _, name = address.partition(":")
+    function = getattr(import_module(f"robogauntlet.orchestrator.cli.{module}"), name)
+    if not isinstance(function, typer.Typer):  # the help of a group is taken from the list
+        assert inspect.getdoc(function).splitlines()[0] == line

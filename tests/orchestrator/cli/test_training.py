@@ -1,0 +1,108 @@
+"""The verbs that train: mistakes are one line with exit code 2, Ctrl-C stops between two steps."""
+
+import signal
+
+import pytest
+from typer.testing import CliRunner
+
+from robogauntlet.orchestrator.cli import app
+from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, BadInput
+from robogauntlet.orchestrator.cli.policies.training_progress import run_training, stoppable
+from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.finetune import Settings, pretrain
+from tests.full_disk import full_disk
+from tests.policies.mergevla.shared import SMALL
+from tests.policies.training.test_finetune import dataset
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return dataset(tmp_path_factory.mktemp("data"), "Reach")
+
+
+@pytest.fixture(scope="module")
+def base(data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("base")
+    pretrain(DatasetMixture.open([data]), SMALL, folder, Settings(steps=1, batch_size=4))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["pretrain", "{data}/none", "--out", "{out}"], "expected a dataset"),
+        (["pretrain", "{data}", "--out", "{out}", "--size", "huge"], "expected one of tiny"),
+        (["pretrain", "{data}", "--out", "{out}"], "expected 96 px images for architecture 'tiny'"),
+        (
+            ["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--steps", "0"],
+            "steps: expected greater than 0",
+        ),
+        (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--rank", "0"], "expected a LoRA rank"),
+        (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--action-steps", "9"], "1 to 8 action steps"),
+        (["finetune", "{data}", "--base", "{data}", "--out", "{out}"], "expected card.json"),
+        (["finetune", "{data}", "--base", "none", "--out", "{out}"], "expected a checkpoint's folder or a hub id"),
+        (["finetune", "{data}", "--base", "{base}", "--out", "{base}"], "expected another folder than the base's"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, data, base, tmp_path):
+    places = {"data": data, "base": base, "out": tmp_path / "out"}
+    done = CliRunner().invoke(app, ["policies", *(argument.format(**places) for argument in arguments)])
+    assert isinstance(done.exception, BadInput)
+    assert message in str(done.exception)
+    assert "\n" not in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_checkpoint_that_cannot_be_written_is_one_line(data, base, tmp_path):
+    arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert"), "--steps", "1"]
+    with full_disk():
+        done = CliRunner().invoke(app, ["policies", *arguments, "--batch-size", "4", "--rank", "2"])
+    assert isinstance(done.exception, BadInput)
+    assert str(done.exception) == f"{tmp_path / 'expert'}: File too large"
+
+
+def test_an_expert_can_be_trained_from_the_command_line(data, base, tmp_path):
+    arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert")]
+    done = CliRunner().invoke(
+        app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2", "--action-steps", "3"]
+    )
+    assert done.exit_code == 0, done.exception
+    assert "step 2/2  L1 " in done.output
+    metadata = CheckpointMetadata.read(tmp_path / "expert")
+    assert (metadata.tasks, metadata.action_steps) == (("null/Reach",), 3)
+
+
+def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, tmp_path):
+    other = dataset(tmp_path, "Reach", range(20, 24))
+    arguments = ["finetune", str(data), str(other), "--base", str(base), "--out", str(tmp_path / "expert")]
+    done = CliRunner().invoke(app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2"])
+    assert done.exit_code == 0, done.exception
+    assert CheckpointMetadata.read(tmp_path / "expert").metrics["frames"] == DatasetMixture.open([data, other]).frames
+
+
+def test_the_first_interrupt_asks_and_the_second_interrupts():
+    with stoppable() as stop:
+        assert not stop()
+        signal.raise_signal(signal.SIGINT)
+        assert stop()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupted_training_exits_as_interrupted_and_continues(data, tmp_path, capsys):
+    pool, settings = DatasetMixture.open([data]), Settings(steps=3, batch_size=4)
+
+    def train(listener, stop):
+        def interrupt(pace):
+            listener(pace)
+            if pace.step == 1:
+                signal.raise_signal(signal.SIGINT)
+
+        return pretrain(pool, SMALL, tmp_path, settings, listener=interrupt, stop=stop)
+
+    with pytest.raises(BaseException, match=str(EXIT_INTERRUPTED)):
+        run_training(tmp_path, train)
+    assert "interrupted after step 1; give the same command to continue" in capsys.readouterr().err
+    run_training(tmp_path, train)
+    assert CheckpointMetadata.read(tmp_path).metrics["steps"] == 3

@@ -1,0 +1,77 @@
+"""Suites are checked and planned where neither simulators nor torch are installed."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from robogauntlet.orchestrator.runs.plan import SHIPPED, make_plan
+from tests import ROOT
+
+MISSING = (
+    *("torch", "mujoco", "robosuite", "sapien", "mani_skill", "pybullet", "panda_gym", "metaworld", "gymnasium"),
+    *("libero", "lerobot", "sklearn", "transformers"),
+)
+WITHOUT = f"""
+import sys
+from importlib.machinery import PathFinder
+find_spec = PathFinder.find_spec
+PathFinder.find_spec = lambda name, *rest: None if name.partition(".")[0] in {MISSING} else find_spec(name, *rest)
+from robogauntlet.orchestrator.cli import main
+main()
+"""
+SUITE = "name: s\npolicies: [oracle]\ntasks: [pybullet/PandaReach-v3]\nseeds: {count: 2}\n"
+
+
+def run_without_simulators(*arguments):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "200"}
+    command = [sys.executable, "-c", WITHOUT, *map(str, arguments)]
+    return subprocess.run(
+        command, capture_output=True, text=True, env=environment, timeout=120, cwd=SHIPPED, check=False
+    )
+
+
+@pytest.fixture
+def suite(tmp_path):
+    file = tmp_path / "suite.yaml"
+    file.write_text(SUITE)
+    return file
+
+
+def test_every_shipped_suite_is_valid_without_simulators_and_torch():
+    names = sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+    done = run_without_simulators("validate", *names)
+    assert (done.returncode, done.stderr) == (0, "")
+    valid = [line for line in done.stdout.splitlines() if ": valid, " in line]
+    assert len(valid) == len(names)
+    assert "note: simulator maniskill: not installed" in done.stdout
+    assert "note: not checked whether the policies experts, merged-oracle-routed" in done.stdout
+
+
+def test_the_hash_does_not_depend_on_what_is_installed():
+    done = run_without_simulators("validate", "mergevla", "zoo")
+    for name in ("mergevla", "zoo"):
+        plan = make_plan(SHIPPED / f"{name}.yaml", require_installed=False)
+        assert f"hash {plan.suite_hash}\n" in done.stdout
+
+
+def test_mistakes_are_reported_without_simulators(suite):
+    suite.write_text(SUITE.replace("PandaReach", "PandaReech").replace("oracle", "oracel"))
+    done = run_without_simulators("validate", suite)
+    assert done.returncode == 2
+    assert done.stderr.count("did you mean") == 2
+
+
+def test_a_plan_lists_episodes_and_names_the_missing_simulators(suite):
+    done = run_without_simulators("plan", suite)
+    assert done.returncode == 0
+    assert "s: 2 episodes, 0 to play" in done.stdout
+    assert "robogauntlet: pybullet is skipped: not installed (no module" in done.stderr
+
+
+def test_a_run_still_needs_a_simulator(suite, tmp_path):
+    done = run_without_simulators("run", suite, "--out", tmp_path / "run")
+    assert done.returncode == 2
+    assert "pybullet: not installed (no module" in done.stderr
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,235 @@
+"""A collection from beginning to end: complete, continued, interrupted, and the same whoever did it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from robogauntlet.orchestrator.demonstrations import collect as demonstrate
+from robogauntlet.orchestrator.demonstrations.collect import (
+    FIRST_SEED,
+    CollectionRequest,
+    DemonstrateError,
+    collect,
+    dataset_name,
+    resolve,
+)
+from robogauntlet.policies.oracles import digest_of_task
+from robogauntlet.policies.training.dataset import Demonstrations
+from robogauntlet.policies.training.lerobot_format import DatasetError
+from robogauntlet.results.run_document import RunStatus
+from robogauntlet.suites.episode import RenderProfile, View
+from tests import ROOT
+
+DEMONSTRATE = [
+    sys.executable,
+    "-c",
+    "from robogauntlet.orchestrator.cli import main; main()",
+    "policies",
+    "demonstrate",
+]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+SMALL = View(image_size=16)
+
+
+class Quiet:
+    def __init__(self, then=lambda lanes: None):
+        self.said, self.show = [], then
+
+    def log(self, message):
+        self.said.append(message)
+
+
+def order(task="null/Reach", episodes=3, **changes):
+    return CollectionRequest((task,), episodes, SMALL, **changes)
+
+
+def opened(folder, task="null/Reach"):
+    return Demonstrations(folder / dataset_name(task))
+
+
+def journal(folder, task="null/Reach"):
+    return json.loads((folder / dataset_name(task) / "meta/robogauntlet.json").read_text())
+
+
+def test_patterns_tasks_and_suites_name_the_tasks_and_a_suite_the_view():
+    tasks, view = resolve(["pybullet/*", "maniskill/PushCube-v1", "pybullet/PandaReach-v3"])
+    assert len(tasks) == 4
+    assert view == View(image_size=96, render_profile=RenderProfile.FAST)
+    tasks, view = resolve(["demo"])
+    assert len(tasks) == 9
+    assert view.render_profile is RenderProfile.STANDARD
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (order("null/Raech"), "unknown task 'null/Raech'"),
+        (order(episodes=0), "episodes: expected 1 to 100000, got 0"),
+        (order(noise=-0.1), "noise: expected 0 to 1, got -0.1"),
+        (order(noise=float("nan")), "noise: expected 0 to 1, got nan"),
+        (order(first_seed=-1), "first seed: expected 0 to"),
+        (order(workers=0), "workers: expected 1 to 256, got 0"),
+        (order(learner="nowhere"), "learner: expected a folder of expert checkpoints, got 'nowhere'"),
+        (order(whole=True), "whole: expected a learner whose part of the episode is to be recorded, got none"),
+        (order(learner="zoo:experts"), "the learner has no expert for 'null/Reach'"),
+        (CollectionRequest(("null/Reach",), 1, View(("front",))), "camera: expected third_person or wrist, got front"),
+    ],
+)
+def test_a_wrong_order_is_refused_before_anything_is_written(tmp_path, wrong, message):
+    with pytest.raises(DemonstrateError, match=message):
+        collect(wrong, tmp_path / "out", Quiet())
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
+class TestWithRay:
+    def test_three_episodes_are_collected(self, tmp_path):
+        collected = collect(order(), tmp_path, Quiet())
+        assert collected.status is RunStatus.COMPLETE
+        found = opened(tmp_path)
+        assert found.episodes == 3
+        assert found.instructions == ("reach the goal",)
+        assert found.content_hash == collected.tasks[0].writer.content_hash
+        assert [attempt["seed"] for attempt in journal(tmp_path)["attempts"]] == [FIRST_SEED + i for i in range(3)]
+
+    def test_the_data_do_not_depend_on_workers_or_on_stopping_between(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(
+            "robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0
+        )  # so that the second worker is started for so little
+        for name, workers, counts in (("one", 1, (9,)), ("two", 2, (9,)), ("parts", 2, (2, 5, 9))):
+            for count in counts:
+                collect(order(episodes=count, noise=0.7, workers=workers), tmp_path / name, Quiet())
+        hashes = {opened(tmp_path / name).content_hash for name in ("one", "two", "parts")}
+        assert len(hashes) == 1
+        assert opened(tmp_path / "one").episodes == 9
+
+    def test_failed_episodes_are_counted_and_not_kept(self, tmp_path):
+        collected = collect(order(noise=1.0, episodes=4), tmp_path, Quiet())
+        (lane,) = collected.tasks
+        statuses = [attempt["status"] for attempt in journal(tmp_path)["attempts"]]
+        assert statuses.count("failure") == lane.rejected > 0
+        assert opened(tmp_path).episodes == statuses.count("success") == lane.kept
+
+    def test_errors_and_dead_workers_cost_an_episode_not_the_collection(self, tmp_path):
+        seeds = FIRST_SEED // 7 * 7
+        for task in ("null/Raise", "null/Crash"):
+            quiet = Quiet()
+            collected = collect(order(task, first_seed=seeds), tmp_path, quiet)
+            assert collected.status is RunStatus.COMPLETE
+            assert journal(tmp_path, task)["attempts"][0]["status"] == "error"
+            assert opened(tmp_path, task).episodes == 3
+        assert any("the worker process died" in line for line in quiet.said)
+
+    def test_a_worker_that_hangs_is_ended(self, tmp_path, monkeypatch):
+        monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
+        monkeypatch.setattr(demonstrate, "EPISODE_TIME_LIMIT_S", 10.0)
+        marked = {"env_vars": {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}}
+        monkeypatch.setattr(demonstrate.EnvironmentResolver, "ray_runtime_env", lambda environments, simulator: marked)
+        quiet = Quiet()
+        collect(order("null/Hang", 1, first_seed=FIRST_SEED // 7 * 7), tmp_path / "out", quiet)
+        assert quiet.said == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
+        assert opened(tmp_path / "out", "null/Hang").episodes == 1
+
+    def test_an_interruption_keeps_what_came_back(self, tmp_path):
+        def interrupt(lanes):
+            if lanes[0].kept >= 5:
+                raise KeyboardInterrupt
+
+        collected = collect(order("null/Slow", 30, workers=1), tmp_path, Quiet(interrupt))
+        assert collected.status is RunStatus.INTERRUPTED
+        assert 5 <= opened(tmp_path, "null/Slow").episodes < 30
+        assert collect(order("null/Slow", 30), tmp_path, Quiet()).status is RunStatus.COMPLETE
+        assert opened(tmp_path, "null/Slow").episodes == 30
+
+    def test_a_folder_begun_with_other_noise_is_refused(self, tmp_path):
+        collect(order(), tmp_path, Quiet())
+        with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2"):
+            collect(order(noise=0.2), tmp_path, Quiet())
+
+    def test_scripts_of_other_simulators_are_no_part_of_what_it_was_begun_with(self, tmp_path):
+        collect(order(), tmp_path, Quiet())
+        assert journal(tmp_path)["source"]["oracle"] == digest_of_task("null/Reach")
+
+    def test_a_full_disk_ends_the_collection_with_a_word(self, tmp_path, monkeypatch):
+        def full(*arguments, **options):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr("robogauntlet.policies.training.dataset_writer.pq.ParquetWriter", full)
+        collected = collect(order(), tmp_path, Quiet())
+        assert collected.status is RunStatus.STOPPED
+        assert collected.warnings[0].startswith("the disk is full")
+
+    @pytest.mark.simulator
+    def test_an_expert_acts_first_and_what_the_oracle_does_then_is_recorded(self, tmp_path):
+        task, view = "pybullet/PandaPush-v3", View(image_size=96, render_profile=RenderProfile.FAST)
+        alone = collect(CollectionRequest((task,), 3, view), tmp_path / "alone", Quiet())
+        helped = collect(CollectionRequest((task,), 3, view, learner="zoo:experts"), tmp_path / "helped", Quiet())
+        assert alone.status is helped.status is RunStatus.COMPLETE
+        assert "learner" in journal(tmp_path / "helped", task)["source"]
+        assert "learner" not in journal(tmp_path / "alone", task)["source"]
+        shown = opened(tmp_path / "helped", task)
+        steps = [a["steps"] for a in journal(tmp_path / "helped", task)["attempts"] if a["status"] == "success"]
+        assert (shown.ends - shown.starts < steps).any()
+        assert shown.success[shown.ends - 1].all()
+
+    @pytest.mark.simulator
+    def test_pybullet_is_demonstrated(self, tmp_path):
+        task = "pybullet/PandaReach-v3"
+        collected = collect(order(task), tmp_path, Quiet())
+        assert collected.status is RunStatus.COMPLETE
+        found = opened(tmp_path, task)
+        assert (found.episodes, found.spec.fps, found.spec.image_size) == (3, 25, 16)
+        assert found.success[found.ends - 1].all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("null/Raech",), "robogauntlet: unknown task 'null/Raech'; did you mean 'null/Reach'?"),
+        (("no-such-suite",), "robogauntlet: no-such-suite: no such file"),
+        (("null/Reach", "--noise", "2"), "robogauntlet: noise: expected 0 to 1, got 2"),
+        (("null/Reach", "--camera", "front"), "robogauntlet: camera: expected third_person or wrist, got front"),
+    ],
+)
+def test_bad_input_is_one_line_with_exit_code_2(tmp_path, arguments, expected):
+    command = [*DEMONSTRATE, *arguments, "--out", "out"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=ENVIRONMENT, check=False)
+    assert done.returncode == EXIT_BAD_INPUT
+    assert done.stderr.strip().startswith(expected)
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.ray
+def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
+    command = [*DEMONSTRATE, "null/Slow", "--episodes", "400", "--out", "out", "--image-size", "16"]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env=ENVIRONMENT,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 600
+    while (
+        time.monotonic() < deadline and not (tmp_path / "out" / dataset_name("null/Slow") / "meta/info.json").exists()
+    ):
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)
+    said, complaints = process.communicate(timeout=300)
+    assert process.returncode == EXIT_INTERRUPTED, said
+    assert complaints.strip() == "robogauntlet: interrupted; give the same command to continue"
+    there = opened(tmp_path / "out", "null/Slow").episodes
+    assert there > 0
+    command[command.index("400")] = str(there + 2)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=ENVIRONMENT, check=False)
+    assert done.returncode == 0, done.stderr
+    assert f"continuing: {there} of {there + 2} episodes are there already" in done.stdout

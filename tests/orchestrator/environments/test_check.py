@@ -1,0 +1,153 @@
+"""Every way in which an environment does not fit is a line before anything starts."""
+
+import sys
+import venv
+from importlib import metadata
+
+import pytest
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
+from robogauntlet.orchestrator.environments.check import check
+from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_PACKAGES, Environment
+from robogauntlet.suites.environments import EnvironmentEntry
+
+RAY = metadata.version("ray")
+
+
+@pytest.fixture
+def theirs(gears, tmp_path):
+    """An environment that a person made, with Python alone."""
+    venv.EnvBuilder(symlinks=True, with_pip=False).create(tmp_path / "theirs")
+    return tmp_path / "theirs"
+
+
+def problems(python, name="bare"):
+    environment = Environment(name, EnvironmentEntry(interpreter=str(python)), "the suite")
+    return check(environment, catalog.find(name)).problems
+
+
+def install(folder, name, version):
+    site = folder / "lib" / f"python{RUNNING}" / "site-packages"
+    (site / f"{name}-{version}.dist-info").mkdir()
+    (site / f"{name}-{version}.dist-info" / "METADATA").write_text(f"Name: {name}\nVersion: {version}\n")
+    (site / f"{name}.py").touch()
+
+
+def test_one_that_is_not_made_is_told_with_the_command_that_makes_it(gears):
+    (problem,) = check(Environment("bare", EnvironmentEntry(), "the suite"), catalog.find("bare")).problems
+    assert problem == "environment bare does not exist; create it: robogauntlet env create bare"
+
+
+def test_an_interpreter_that_is_not_there_is_told(gears):
+    assert problems("/nowhere/python") == (
+        "environment bare: expected a Python interpreter at /nowhere/python, found none",
+    )
+
+
+def test_one_without_ray_and_all_else_has_a_line_for_each(theirs):
+    ray, needed, modules = problems(theirs / "bin" / "python")
+    assert ray == f"environment bare: expected Ray {RAY} as here, it has none; install it there"
+    lacking = ", ".join(WORKER_PACKAGES.values())
+    assert needed == f"environment bare: expected the packages of workers, it lacks {lacking}; install it there"
+    assert modules == "environment bare: expected the modules of bare, it lacks gearbox; install it there"
+
+
+def test_one_with_another_ray_is_told_both_versions(theirs):
+    for name in ("gearbox", *WORKER_PACKAGES.values()):
+        install(theirs, name, "1.0")
+    install(theirs, "ray", "2.9.0")
+    (problem,) = problems(theirs / "bin" / "python")
+    assert problem == f"environment bare: expected Ray {RAY} as here, it has 2.9.0; install it there"
+
+
+def test_one_of_another_python_is_told_both_versions(gears, tmp_path):
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} -c "import sys; sys.version_info = (3, 99, 1)\n$2" "$3"\n')
+    python.chmod(0o755)
+    (problem,) = problems(python)
+    assert problem.startswith(f"environment bare: expected Python {RUNNING} as here")
+    assert problem.endswith("it has 3.99.1")
+
+
+def test_an_entry_that_asks_for_another_python_is_told(made):
+    entry = EnvironmentEntry(interpreter=sys.executable)
+    (problem,) = check(
+        Environment("bare", entry.model_copy(update={"python": "3.99"}), ""), catalog.find("bare")
+    ).problems
+    assert problem.endswith("it has 3.99")
+
+
+def test_one_that_does_not_answer_is_told_with_what_it_said(gears, tmp_path):
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho 'no libc here' >&2\nexit 3\n")
+    python.chmod(0o755)
+    (problem,) = problems(python)
+    said = "the process ended with code 3: no libc here"
+    assert problem == f"environment bare: expected an answer from {python}, got: {said}; install it there"
+
+
+def test_one_whose_packages_were_changed_by_hand_is_told_what_is_there_instead(made):
+    first = catalog.find("first")
+    environment = Environment("first", EnvironmentEntry(requirements=("gearbox==1.0",)), "its adapter")
+    entry = EnvironmentEntry(interpreter=str(environment.python))
+    assert check(Environment("first", entry, ""), first).problems == ()
+    lying = entry.model_copy(update={"requirements": ("gearbox==2.0",)})
+    (problem,) = check(Environment("first", lying, ""), first).problems
+    assert "expected gearbox==2.0, it has 1.0" in problem
+
+
+def test_an_environment_that_fits_says_its_versions(made):
+    environment = Environment("second", EnvironmentEntry(requirements=("gearbox==2.0",)), "its adapter")
+    found = check(environment, catalog.find("second"))
+    assert found.problem is None
+    assert found.versions == {"ray": RAY, "gearbox": "2.0"}
+
+
+class TestTheCommand:
+    def test_makes_shows_checks_lists_and_removes(self, gears, run_command):
+        done = run_command("env", "create", "first")
+        assert done.code == 0
+        assert f"first: fits: Python {RUNNING}" in done.out
+        assert "first: exists: " in run_command("env", "create", "first").out
+        assert '{"requirements": ["gearbox==1.0"]}' in run_command("env", "show", "first").out
+        assert "gearbox 1.0" in run_command("env", "check", "first").out
+        listed = run_command("env", "list").out
+        assert "fits" in next(line for line in listed.splitlines() if line.startswith("first"))
+        assert run_command("env", "remove", "first").out.startswith("removed ")
+        assert run_command("env", "check", "first").code == 1
+        assert run_command("env", "remove", "first").code == EXIT_BAD_INPUT
+
+    def test_a_simulator_that_needs_none_says_how_to_give_it_one(self, gears, run_command):
+        done = run_command("env", "create", "bare")
+        assert done.code == EXIT_BAD_INPUT
+        assert "bare: runs in the running environment; to give it its own environment, add environments:" in done.err
+
+    def test_a_misspelt_simulator_is_told_the_nearest(self, gears, run_command):
+        assert "did you mean 'second'?" in run_command("env", "create", "secund").err
+        assert "null" not in run_command("env", "create", "xyz").err
+
+    def test_a_configuration_that_is_wrong_is_a_line_of_every_verb(self, gears, run_command, tmp_path, monkeypatch):
+        config = tmp_path / "config.yaml"
+        config.write_text("environments:\n  frist: {requirements: [x]}\n")
+        monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(config))
+        for verb in (["env", "list"], ["list"], ["plan", "smoke"], ["doctor"]):
+            done = run_command(*verb)
+            assert (done.code, done.err) == (
+                EXIT_BAD_INPUT,
+                f"robogauntlet: {config}:2: unknown simulator 'frist'; did you mean 'first'?\n",
+            )
+
+    def test_a_configuration_that_is_named_and_not_there_is_told(self, gears, run_command, monkeypatch):
+        monkeypatch.setenv("ROBOGAUNTLET_CONFIG", "/nowhere/config.yaml")
+        assert run_command("env", "list").err == "robogauntlet: /nowhere/config.yaml: no such file\n"
+
+    def test_a_policy_whose_environment_is_not_there_is_a_line_before_anything_starts(self, run_command, tmp_path):
+        (tmp_path / "suite.yaml").write_text(
+            "name: s\npolicies: ['lerobot:x/y']\ntasks: [null/Reach]\nseeds: {count: 1}\n"
+            "environments: {lerobot: {interpreter: /nowhere/python}}\n"
+        )
+        (line,) = run_command("validate", "suite.yaml").err.splitlines()
+        assert line.endswith(
+            "policy 'lerobot-x-y': environment lerobot: expected a Python interpreter at /nowhere/python, found none"
+        )

@@ -1,0 +1,153 @@
+"""An environment is there as a whole or not at all, and its failure is one line."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.environments import installer
+from robogauntlet.orchestrator.environments.check import check
+from robogauntlet.orchestrator.environments.environment import EnvironmentProblem, root
+
+BACKEND = """
+import pathlib, time
+
+def build_wheel(*arguments):
+    pathlib.Path("begun").touch()
+    time.sleep(600)
+
+build_editable = prepare_metadata_for_build_wheel = build_wheel
+"""
+PROJECT = '[build-system]\nrequires = []\nbuild-backend = "backend"\nbackend-path = ["."]\n'
+
+
+def silent(line):
+    pass
+
+
+def leftovers():
+    return [path.name for path in root().iterdir() if path.is_dir()]
+
+
+def test_what_is_made_shadows_what_is_inherited_and_is_made_once(environment):
+    one = environment(requirements=["gearbox==2.0"])
+    assert installer.create(one, silent)
+    found = check(one, catalog.find("bare"))
+    assert (found.problems, found.versions["gearbox"]) == ((), "2.0")
+    assert not installer.create(one, silent)
+
+
+def test_another_entry_is_another_environment(environment):
+    assert environment(requirements=["gearbox==1.0"]).folder != environment(requirements=["gearbox==2.0"]).folder
+
+
+def test_made_afresh_it_takes_the_place_of_the_old_one(environment):
+    one = environment()
+    installer.create(one, silent)
+    before = one.folder.resolve()
+    assert installer.create(one, silent, fresh=True)
+    assert one.folder.resolve() != before
+    assert not before.exists()
+
+
+@pytest.mark.parametrize(
+    ("requirement", "reason"),
+    [
+        ("nonesuch-package==9", "Could not find a version that satisfies the requirement nonesuch-package==9"),
+        ("ray==1.0", "Cannot install ray==1.0"),
+    ],
+)
+def test_what_cannot_be_installed_is_one_line_and_leaves_what_was_there(environment, requirement, reason):
+    one = environment(requirements=[requirement])
+    with pytest.raises(EnvironmentProblem) as caught:
+        installer.create(one, silent)
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert leftovers() == []
+
+
+def test_a_new_one_that_fails_leaves_the_old_one(environment, monkeypatch):
+    one = environment(requirements=["gearbox==2.0"])
+    installer.create(one, silent)
+    monkeypatch.delenv("PIP_FIND_LINKS")
+    with pytest.raises(EnvironmentProblem):
+        installer.create(one, silent, fresh=True)
+    assert check(one, catalog.find("bare")).problems == ()
+
+
+def test_a_full_disk_leaves_nothing_and_says_so(environment, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("venv.EnvBuilder.create", full)
+    with pytest.raises(EnvironmentProblem, match="the disk is full"):
+        installer.create(environment(), silent)
+    assert leftovers() == []
+
+
+def test_a_disk_that_an_installer_finds_full_is_said_so():
+    said = ["Collecting x", "ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device"]
+    assert installer.reason(said).startswith("the disk is full")
+
+
+def test_the_last_reason_that_uv_gives_is_told():
+    said = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
+    assert installer.reason(said).endswith("the installer failed: Because gears was not found")
+
+
+def test_another_python_is_refused_before_anything_is_made(environment):
+    with pytest.raises(EnvironmentProblem, match=r"expected Python 3\.\d+ as here.*got python: 3\.99"):
+        installer.create(environment(python="3.99"), silent)
+    assert not root().exists()
+
+
+def test_uv_that_is_not_there_is_one_line(environment, monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(EnvironmentProblem, match="expected uv on the PATH, found none"):
+        installer.create(environment(installer="uv", inherit=False), silent)
+
+
+def test_one_is_not_made_twice_at_the_same_time(environment):
+    one = environment()
+    root().mkdir(parents=True)
+    with installer._locked(one.folder), pytest.raises(EnvironmentProblem, match="another process is creating it"):
+        installer.create(one, silent)
+
+
+@pytest.mark.parametrize(("by", "left"), [(signal.SIGINT, False), (signal.SIGKILL, True)])
+def test_whatever_ends_it_half_an_environment_is_never_taken_for_one(environment, tmp_path, by, left):
+    slow = tmp_path / "slow"
+    slow.mkdir()
+    (slow / "backend.py").write_text(BACKEND)
+    (slow / "pyproject.toml").write_text(PROJECT)
+    suite = tmp_path / "suite.yaml"
+    entry = f"{{bare: {{requirements: ['{slow}']}}}}"
+    suite.write_text(f"name: s\npolicies: [zero]\ntasks: [bare/Reach]\nseeds: {{count: 1}}\nenvironments: {entry}\n")
+    command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "env", "create", "bare"]
+    process = subprocess.Popen([*command, "--suite", str(suite)], stderr=subprocess.PIPE, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 120
+        while not (slow / "begun").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        children = psutil.Process(process.pid).children(recursive=True)
+        os.kill(process.pid, by)
+        process.communicate(timeout=60)
+    finally:
+        process.kill()
+        for child in children:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                child.kill()
+    one = environment(requirements=[str(slow)])
+    assert one.manifest is None
+    assert bool(leftovers()) is left
+    assert [folder.name for folder in installer.all_folders()] == ([one.folder.name] if left else [])
+    assert installer.remove("bare") == ([one.folder] if left else [])
+    assert leftovers() == []

@@ -1,0 +1,121 @@
+"""What a worker does with a lease, without Ray."""
+
+from dataclasses import replace
+
+import pytest
+
+from robogauntlet.adapters.null import SIMULATOR, NullSimulation
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.lease import Lease
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.policies.catalog import digest
+from robogauntlet.policies.contract import Decision, PolicyInput, PolicyKind, PolicySpec, StatelessPolicy
+from robogauntlet.results.record import outcome_row
+from robogauntlet.suites.episode import Cell, Condition, Protocol, View
+
+
+def lease(task="null/Reach", policy="oracle", seeds=(0, 1, 2), **changes):
+    return Lease(Cell(policy, policy, task, Protocol(60), **changes), seeds)
+
+
+@pytest.fixture
+def runner():
+    sources = {name: PolicySource(name) for name in ("oracle", "random", "untrained", "zero", "crooked")}
+    made = EpisodeRunner(sources, "here")
+    yield made
+    made.close()
+
+
+def test_a_lease_gives_a_row_per_episode_in_order(runner):
+    results = list(runner.play(lease()))
+    assert [result.seed for result in results] == [0, 1, 2]
+    assert {result.status for result in results} == {"success"}
+    assert {result.worker for result in results} == {"here"}
+
+
+def test_building_is_charged_to_the_first_episode_only(runner):
+    results = list(runner.play(lease()))
+    assert results[0].build_s > 0
+    assert [result.build_s for result in results[1:]] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("policy", ["oracle", "random", "untrained", "zero"])
+def test_rows_do_not_depend_on_order_or_company(runner, policy):
+    together = {r.seed: outcome_row(r) for r in runner.play(lease(policy=policy, seeds=(0, 1, 2, 3)))}
+    backwards = {r.seed: outcome_row(r) for r in runner.play(lease(policy=policy, seeds=(3, 2, 1, 0)))}
+    alone = {seed: outcome_row(next(runner.play(lease(policy=policy, seeds=(seed,))))) for seed in range(4)}
+    assert together == backwards == alone
+
+
+def test_what_a_simulator_raises_becomes_an_error_row_and_the_rest_goes_on(runner):
+    results = list(runner.play(lease("null/Raise", seeds=(6, 7, 8))))
+    assert [result.status for result in results] == ["success", "error", "success"]
+    assert results[1].error.startswith("RuntimeError: the null simulator was asked to raise [null.py:")
+
+
+def test_a_simulator_that_raises_once_is_tried_again(runner, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
+    assert [result.status for result in runner.play(lease("null/Raise", seeds=(7,)))] == ["success"]
+
+
+def test_a_policy_that_is_not_what_was_planned_is_not_played():
+    """Its files were changed while the run went on, or another node has others under the same name."""
+    planned, other = digest("zero", {}), "0" * 16
+    made = EpisodeRunner({"zero": PolicySource("zero", {}, planned), "other": PolicySource("zero", {}, other)})
+    (same,) = made.play(lease(policy="zero", seeds=(0,)))
+    (changed,) = made.play(lease(policy="other", seeds=(0,)))
+    made.close()
+    assert same.error is None
+    assert changed.error == (
+        f"PolicyError: policy 'zero' has changed since the run was planned: expected content {other}, got {planned}"
+    )
+
+
+def test_an_unsupported_condition_is_an_error_row(runner):
+    (unknown,) = runner.play(lease(seeds=(1,), condition=Condition("light", 3)))
+    (unmovable,) = runner.play(lease(seeds=(1,), condition=Condition("camera-orbit", 3)))
+    assert unknown.error.startswith("UnsupportedCondition: expected one of the axes camera-orbit, ")
+    assert unmovable.error == "UnsupportedCondition: camera-orbit@3: this simulation does not let cameras be moved"
+
+
+def test_a_policy_that_does_not_fit_is_an_error_row(runner, monkeypatch):
+    class Crooked(StatelessPolicy):
+        spec = PolicySpec(PolicyInput.NOTHING, 8, action_dim=6)
+
+        def act(self, queries):
+            return [Decision(None) for _ in queries]
+
+    kind = PolicyKind("crooked", "", lambda options: Crooked(), lambda options: "0")
+    monkeypatch.setattr("robogauntlet.policies.catalog.kinds", lambda: {"crooked": kind})
+    (result,) = runner.play(lease(policy="crooked", seeds=(1,)))
+    assert result.error == "PolicyMismatch: the simulation accepts 7 numbers per action, the policy produces 6"
+
+
+def test_an_unknown_task_is_an_error_row_with_the_nearest_name(runner):
+    (result,) = runner.play(lease("null/Raech", seeds=(1,)))
+    assert result.error == "UnknownTask: unknown task 'null/Raech'; did you mean 'null/Reach'?"
+
+
+def test_preparing_opens_the_task_and_tells_what_draws(runner):
+    ready = runner.prepare("null/Reach", View())
+    assert (ready.render_device, ready.frame_s) == ("none", None)
+
+
+def test_a_closed_runner_goes_on(runner):
+    first = outcome_row(next(runner.play(lease())))
+    runner.close()
+    runner.close()
+    assert outcome_row(next(runner.play(lease()))) == first
+
+
+def test_a_simulator_is_looked_at_after_a_reset_only(runner, monkeypatch):
+    begun = []
+    reset, observe = NullSimulation.reset, NullSimulation.observe
+    monkeypatch.setattr(NullSimulation, "reset", lambda self, *start: begun.append("reset") or reset(self, *start))
+    monkeypatch.setattr(NullSimulation, "observe", lambda self: begun.append("look") or observe(self))
+    monkeypatch.setattr(
+        "robogauntlet.orchestrator.episodes.episode_runner.simulators.find",
+        lambda name: replace(SIMULATOR, renders=True),
+    )
+    runner.prepare("null/Reach", View())
+    assert begun == ["reset", "look", "look"]

@@ -1,0 +1,186 @@
+"""Policies built on nodes that have their files, that have others, and that have none."""
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.orchestrator.episodes.policy_source import (
+    PolicyBundle,
+    PolicySource,
+    build_policy,
+    bundle_cache_dir,
+    bundle_layout,
+    resolve_locally,
+    with_bundles,
+)
+from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
+from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
+from robogauntlet.orchestrator.scheduling.work_queue import work_queues
+from robogauntlet.policies import catalog
+from robogauntlet.policies.contract import PolicyError, PolicyFiles
+from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
+from robogauntlet.policies.mergevla.merging.recipe import Recipe
+from robogauntlet.results.record import outcome_row
+from robogauntlet.suites.episode import Cell, Protocol, View
+from tests.policies.mergevla.experts import merging, save_experts
+
+PART = st.text("abc", min_size=1, max_size=3)
+PATH = st.lists(PART, min_size=1, max_size=4).map(lambda parts: Path("/", *parts))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A base, three experts on it and what was merged of them."""
+    made = merging(save_experts(tmp_path / "zoo"))
+    save_merged(tmp_path / "zoo" / "merged", made)
+    return tmp_path / "zoo"
+
+
+@pytest.fixture(autouse=True)
+def temporary(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    return tmp_path / "temporary"
+
+
+def planned(kind, **options):
+    return PolicySource(kind, options, catalog.digest(kind, options))
+
+
+def with_bundle(source, fetched=None):
+    """With a bundle in this process's memory; what is fetched from it is noted."""
+    options, files = bundle_layout(catalog.find(source.kind).files(source.options))
+
+    def kept(name, content):
+        return lambda: fetched.append(name) or content
+
+    fetched = [] if fetched is None else fetched
+    contents = {name: kept(name, path.read_bytes()) for name, path in files.items()}
+    return PolicySource(source.kind, source.options, source.digest, PolicyBundle(options, contents))
+
+
+def sources(folder):
+    experts = str(folder / "experts")
+    return {
+        "one": planned("mergevla", checkpoint=str(folder / "experts" / "null-Reach")),
+        "base": planned("mergevla", checkpoint=str(folder / "base")),
+        "experts": planned("mergevla-experts", folder=experts),
+        "merged": planned("mergevla-merged", checkpoint=str(folder / "merged"), router="oracle"),
+        "anew": planned(
+            "mergevla-merged",
+            checkpoint=str(folder / "merged"),
+            router="oracle",
+            experts=experts,
+            recipe=Recipe().as_json(),
+        ),
+    }
+
+
+@given(st.dictionaries(PART, PATH, min_size=1, max_size=3), st.lists(PATH, min_size=1, max_size=6, unique=True))
+def test_files_lie_to_each_other_in_a_parcel_as_they_do_on_disk(options, files):
+    places, contents = bundle_layout(PolicyFiles(options, tuple(files)))
+    roots = {Path(str(path)[: len(str(path)) - len(name)]) for name, path in contents.items() if name != "."}
+    assert len(roots) <= 1
+    for root in roots:
+        assert {name: root / place for name, place in places.items()} == options
+
+
+@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "anew"])
+def test_a_node_without_the_files_builds_the_same_policy_from_the_parcel(folder, name):
+    source = with_bundle(sources(folder)[name])
+    shutil.rmtree(folder)
+    copy = resolve_locally(source)
+    assert catalog.digest(copy.kind, copy.options) == source.digest
+    assert build_policy(source).spec == catalog.spec(copy.kind, copy.options)
+
+
+def test_a_node_with_the_files_fetches_nothing(folder):
+    fetched = []
+    source = with_bundle(sources(folder)["merged"], fetched)
+    assert resolve_locally(source) is source
+    assert fetched == []
+
+
+def test_a_node_with_other_files_takes_the_parcel(folder):
+    source = with_bundle(sources(folder)["one"])
+    card = folder / "experts" / "null-Reach" / "card.json"
+    shutil.copy(folder / "experts" / "null-Slow" / "card.json", card)
+    assert resolve_locally(source) != source
+
+
+def test_a_node_fetches_once(folder):
+    fetched = []
+    source = with_bundle(sources(folder)["experts"], fetched)
+    shutil.rmtree(folder)
+    first = resolve_locally(source)
+    assert len(fetched) == len(set(fetched)) == 8
+    assert resolve_locally(source) == first
+    assert len(fetched) == 8
+
+
+def test_a_copy_that_was_cleared_away_in_part_is_fetched_again(folder):
+    """As programs do that clean the folder for temporary files."""
+    source = with_bundle(sources(folder)["experts"])
+    shutil.rmtree(folder)
+    resolve_locally(source)
+    next(bundle_cache_dir(source.digest).rglob("model.safetensors")).unlink()
+    copy = resolve_locally(source)
+    assert catalog.digest(copy.kind, copy.options) == source.digest
+
+
+def test_without_a_parcel_it_is_an_error(folder):
+    source = sources(folder)["one"]
+    shutil.rmtree(folder)
+    with pytest.raises(PolicyError, match="expected a checkpoint's folder or a hub id"):
+        resolve_locally(source)
+
+
+def test_a_parcel_of_other_files_is_an_error(folder):
+    one, other = with_bundle(sources(folder)["one"]), with_bundle(sources(folder)["merged"])
+    wrong = PolicySource(one.kind, one.options, one.digest, PolicyBundle(one.bundle.options, other.bundle.files))
+    shutil.rmtree(folder)
+    with pytest.raises(PolicyError):
+        resolve_locally(wrong)
+
+
+def test_a_disk_that_takes_no_copy_is_an_error_and_nothing_half_is_left(folder, temporary):
+    source = with_bundle(sources(folder)["one"])
+
+    def full():
+        raise OSError(28, "No space left on device")
+
+    files = dict(source.bundle.files)
+    files[sorted(files)[-1]] = full
+    source = PolicySource(source.kind, source.options, source.digest, PolicyBundle(source.bundle.options, files))
+    shutil.rmtree(folder)
+    with pytest.raises(PolicyError, match=r"cannot be copied to .*: No space left on device"):
+        resolve_locally(source)
+    left = [path.name for path in temporary.rglob("*") if path.is_file() or "partial" in path.name]
+    assert left == [f"{source.digest}.lock"]
+
+
+@pytest.mark.ray
+def test_workers_that_do_not_see_the_files_play_the_same_rows(folder, ray_here, told, monkeypatch):
+    known = {name: source for name, source in sources(folder).items() if name in ("experts", "merged")}
+    protocol = Protocol(8, 4, View(("third_person", "wrist"), 16))
+    work = [(Cell(name, source.digest, "null/Reach", protocol), range(3)) for name, source in known.items()]
+    options = SchedulerOptions({"null": 1}, episode_time_limit_s=120.0, allowed_errors=0)
+
+    def rows(given):
+        found = []
+        Scheduler(work_queues(work, 1), RayWorkerPool(given), options, found.extend, told).run()
+        return sorted(map(outcome_row, found))
+
+    before = rows(known)
+    sent = with_bundles(known)
+    shutil.rmtree(folder)
+    try:
+        assert rows(sent) == before
+    finally:
+        monkeypatch.undo()  # the workers have the system's folder
+        for source in known.values():
+            shutil.rmtree(bundle_cache_dir(source.digest))

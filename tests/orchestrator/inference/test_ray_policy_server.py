@@ -1,0 +1,109 @@
+"""Policies that compute in a process of their own, on a real Ray."""
+
+import os
+import signal
+from collections import Counter
+
+import pytest
+import ray
+
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.inference.ray_policy_server import AnswerTimes, measure_answer_times, start_servers
+from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
+from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
+from robogauntlet.orchestrator.scheduling.work_queue import work_queues
+from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.suites.episode import Cell, Protocol, View
+from robogauntlet.suites.resources import Inference
+
+pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
+SOURCES = {name: PolicySource(name) for name in ("oracle", "untrained")}
+EXPERTS = {"experts": PolicySource("mergevla-experts", {"folder": "zoo:experts"})}
+OPTIONS = SchedulerOptions({"null": 2, "pybullet": 2}, episode_time_limit_s=60.0, allowed_errors=0)
+
+
+@pytest.fixture
+def servers():
+    started = []
+
+    def start(sources, **changes):
+        started.extend(start_servers(sources, Inference(place="served", **changes)))
+        return list(started)
+
+    yield start
+    for server in started:
+        ray.kill(server)
+
+
+def work(policy, task="null/Reach", seeds=range(30)):
+    return [(Cell(policy, policy, task, Protocol(60)), seeds)]
+
+
+def play(told, items, sources=SOURCES, servers=()):
+    rows = []
+    Scheduler(work_queues(items, 3), RayWorkerPool(sources, servers=servers), OPTIONS, rows.extend, told).run()
+    return rows
+
+
+def test_only_policies_that_look_at_images_are_served():
+    assert len(start_servers(SOURCES, Inference())) == 1
+    assert start_servers({"oracle": SOURCES["oracle"]}, Inference()) == []
+
+
+def test_a_served_policy_makes_the_same_rows_in_batches(told, servers):
+    items = work("untrained") + work("oracle")
+    (server,) = servers(SOURCES, batch=2, wait_ms=500)
+    rows = play(told, items, servers=[server])
+    assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, play(told, items)))
+    sizes = ray.get(server.batch_sizes.remote())
+    assert set(sizes) == {"untrained"}
+    assert max(sizes["untrained"]) == 2
+
+
+def test_every_replica_is_asked(told, servers):
+    both = servers(SOURCES, replicas=2)
+
+    def end_once_both_workers_have_played(rows):
+        if len({row.worker for row in told.rows}) == 2:
+            raise KeyboardInterrupt
+
+    told.on_rows = end_once_both_workers_have_played
+    with pytest.raises(KeyboardInterrupt):
+        play(told, work("untrained", "null/Slow", range(10_000)), servers=both)
+    assert all(ray.get(server.batch_sizes.remote())["untrained"] for server in both)
+
+
+def test_a_server_that_is_killed_costs_no_row(told, servers):
+    (server,) = servers(SOURCES)
+    killed = []
+
+    def kill(rows):
+        if len(told.rows) > 10 and not killed:
+            killed.append(ray.get(server.pid.remote()))
+            os.kill(killed[0], signal.SIGKILL)
+
+    told.on_rows = kill
+    rows = play(told, work("untrained", "null/Slow"), servers=[server])
+    assert killed
+    assert Counter(row.seed for row in rows) == Counter(range(30))
+    told.on_rows = lambda rows: None
+    assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, play(told, work("untrained", "null/Slow"))))
+
+
+def test_it_is_measured_where_an_answer_comes_sooner():
+    times = measure_answer_times(SOURCES, [cell for cell, _ in work("untrained")], Inference(), workers=3)
+    assert times.worker_s > 0
+    assert times.served_s > 0
+    assert measure_answer_times({"oracle": SOURCES["oracle"]}, [], Inference(), workers=3) is None
+    assert AnswerTimes(0.002, 0.001).place == "served"
+    assert AnswerTimes(0.001, 0.002).place == "worker"
+
+
+@pytest.mark.simulator
+def test_an_expert_served_one_by_one_acts_to_the_bit_as_in_a_worker(told, servers):
+    items = [
+        (Cell("experts", "experts", task, Protocol(60, 8, View())), range(3))
+        for task in ("pybullet/PandaReach-v3", "pybullet/PandaPush-v3")
+    ]
+    one_by_one = play(told, items, EXPERTS, servers(EXPERTS, batch=1))
+    assert rows_hash(map(outcome_row, one_by_one)) == rows_hash(map(outcome_row, play(told, items, EXPERTS)))

@@ -1,0 +1,182 @@
+"""Telling by e-mail, to real SMTP servers: encrypted, with a login, refusing, gone."""
+
+import email
+import email.policy
+
+import pytest
+import trustme
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.orchestrator.notifications import Message, notifiers, send_all
+from robogauntlet.orchestrator.notifications.sending import email_message
+from tests.orchestrator.notifications.servers import QUICK, Inbox, Users, certified, closed_port, greeter, smtp
+
+MESSAGE = Message("REGRESSED: a against b", ("p: 85 % → 71 %",), "a", "runs/a/report.html")
+PASSWORD = "correct-horse-battery"
+LOGIN = {"ROBOGAUNTLET_SMTP_USER": "me", "ROBOGAUNTLET_SMTP_PASSWORD": PASSWORD}
+
+
+@pytest.fixture(scope="module")
+def authority():
+    return trustme.CA()
+
+
+@pytest.fixture
+def trusted(authority, tmp_path, monkeypatch):
+    """Certificates of this authority are accepted."""
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
+
+
+def environment(port, tls, **more):
+    return {
+        "ROBOGAUNTLET_SMTP_HOST": "localhost",
+        "ROBOGAUNTLET_SMTP_PORT": str(port),
+        "ROBOGAUNTLET_SMTP_TLS": tls,
+        "ROBOGAUNTLET_MAIL_FROM": "Gauntlet <robogauntlet@example.org>",
+        "ROBOGAUNTLET_MAIL_TO": "a@example.org, Someone Else <b@example.org>",
+        **more,
+    }
+
+
+def told(port, tls="none", **more):
+    return send_all(MESSAGE, notifiers(environment(port, tls, **more)), retries=QUICK)
+
+
+def test_a_letter_arrives_with_its_subject_and_lines():
+    inbox = Inbox()
+    with smtp(inbox) as port:
+        assert told(port) == []
+    (envelope,) = inbox.letters
+    assert envelope.mail_from == "robogauntlet@example.org"
+    assert envelope.rcpt_tos == ["a@example.org", "b@example.org"]
+    mail = email.message_from_bytes(envelope.content, policy=email.policy.default)
+    assert mail["Subject"] == "[robogauntlet] REGRESSED: a against b"
+    assert mail["From"] == "Gauntlet <robogauntlet@example.org>"
+    assert mail["To"] == "a@example.org, Someone Else <b@example.org>"
+    assert mail["Message-ID"].endswith("@example.org>")
+    assert mail.get_content().splitlines() == [
+        *("REGRESSED: a against b", "", "- p: 85 % → 71 %", "", "run: a", "report: runs/a/report.html")
+    ]
+
+
+def test_by_starttls_the_login_and_the_letter_go_encrypted(authority, trusted):
+    inbox = Inbox()
+    options = {"tls_context": certified(authority), "require_starttls": True, "auth_required": True}
+    with smtp(inbox, authenticator=Users("me", PASSWORD), **options) as port:
+        assert told(port, "starttls", **LOGIN) == []
+    assert inbox.encrypted == [True]
+
+
+@pytest.mark.filterwarnings("ignore:Requiring AUTH while not requiring TLS")  # aiosmtpd knows of STARTTLS only
+def test_by_tls_all_goes_encrypted(authority, trusted):
+    inbox = Inbox()
+    options = {"ssl_context": certified(authority), "auth_required": True, "auth_require_tls": False}
+    with smtp(inbox, authenticator=Users("me", PASSWORD), **options) as port:
+        assert told(port, "tls", **LOGIN) == []
+    assert len(inbox.letters) == 1
+
+
+@pytest.mark.parametrize("tls", ["starttls", "tls"])
+def test_a_certificate_of_nobody_known_is_not_accepted(authority, tls):
+    inbox = Inbox()
+    options = {"tls_context": certified(authority)} if tls == "starttls" else {"ssl_context": certified(authority)}
+    with smtp(inbox, **options) as port:
+        (line,) = told(port, tls, **LOGIN)
+    assert "certificate was not accepted: unable to get local issuer certificate (SSL_CERT_FILE)" in line
+    assert inbox.letters == []
+
+
+def test_a_certificate_for_another_host_is_not_accepted(authority, trusted):
+    inbox = Inbox()
+    with smtp(inbox, tls_context=certified(authority, "elsewhere.example.org")) as port:
+        (line,) = told(port, "starttls")
+    assert "Hostname mismatch" in line
+    assert inbox.letters == []
+
+
+def test_a_server_without_starttls_is_told_nothing():
+    inbox = Inbox()
+    with smtp(inbox) as port:
+        (line,) = told(port, "starttls", **LOGIN)
+    assert f"e-mail through localhost:{port} (starttls): failed with SMTPNotSupportedError; check" in line
+    assert inbox.tries == 0
+
+
+def test_a_wrong_password_is_told_once_and_not_repeated(authority, trusted):
+    inbox = Inbox()
+    options = {"tls_context": certified(authority), "require_starttls": True, "auth_required": True}
+    with smtp(inbox, authenticator=Users("me", "another"), **options) as port:
+        (line,) = told(port, "starttls", **LOGIN)
+    assert line.endswith("the server answered 535; check ROBOGAUNTLET_SMTP_* and ROBOGAUNTLET_MAIL_*")
+    assert PASSWORD not in line
+
+
+def test_a_server_that_is_busy_is_asked_again():
+    inbox = Inbox(["451 4.3.0 busy"] * 3)
+    with smtp(inbox) as port:
+        assert told(port) == []
+    assert inbox.tries == 4
+    assert len(inbox.letters) == 1
+
+
+def test_a_server_that_stays_busy_is_given_up_after_four_tries():
+    inbox = Inbox(["451 4.3.0 busy"] * 9)
+    with smtp(inbox) as port:
+        (line,) = told(port)
+    assert "the server answered 451, after 4 tries; check ROBOGAUNTLET_SMTP_* and ROBOGAUNTLET_MAIL_*" in line
+    assert inbox.tries == 4
+
+
+def test_a_server_that_says_no_is_not_asked_again():
+    inbox = Inbox(["550 5.7.1 not you"] * 9)
+    with smtp(inbox) as port:
+        (line,) = told(port)
+    assert "the server answered 550; " in line
+    assert inbox.tries == 1
+
+
+def test_an_address_that_is_refused_is_told_by_its_place_and_the_others_get_the_letter():
+    inbox = Inbox(unknown={"b@example.org"})
+    with smtp(inbox) as port:
+        (line,) = told(port)
+    assert "the server refused number 2 in ROBOGAUNTLET_MAIL_TO; " in line
+    assert [one.rcpt_tos for one in inbox.letters] == [["a@example.org"]]
+
+
+def test_when_all_addresses_are_refused_nothing_is_sent():
+    inbox = Inbox(unknown={"a@example.org", "b@example.org"})
+    with smtp(inbox) as port:
+        (line,) = told(port)
+    assert "the server refused all recipients (550); " in line
+    assert inbox.letters == []
+
+
+def test_who_is_not_there_is_told_in_a_line():
+    (line,) = told(closed_port())
+    assert "connection refused, after 4 tries; check ROBOGAUNTLET_SMTP_*" in line
+    (line,) = told(25, "starttls", ROBOGAUNTLET_SMTP_HOST="robogauntlet.invalid")
+    assert "the host was not found" in line
+
+
+def test_a_server_that_does_not_speak_smtp_is_told_in_a_line():
+    with greeter(b"hello there\r\n") as port:
+        (line,) = told(port)
+    assert "failed with SMTPConnectError; check ROBOGAUNTLET_SMTP_*" in line
+
+
+@given(st.text(), st.text(), st.lists(st.text(), max_size=3))
+def test_no_name_can_become_a_header(title, run, lines):
+    (teller,) = notifiers(environment(25, "none"))
+    inserted = f"{title}\r\nBcc: everybody@example.org\n\nbody {run}"
+    made = email_message(Message(inserted, (*lines, inserted), inserted), teller.sender, teller.recipients)
+    back = email.message_from_bytes(bytes(made), policy=email.policy.default)
+    assert (
+        back.keys()
+        == made.keys()
+        == [
+            *("Subject", "From", "To", "Date", "Message-ID", "Auto-Submitted"),
+            *("Content-Type", "Content-Transfer-Encoding", "MIME-Version"),
+        ]
+    )

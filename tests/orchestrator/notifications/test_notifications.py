@@ -1,0 +1,210 @@
+"""What people are told of a run, and that sending it never breaks anything."""
+
+import dataclasses
+import threading
+import unicodedata
+
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.orchestrator.notifications import Message, NotificationError, message_for, notifiers, send_all
+from robogauntlet.orchestrator.notifications.sending import DeliveryFailed
+from robogauntlet.results.analysis.comparison import COLUMNS, Run, compare_runs
+from robogauntlet.results.run_document import RunStatus
+from tests.orchestrator.notifications.servers import QUICK, Hook, Inbox, closed_port, smtp
+from tests.results.synthetic import cells, document, row
+
+MESSAGE = Message("a test", ("one", "two"), "demo")
+TASKS = ("maniskill/A", "pybullet/B")
+
+
+def compared(success, **changes):
+    def run(name, succeeded, /, **changes):
+        own = cells(("p",), TASKS)
+        rows = [row(cell, seed, "success" if succeeded(seed) else "failure") for cell in own for seed in range(40)]
+        frame = pd.DataFrame([{c: getattr(one, c) for c in COLUMNS} for one in rows], columns=list(COLUMNS))
+        return Run(name, document(40, own, **changes), frame)
+
+    return compare_runs(run("tuesday", success, **changes), run("monday", lambda seed: seed % 4 != 0))
+
+
+def test_a_regression_is_told_with_its_reasons():
+    told = message_for(document(), compared(lambda seed: seed % 2), "http://lab/tuesday")
+    assert told.title == "REGRESSED: tuesday against monday"
+    assert any(line.startswith("p, maniskill/A: 75 % before, 50 % now of 40 episodes") for line in told.lines)
+    assert (told.run, told.link) == ("tuesday", "http://lab/tuesday")
+
+
+def test_a_regression_of_a_run_that_ended_early_says_both():
+    ended = document(status=RunStatus.STOPPED, reason="the disk is full")
+    told = message_for(ended, compared(lambda seed: seed % 2), None)
+    assert told.title.startswith("REGRESSED")
+    assert told.lines[-1] == "stopped early: the disk is full"
+
+
+def test_a_run_that_could_not_be_judged_is_told_since_nobody_watches_any_more():
+    ended = document(name="another")
+    found = compared(lambda seed: True, name="another")
+    told = message_for(ended, found, None)
+    assert told.title == "NOT COMPARABLE: tuesday against monday"
+    assert told.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
+    assert told.lines[-1].endswith("robogauntlet accept tuesday")
+
+
+@pytest.mark.parametrize("status", [RunStatus.COMPLETE, RunStatus.INTERRUPTED, RunStatus.RUNNING])
+def test_of_a_run_that_ended_as_it_should_or_was_interrupted_nothing_is_told(status):
+    assert message_for(document(status=status), None, None) is None
+    assert message_for(document(status=status), compared(lambda seed: seed % 4 != 0), None) is None
+
+
+def test_a_run_that_stopped_is_told_with_its_reason():
+    told = message_for(document(status=RunStatus.STOPPED, reason="the disk is full"), None, None)
+    assert told.title == "STOPPED: synthetic run-1"
+    assert told.lines[0] == "stopped early: the disk is full"
+
+
+@given(st.text(max_size=3000), st.lists(st.text(), max_size=3), st.text(), st.none() | st.text())
+def test_every_text_of_a_message_is_one_printable_line(title, lines, run, link):
+    made = Message(title, tuple(lines), run, link)
+    for text in (made.title, *made.lines, made.run, made.link or "", *made.footer):
+        assert len(text.splitlines()) <= 1
+        assert not {unicodedata.category(sign) for sign in text} & {"Cc", "Cs", "Zl", "Zp"}
+        text.encode()
+
+
+def test_a_message_cannot_be_changed_after_it_was_made():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        MESSAGE.title = "a\nb"
+
+
+def test_all_are_told_and_none_that_fails_keeps_another_from_it():
+    inbox = Inbox()
+    with Hook() as hook, smtp(inbox) as port:
+        environment = {
+            "ROBOGAUNTLET_WEBHOOK_URL": f"http://localhost:{closed_port()}/x {hook.url}",
+            "ROBOGAUNTLET_SMTP_HOST": "localhost",
+            "ROBOGAUNTLET_SMTP_PORT": str(port),
+            "ROBOGAUNTLET_SMTP_TLS": "none",
+            "ROBOGAUNTLET_MAIL_FROM": "robogauntlet@example.org",
+            "ROBOGAUNTLET_MAIL_TO": "lab@example.org",
+        }
+        troubles = send_all(MESSAGE, notifiers(environment), retries=QUICK)
+    assert troubles == [
+        "the notification about demo was not sent: webhook 1 of 2 (http://localhost): connection refused, "
+        "after 4 tries; check the host and ROBOGAUNTLET_WEBHOOK_URL"
+    ]
+    assert len(hook.came) == len(inbox.letters) == 1
+
+
+def test_nobody_to_tell_is_no_trouble():
+    assert notifiers({}) == []
+    assert notifiers({"ROBOGAUNTLET_WEBHOOK_URL": "  ", "ROBOGAUNTLET_SMTP_HOST": "", "PATH": "x"}) == []
+    assert send_all(MESSAGE, []) == []
+
+
+class Silent:
+    name, hint = "one that never answers", "look at it"
+
+    def __init__(self, release):
+        self.release = release
+
+    def send(self, message, timeout_s):
+        self.release.wait()
+
+
+class Broken:
+    name, hint = "one that is broken", "look at it"
+
+    def send(self, message, timeout_s):
+        raise ValueError("with a secret in its text")
+
+
+class Refusing:
+    name, hint = "one that refuses", "look at it"
+
+    def send(self, message, timeout_s):
+        raise DeliveryFailed("not today")
+
+
+def test_one_that_never_ends_is_given_up_and_the_others_are_heard():
+    release = threading.Event()
+    try:
+        troubles = send_all(MESSAGE, [Silent(release), Refusing()], total_s=1.0)
+    finally:
+        release.set()
+    assert troubles == [
+        "the notification about demo was not sent: one that never answers: not sent within 1 s; look at it",
+        "the notification about demo was not sent: one that refuses: not today; look at it",
+    ]
+
+
+def test_an_unexpected_error_is_told_by_its_type_alone():
+    (line,) = send_all(MESSAGE, [Broken()])
+    assert line.endswith("one that is broken: failed with ValueError; look at it")
+
+
+MAIL = {
+    "ROBOGAUNTLET_SMTP_HOST": "mail.example.org",
+    "ROBOGAUNTLET_MAIL_FROM": "Gauntlet <robogauntlet@example.org>",
+    "ROBOGAUNTLET_MAIL_TO": "a@example.org, Someone Else <b@example.org>",
+}
+
+
+def test_mail_is_encrypted_by_starttls_on_its_usual_port_unless_told_otherwise():
+    (mail,) = notifiers(MAIL)
+    assert mail.name == "e-mail through mail.example.org:587 (starttls)"
+    (mail,) = notifiers(MAIL | {"ROBOGAUNTLET_SMTP_TLS": "TLS"})
+    assert mail.name == "e-mail through mail.example.org:465 (tls)"
+    assert [one.addr_spec for one in mail.recipients] == ["a@example.org", "b@example.org"]
+
+
+WRONG = [
+    ({"ROBOGAUNTLET_SMTP_TLS": "ssl"}, "ROBOGAUNTLET_SMTP_TLS: expected starttls, tls, none, got something else"),
+    ({"ROBOGAUNTLET_SMTP_TLS": "none"}, "ROBOGAUNTLET_SMTP_TLS: none is for a server on this machine"),
+    ({"ROBOGAUNTLET_SMTP_PORT": "smtp"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
+    ({"ROBOGAUNTLET_SMTP_PORT": "65536"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
+    ({"ROBOGAUNTLET_SMTP_PORT": "²"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
+    ({"ROBOGAUNTLET_MAIL_TO": ""}, "ROBOGAUNTLET_MAIL_TO: not set, but e-mail needs it"),
+    ({"ROBOGAUNTLET_MAIL_TO": "nobody"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses separated by commas"),
+    ({"ROBOGAUNTLET_MAIL_TO": "a@b.org\nBcc: c@d.org"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses"),
+    ({"ROBOGAUNTLET_MAIL_FROM": "a@b.org, c@d.org"}, "ROBOGAUNTLET_MAIL_FROM: expected one address, got 2"),
+    ({"ROBOGAUNTLET_SMTP_HOST": "user@host"}, "ROBOGAUNTLET_SMTP_HOST: expected the name of a host"),
+    ({"ROBOGAUNTLET_SMTP_USER": "me"}, "ROBOGAUNTLET_SMTP_PASSWORD: not set, but ROBOGAUNTLET_SMTP_USER is"),
+    ({"ROBOGAUNTLET_SMTP_PASSWORD": "pw"}, "ROBOGAUNTLET_SMTP_USER: not set, but ROBOGAUNTLET_SMTP_PASSWORD is"),
+    ({"ROBOGAUNTLET_WEBHOOK_URL": "hooks.slack.com/services/x"}, "ROBOGAUNTLET_WEBHOOK_URL: expected https://HOST/..."),
+    (
+        {"ROBOGAUNTLET_WEBHOOK_URL": "https://a.org/x ftp://b.org/y"},
+        "ROBOGAUNTLET_WEBHOOK_URL: expected https://HOST/..., got something else as num",
+    ),
+    ({"ROBOGAUNTLET_WEBHOOK_URL": "https:///x"}, "ROBOGAUNTLET_WEBHOOK_URL: expected https://HOST/..."),
+    ({"ROBOGAUNTLET_WEBHOOK_URL": "https://[::1/x"}, "ROBOGAUNTLET_WEBHOOK_URL: expected https://HOST/..."),
+    ({"ROBOGAUNTLET_WEBHOOK_URL": "https://host:port/x"}, "ROBOGAUNTLET_WEBHOOK_URL: expected https://HOST/..."),
+]
+
+
+@pytest.mark.parametrize(("changed", "expected"), WRONG, ids=[line[:60] for _, line in WRONG])
+def test_what_is_missing_or_malformed_is_one_line_that_names_the_variable(changed, expected):
+    with pytest.raises(NotificationError) as raised:
+        notifiers(MAIL | changed)
+    (line,) = str(raised.value).splitlines()
+    assert line.startswith(expected)
+
+
+def test_all_that_is_wrong_is_told_at_once():
+    with pytest.raises(NotificationError) as raised:
+        notifiers({"ROBOGAUNTLET_SMTP_PORT": "x", "ROBOGAUNTLET_WEBHOOK_URL": "x"})
+    assert [line.partition(":")[0] for line in str(raised.value).splitlines()] == [
+        "ROBOGAUNTLET_WEBHOOK_URL",
+        "ROBOGAUNTLET_SMTP_HOST",
+        "ROBOGAUNTLET_MAIL_FROM",
+        "ROBOGAUNTLET_MAIL_TO",
+        "ROBOGAUNTLET_SMTP_PORT",
+    ]
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "::1"])
+def test_mail_in_the_clear_is_for_this_machine_only(host):
+    (mail,) = notifiers(MAIL | {"ROBOGAUNTLET_SMTP_HOST": host, "ROBOGAUNTLET_SMTP_TLS": "none"})
+    assert mail.port == 25

@@ -1,0 +1,87 @@
+"""Telling by webhook, to real servers that fail first, say no, hang up or are not there."""
+
+import pytest
+import trustme
+
+from robogauntlet.orchestrator.notifications import Message, notifiers, send_all
+from tests.orchestrator.notifications.servers import QUICK, Hook, certified, closed_port
+
+MESSAGE = Message("REGRESSED: a against b", ("one & two", "<!channel>"), "a", "https://lab/a?x=1&y=2")
+
+
+def told(url):
+    return send_all(MESSAGE, notifiers({"ROBOGAUNTLET_WEBHOOK_URL": url}), retries=QUICK)
+
+
+def test_what_arrives_is_json_that_slack_takes():
+    with Hook() as hook:
+        assert told(hook.url) == []
+    (came,) = hook.came
+    assert came["text"].splitlines() == [
+        "*REGRESSED: a against b*",
+        "• one &amp; two",
+        "• &lt;!channel&gt;",
+        "run: a",
+        "report: https://lab/a?x=1&amp;y=2",
+    ]
+
+
+@pytest.mark.parametrize("failure", [429, 500, 502, 503, 504, "hang up"])
+def test_what_may_pass_is_tried_again_until_it_works(failure):
+    with Hook([failure] * 3) as hook:
+        assert told(hook.url) == []
+    assert len(hook.came) == 4
+    assert all(one == hook.came[0] for one in hook.came)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (429, "the server answered 429, after 4 tries; check the host and ROBOGAUNTLET_WEBHOOK_URL"),
+        (503, "the server answered 503, after 4 tries; check"),
+        ("hang up", "failed with RemoteDisconnected, after 4 tries; check"),
+        ("no http", "failed with BadStatusLine, after 4 tries; check"),
+    ],
+)
+def test_after_four_tries_it_is_given_up_with_what_came(status, words):
+    with Hook([status] * 4) as hook:
+        (line,) = told(hook.url)
+    assert line.startswith(f"the notification about a was not sent: webhook (http://localhost): {words}")
+    assert len(hook.came) == 4
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(400, "the server answered 400; "), (404, "the server answered 404; "), (302, "the server answered 302; ")],
+)
+def test_what_will_not_pass_is_tried_once(status, words):
+    with Hook([status], {"Location": "/elsewhere"} if status == 302 else ()) as hook:
+        (line,) = told(hook.url)
+    assert line.startswith(f"the notification about a was not sent: webhook (http://localhost): {words}")
+    assert "ROBOGAUNTLET_WEBHOOK_URL" in line
+    assert len(hook.came) == 1
+
+
+def test_who_is_not_there_is_told_from_a_host_that_does_not_exist():
+    (refused,) = told(f"http://localhost:{closed_port()}/x")
+    assert "connection refused, after 4 tries" in refused
+    (unknown,) = told("http://robogauntlet.invalid/x")
+    assert "the host was not found, after 4 tries" in unknown
+
+
+def test_a_certificate_is_checked(tmp_path, monkeypatch):
+    authority = trustme.CA()
+    with Hook(tls=certified(authority)) as hook:
+        (line,) = told(hook.url)
+        assert "the server's certificate was not accepted: " in line
+        assert hook.came == []
+        authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+        monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
+        assert told(hook.url) == []
+    assert len(hook.came) == 1
+
+
+def test_a_server_without_tls_is_told_from_one_that_is_down():
+    with Hook() as hook:
+        (line,) = told(hook.url.replace("http://", "https://"))
+    assert "failed with SSLError" in line

@@ -1,0 +1,79 @@
+"""What a policy sees at every severity, side by side."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from robogauntlet.orchestrator.cli import app
+from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.replay.contact_sheet import LABEL_WIDTH, draw_contact_sheet, render_severities
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import RenderProfile, View
+
+VIEW = View(image_size=48, render_profile=RenderProfile.FAST)
+
+
+def shades(*values):
+    return [[np.full((48, 48, 3), value, np.uint8)] * 2 for value in values]
+
+
+def test_a_sheet_has_a_column_for_each_severity_and_a_line_for_each_task():
+    page = np.asarray(
+        draw_contact_sheet(
+            AXES["blur"], [("a/One", shades(0, 1, 2, 3, 4, 5)), ("b/Two", shades(10, 11, 12, 13, 14, 15))]
+        )
+    )
+    columns = [LABEL_WIDTH + severity * 52 + 20 for severity in range(6)]
+    assert [page[40, column, 0] for column in columns] == [0, 1, 2, 3, 4, 5]
+    assert [page[16 + 104 + 60, column, 0] for column in columns] == [10, 11, 12, 13, 14, 15]
+
+
+@pytest.mark.simulator
+def test_looks_differ_from_the_clean_one_more_and_more():
+    clean, *others = (
+        np.stack(images).astype(float) for images in render_severities("pybullet/PandaPush-v3", AXES["noise"], VIEW, 0)
+    )
+    errors = [np.abs(other - clean).mean() for other in others]
+    assert errors == sorted(errors)
+    assert errors[0] > 0
+
+
+@pytest.mark.simulator
+def test_a_sheet_is_written_by_one_command(tmp_path):
+    file = tmp_path / "orbit.png"
+    command = [
+        "axes",
+        "sheet",
+        "camera-orbit",
+        "--out",
+        str(file),
+        "--task",
+        "pybullet/PandaReach-v3",
+        "--image-size",
+        "48",
+    ]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.exception
+    assert Image.open(file).size == (LABEL_WIDTH + 6 * 52, 16 + 104)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["orbit", "--out", "{tmp}/a.png"], "unknown axis 'orbit'; did you mean 'camera-orbit'?"),
+        (["camera-orbit", "--out", "{tmp}/a.jpg"], "expected a file that ends in .png for --out"),
+        (["camera-orbit", "--out", "{tmp}/a.png", "--task", "null/Reach"], "does not let its cameras be adjusted"),
+        (
+            ["camera-orbit", "--out", "{tmp}/a.png", "--task", "pybullet/PandaRech-v3"],
+            "did you mean 'pybullet/PandaReach-v3'?",
+        ),
+        (["blur", "--out", "{tmp}/a.png", "--task", "null/Reach"], "null/Reach: blur@1: expected blurred images"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_no_file(arguments, message, tmp_path):
+    done = CliRunner().invoke(app, ["axes", "sheet", *(a.format(tmp=tmp_path) for a in arguments)])
+    assert isinstance(done.exception, BadInput)
+    assert message in str(done.exception)
+    assert "\n" not in str(done.exception)
+    assert not list(tmp_path.iterdir())

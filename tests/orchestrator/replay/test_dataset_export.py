@@ -1,0 +1,209 @@
+"""Episodes of a run played again and written as datasets: exactly those, and exactly as they were."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
+from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter, record_episode
+from robogauntlet.orchestrator.replay.replay import episode_of
+from robogauntlet.policies import catalog as policies
+from robogauntlet.policies.training.dataset import Demonstrations
+from robogauntlet.suites.episode import Cell, Condition, Episode, Protocol, View
+from robogauntlet.suites.selection import SelectionError
+from tests.results.synthetic import cells, document, row, run_folder
+
+VIEW = View(image_size=16)
+TASK = "null/Reach"
+SHIFTED = (Condition(), Condition("noise", 3), Condition("noise", 5), Condition("frozen-frames", 4))
+
+
+@pytest.fixture
+def runner():
+    made = EpisodeRunner({"random": PolicySource("random"), "oracle": PolicySource("oracle")})
+    yield made
+    made.close()
+
+
+def planned(policy="random", condition=SHIFTED[0]):
+    return Cell(policy, policies.digest(policy, {}), TASK, Protocol(60, 8, VIEW), condition)
+
+
+@pytest.fixture
+def played(runner):
+    return [runner.play_one(planned().episode(seed)) for seed in range(6)]
+
+
+SYNTHETIC = cells(("p", "q"), ("maniskill/A", "pybullet/B"), SHIFTED)
+RUN = document(of=SYNTHETIC)
+ROWS = [row(cell, seed, ("failure", "success", "error")[seed % 3]) for cell in SYNTHETIC for seed in range(9)]
+
+
+def test_all_failures_are_chosen_and_nothing_else():
+    chosen = EpisodeFilter().select(RUN, ROWS)
+    assert len(chosen) == len(ROWS) / 3
+    assert {one.status for one in chosen} == {"failure"}
+    assert [one.task for one in chosen] == sorted(one.task for one in chosen)
+
+
+def test_policies_tasks_conditions_and_statuses_are_chosen_by_name_or_pattern():
+    choice = EpisodeFilter(("q",), ("pybullet/*",), ("noise@*", "clean"), ("success", "failure"))
+    chosen = choice.select(RUN, ROWS)
+    assert {(one.policy, one.task) for one in chosen} == {("q", "pybullet/B")}
+    assert {(one.axis, one.severity) for one in chosen} == {("clean", 0), ("noise", 3), ("noise", 5)}
+    assert {one.status for one in chosen} == {"success", "failure"}
+
+
+@settings(max_examples=25)
+@given(st.integers(1, 30), st.integers(0, 15), st.randoms(use_true_random=False))
+def test_a_larger_limit_adds_to_what_a_smaller_one_chose_in_whatever_order_rows_come(limit, more, shuffle):
+    rows = list(ROWS)
+    shuffle.shuffle(rows)
+    few = EpisodeFilter(limit=limit).select(RUN, rows)
+    many = EpisodeFilter(limit=limit + more).select(RUN, ROWS)
+    assert len(few) == 2 * min(limit, 24)
+    assert {one.episode_id for one in few} <= {one.episode_id for one in many}
+
+
+@pytest.mark.parametrize(
+    ("choice", "line"),
+    [
+        (EpisodeFilter(policies=("pp",)), "the run has no policy 'pp'; did you mean 'p'?"),
+        (EpisodeFilter(tasks=("maniskill/C",)), "the run has no task 'maniskill/C'; did you mean 'maniskill/A'?"),
+        (EpisodeFilter(conditions=("noise@4",)), "the run has no condition 'noise@4'; did you mean 'noise@"),
+    ],
+)
+def test_a_name_that_is_not_in_the_run_is_one_line(choice, line):
+    with pytest.raises(SelectionError) as error:
+        choice.select(RUN, ROWS)
+    assert str(error.value).startswith(line)
+
+
+@pytest.mark.parametrize("axis", ["noise", "frozen-frames", "blank-instruction", "blind"])
+@settings(max_examples=20)
+@given(st.lists(st.booleans(), min_size=1, max_size=12), st.integers(0, 50))
+def test_a_glance_changes_no_look_and_shows_what_a_look_would(axis, looks, seed):
+    severity = 1 if axis.startswith("bl") else 4
+    one = Episode("p", "digest", TASK, seed, Protocol(60, 1, View(image_size=8)), Condition(axis, severity))
+    seen = []
+    for glancing in (False, True):
+        simulation = perturbed(catalog.open_simulation(TASK, one.protocol.view), one)
+        simulation.reset(seed)
+        shown = []
+        for look in looks:
+            glance = simulation.preview() if glancing else None
+            if look:
+                shown.append(simulation.observe())
+                if glance is not None:
+                    assert all(np.array_equal(glance.images[c], shown[-1].images[c]) for c in glance.images)
+                    assert glance.instruction == shown[-1].instruction
+            simulation.step(np.array([0.01, 0, 0, 0, 0, 0, 0]))
+        seen.append((shown, simulation.delivered()))
+    (plain, delivered), (glanced, after) = seen
+    assert delivered == after
+    assert all(np.array_equal(a.images[c], b.images[c]) for a, b in zip(plain, glanced, strict=True) for c in a.images)
+
+
+def test_a_record_holds_the_state_before_each_step_and_the_commanded_action():
+    simulation = catalog.open_simulation(TASK, VIEW)
+    recorder = TrajectoryRecorder(simulation)
+    one = Episode("p", "digest", TASK, 3, Protocol(60, 8, VIEW), Condition("action-noise", 3))
+    outer = perturbed(recorder, one)
+    outer.reset(3)
+    recorder.watch(outer, 0)
+    told, places = np.array([0.02, 0, 0, 0, 0, 0, 0]), []
+    for _ in range(4):
+        places.append(simulation.observe().proprioception)
+        outer.step(told)
+    found = recorder.recording()
+    assert np.array_equal(found.states, places)
+    assert np.all(found.actions == told)
+    assert not np.array_equal(np.diff(found.states[:, :3], axis=0), found.actions[:-1, :3])
+
+
+def test_an_episode_is_retold_to_its_end(played, runner):
+    failed = next(one for one in played if one.status == "failure")
+    found = record_episode(failed, runner)
+    assert len(found) == failed.steps
+    assert not found.success[-5:].all()
+    assert found.about["episode_id"] == failed.episode_id
+
+
+def test_an_episode_that_comes_out_differently_is_left_out_with_a_line(played, runner):
+    changed = replace(played[0], final_state_hash="0" * 16)
+    line = record_episode(changed, runner)
+    assert line.startswith(f"{changed.episode_id} ({TASK}, random, clean, seed 0): the outcome differs and the")
+    assert 'final_state_hash: stored "0000000000000000", now' in line
+
+
+@pytest.fixture
+def run(played, tmp_path):
+    return run_folder(tmp_path / "runs" / "nulls", document(6, [planned()], policies=["random"]), played)
+
+
+@pytest.mark.ray
+@pytest.mark.usefixtures("ray_here")
+class TestExport:
+    def test_failures_become_a_dataset_that_goes_on_where_it_stopped(self, run_command, run, played, runner, tmp_path):
+        typed = ("export", run, "--format", "lerobot-dataset")
+        first = run_command(*typed, "--limit", 2)
+        assert (first.code, first.err) == (0, "")
+        assert "nulls-lerobot/null__Reach: 2 episodes, 120 frames\n" in first.out
+        said = run_command(*typed)
+        failed = {one.episode_id: one for one in played if one.status == "failure"}
+        assert f"continuing: 2 of {len(failed)} episodes are recorded already\n" in said.out
+        table = pd.read_parquet(tmp_path / "nulls-lerobot/null__Reach/meta/episodes/chunk-000/file-000.parquet")
+        assert sorted(table["episode_id"]) == sorted(failed)
+        assert [failed[name].seed for name in table["episode_id"]] == table["seed"].tolist()
+        hashes = {name: record_episode(one, runner).content_hash for name, one in failed.items()}
+        assert dict(zip(table["episode_id"], table["content_hash"], strict=True)) == hashes
+        assert {(one.policy, one.axis, one.status) for one in table.itertuples()} == {("random", "clean", "failure")}
+        opened = Demonstrations(tmp_path / "nulls-lerobot" / "null__Reach")
+        assert (opened.episodes, opened.task) == (len(failed), TASK)
+
+    def test_a_full_disk_is_one_line_and_leaves_nothing_half(self, run_command, run, tmp_path, monkeypatch):
+        def full(*arguments, **options):
+            raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("robogauntlet.policies.training.dataset_writer.pq.ParquetWriter", full)
+            said = run_command("export", run, "--format", "lerobot-dataset", "--out", "data")
+        assert (said.code, said.err) == (3, "robogauntlet: the disk is full; free some space and run again\n")
+        assert not list((tmp_path / "data").rglob("*.parquet"))
+
+
+@pytest.mark.parametrize(
+    ("typed", "line"),
+    [
+        (("--format", "csv", "--task", "x"), "expected --task, --condition, --status and --limit with --format"),
+        (("--format", "lerobot-dataset", "--policy", "x"), "the run has no policy 'x'; known: random"),
+        (("--format", "lerobot-dataset", "--status", "success"), "no episode matches the options"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line(run_command, run, typed, line):
+    said = run_command("export", run, *typed)
+    assert said.code == 2
+    assert line in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_a_policy_that_has_changed_is_one_line(run_command, run):
+    text = (run / "run.json").read_text()
+    digest = json.loads(text)["plan"][0]["policy_digest"]
+    (run / "run.json").write_text(text.replace(digest, "f" * 16))
+    said = run_command("export", run, "--format", "lerobot-dataset")
+    assert (said.code, said.err.count("\n")) == (2, 1)
+    assert "policy 'random' has changed since the run" in said.err
+
+
+def test_the_identity_survives_the_row(played):
+    assert [episode_of(one).id for one in played] == [one.episode_id for one in played]

@@ -1,0 +1,79 @@
+"""Which episodes are filmed, and which conditions are pictured."""
+
+from robogauntlet.orchestrator.episodes.first_observation import Snapshot
+from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, new_failures, representative_episodes
+from robogauntlet.suites.episode import Condition, View
+from tests.results.synthetic import cells, row
+
+CLEAN, BLUR2, BLUR4, NOISE = Condition(), Condition("blur", 2), Condition("blur", 4), Condition("noise", 2)
+PUSH, LIFT = "maniskill/PushCube-v1", "robosuite/Lift"
+ALL = (CLEAN, BLUR2, BLUR4, NOISE)
+
+
+def cell(task=PUSH, condition=CLEAN, policy="experts"):
+    return next(iter(cells((policy,), (task,), (condition,))))
+
+
+def chosen(rows, policies=("experts",)):
+    return [(r.task, r.axis, r.severity, r.seed) for r in new_failures(lambda: iter(rows), policies)]
+
+
+def test_a_typical_success_and_failure_is_clean_before_it_is_perturbed_and_of_the_first_seed():
+    rows = [
+        row(cell(condition=BLUR2), 0, "failure"),
+        row(cell(), 3),
+        row(cell(), 1),
+        row(cell(condition=BLUR2), 0),
+        row(cell(), 0, "error"),
+    ]
+    assert [(r.status, r.axis, r.seed) for r in representative_episodes(rows)] == [
+        ("failure", "blur", 0),
+        ("success", "clean", 1),
+    ]
+
+
+def test_what_fell_had_succeeded_in_the_clean_world():
+    rows = [row(cell(), 0, "failure"), row(cell(), 1), *(row(cell(condition=BLUR2), s, "failure") for s in (0, 1))]
+    assert chosen(rows) == [(PUSH, "blur", 2, 1)]
+
+
+def test_of_what_fell_the_mildest_is_chosen_then_the_first_seed():
+    rows = [row(cell(), seed) for seed in range(4)]
+    rows += [row(cell(condition=BLUR4), 0, "failure"), *(row(cell(condition=BLUR2), s, "failure") for s in (3, 2))]
+    assert chosen(rows) == [(PUSH, "blur", 2, 2)]
+
+
+def test_each_axis_simulator_and_policy_has_its_own_fall():
+    clean = [row(cell(task, policy=p), 0) for task in (PUSH, LIFT) for p in ("experts", "merged", "oracle")]
+    falls = [
+        row(cell(task, condition, p), 0, "failure")
+        for task in (PUSH, LIFT)
+        for condition in (BLUR2, NOISE)
+        for p in ("experts", "merged", "oracle")
+    ]
+    found = new_failures(lambda: [*clean, *falls], ("experts", "merged"))
+    assert {(r.policy, r.axis, r.simulator) for r in found} == {
+        (p, axis, simulator)
+        for p in ("experts", "merged")
+        for axis in ("blur", "noise")
+        for simulator in ("maniskill", "robosuite")
+    }
+
+
+def test_a_control_or_an_error_is_no_fall():
+    rows = [row(cell(), 0), row(cell(condition=Condition("blind", 1)), 0, "failure")]
+    assert chosen([*rows, row(cell(condition=BLUR2), 0, "error")]) == []
+
+
+def test_every_planned_severity_is_looked_at_beside_the_clean_one_on_the_first_task_of_each_simulator():
+    tasks = (PUSH, "maniskill/PullCube-v1", LIFT)
+    plan = cells(("oracle", "experts"), tasks, (CLEAN, BLUR2, BLUR4, Condition("blind", 1)))
+    looks = condition_snapshots(plan, 7)
+    assert looks == [
+        Snapshot(task, condition, 7, View()) for task in (PUSH, LIFT) for condition in (CLEAN, BLUR2, BLUR4)
+    ]
+
+
+def test_an_axis_is_looked_at_on_the_first_task_that_has_it():
+    plan = [*cells(("oracle",), (PUSH,), (CLEAN,)), *cells(("oracle",), ("maniskill/PullCube-v1",), (CLEAN, NOISE))]
+    assert {look.task for look in condition_snapshots(plan, 0)} == {"maniskill/PullCube-v1"}

@@ -1,0 +1,79 @@
+"""A run checked against itself."""
+
+import sqlite3
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.orchestrator.replay.verify import sample_rows
+from robogauntlet.results.record import outcome_row, rows_hash
+from tests.orchestrator.cli.test_cli import SUITE, run_command
+from tests.results.synthetic import cells, row
+
+CELL = cells()[0]
+ROWS = [row(CELL, seed, "error" if seed % 5 == 4 else "success") for seed in range(40)]
+
+
+@given(st.integers(0, 40), st.integers(0, 5), st.randoms(use_true_random=False))
+def test_the_sample_depends_on_rows_and_seed_and_not_on_their_order(size, seed, shuffle):
+    rows = list(ROWS)
+    shuffle.shuffle(rows)
+    found = sample_rows(iter(rows), size, seed)
+    assert found == sample_rows(iter(ROWS), size, seed)
+    assert len(found.sample) == min(size, 32)
+    assert all(one.status != "error" for one in found.sample)
+
+
+def test_all_rows_are_counted_and_hashed():
+    found = sample_rows(iter(ROWS), 3, 0)
+    assert (found.rows, found.rows_hash) == (40, rows_hash(map(outcome_row, ROWS)))
+
+
+def test_seeds_draw_different_samples_and_every_row_has_its_turn():
+    drawn = {one.seed for seed in range(100) for one in sample_rows(iter(ROWS), 4, seed).sample}
+    assert len(drawn) == 32
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verify")
+    suite = folder / "suite.yaml"
+    suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "5"))
+    assert run_command("run", suite, "--out", folder / "run", "--no-media").returncode == 0
+    return folder / "run"
+
+
+@pytest.mark.ray
+def test_an_untouched_run_is_the_same(played):
+    done = run_command("verify", played, "--sample", 4)
+    assert done.returncode == 0, done.stderr
+    assert "10 rows, hash " in done.stdout
+    assert ", as in run.json" in done.stdout
+    assert done.stdout.count(": the same\n") == 4
+    assert done.stdout.endswith("4 of 10 episodes replayed: all the same\n")
+
+
+@pytest.mark.ray
+def test_a_row_that_was_changed_is_found_by_the_hash_and_by_playing_again(played):
+    with sqlite3.connect(played / "episodes.sqlite") as database:
+        (wanted,) = database.execute("select episode_id from episodes where policy = 'oracle' and seed = 1").fetchone()
+        (steps,) = database.execute("select steps from episodes where episode_id = ?", (wanted,)).fetchone()
+        database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
+    try:
+        done = run_command("verify", played, "--sample", 10)
+        without = run_command("verify", played, "--sample", 0)
+    finally:
+        with sqlite3.connect(played / "episodes.sqlite") as database:
+            database.execute("update episodes set steps = ? where episode_id = ?", (steps, wanted))
+    assert (done.returncode, without.returncode) == (1, 1)
+    first, second = done.stderr.splitlines()
+    assert first.startswith("robogauntlet: expected the hash ")
+    assert second == f"robogauntlet: {wanted} null/Reach, oracle, clean@0, seed 1: steps: stored 999, now {steps}"
+    assert without.stderr.splitlines() == [first]
+
+
+def test_a_folder_that_is_no_run_is_told_in_a_line(tmp_path):
+    done = run_command("verify", tmp_path)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1

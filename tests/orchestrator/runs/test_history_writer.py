@@ -1,0 +1,73 @@
+"""Promises of orchestrator/runs/history_writer.py: what a run tells the history while it goes on, and when it ends."""
+
+import io
+import threading
+import time
+
+import pytest
+from rich.console import Console
+
+from robogauntlet.orchestrator.runs.plan import make_plan
+from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.run_history import History
+
+SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 60}\nworkers: 2\n"
+
+
+@pytest.fixture
+def play(tmp_path, ray_here):
+    (tmp_path / "nights.yaml").write_text(SUITE)
+
+    def run(**options):
+        progress = Progress(Console(file=io.StringIO(), force_terminal=False))
+        return run_plan(
+            make_plan(tmp_path / "nights.yaml"), tmp_path / "run", RunOptions(media=False, **options), progress
+        )
+
+    return run
+
+
+@pytest.mark.ray
+def test_a_run_says_what_it_does_while_it_runs_and_what_it_came_to_at_its_end(play, tmp_path):
+    history, heard, over = History.open(file_url(tmp_path / "history.sqlite")), [], threading.Event()
+
+    def listen():
+        while not over.wait(0.1):
+            heard.extend(entry.live for entry in history.runs(status="running") if entry.live)
+
+    listener = threading.Thread(target=listen)
+    listener.start()
+    outcome = play(history=history.url, schedule="nightly")
+    over.set()
+    listener.join()
+    last = heard[-1]
+    assert last.phase == "playing"
+    assert 0 < max(live.simulators[0].done for live in heard) <= 60
+    assert {worker.simulator for live in heard for worker in live.workers} == {"null"}
+    doing = {worker.activity.partition(", clean")[0] for live in heard for worker in live.workers}
+    assert "oracle on null/Slow" in doing
+    assert all(worker.since <= time.time() for worker in last.workers)
+    (entry,) = history.runs()
+    assert (entry.status, entry.schedule, entry.live, entry.name) == ("complete", "nightly", None, "run")
+    assert (entry.counts.done, entry.counts.planned) == (60, 60)
+    assert history.document(entry.run_id) == outcome.document
+    history.close()
+
+
+@pytest.mark.ray
+def test_a_history_that_cannot_be_opened_is_told_and_ends_nothing(play, tmp_path):
+    (tmp_path / "history.sqlite").write_text("this is no database, but a text that is long enough to be looked at")
+    outcome = play(history=file_url(tmp_path / "history.sqlite"))
+    assert outcome.document.status == "complete"
+    assert [trouble.partition(":")[0] for trouble in outcome.warnings] == ["this run is not recorded in the history"]
+
+
+@pytest.mark.ray
+def test_the_store_with_the_rows_knows_the_run_too(play, tmp_path):
+    outcome = play()
+    history = History.open(file_url(tmp_path / "run" / "episodes.sqlite"))
+    (entry,) = history.runs()
+    assert (entry.run_id, entry.counts.successes) == (outcome.document.run_id, outcome.done)
+    history.close()

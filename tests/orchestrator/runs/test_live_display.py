@@ -1,0 +1,33 @@
+"""What long work shows: live on a terminal, lines now and then elsewhere."""
+
+from io import StringIO
+
+from rich.console import Console
+from rich.text import Text
+
+from robogauntlet.orchestrator.runs.live_display import PLAIN_EVERY_S, Display
+
+
+def shown(terminal, *, transient=False):
+    said, clock = StringIO(), [0.0]
+    console = Console(file=said, force_terminal=terminal, width=80)
+    with Display(console, transient=transient, now=lambda: clock[0]) as display:
+        for step in range(5):
+            clock[0] = step * PLAIN_EVERY_S / 2
+            display.draw(lambda step=step: Text(f"picture {step}"), lambda step=step: [f"line {step}"])
+        display.draw(lambda: Text("picture 5"), lambda: ["line 5"], at_once=True)
+    return said.getvalue()
+
+
+def test_without_a_terminal_lines_are_printed_now_and_then_and_when_asked_for():
+    assert shown(terminal=False).splitlines() == ["line 2", "line 4", "line 5"]
+
+
+def test_on_a_terminal_the_last_picture_stays():
+    said = shown(terminal=True)
+    assert "picture 5" in said
+    assert "line" not in said
+
+
+def test_a_transient_picture_is_wiped():
+    assert shown(terminal=True, transient=True).rstrip().endswith("\x1b[2K")

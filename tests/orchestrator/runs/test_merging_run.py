@@ -1,0 +1,62 @@
+"""The shipped experts and merged models play in the real simulators; the report says what merging and routing cost."""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
+from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.selection import SuiteSelection
+
+pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
+TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory, ray_here):
+    plan = make_plan(find_suite("mergevla"), part=SuiteSelection(tasks=TASKS, seeds=2))
+    shown = Progress(Console(file=io.StringIO(), force_terminal=False))
+    return run_plan(plan, tmp_path_factory.mktemp("runs") / "merging", RunOptions(media=False), shown)
+
+
+@pytest.fixture(scope="module")
+def rows(outcome):
+    store = Store.open_file(outcome.folder / "episodes.sqlite", outcome.document.run_id)
+    found = list(store.results())
+    store.close()
+    return found
+
+
+def test_every_episode_is_played(outcome, rows):
+    assert len(rows) == outcome.document.planned == len(TASKS) * 2 * 5
+    assert {row.error for row in rows} == {None}
+
+
+def test_a_routed_episode_keeps_the_scores_of_all_experts_its_choice_and_its_latency(rows):
+    for row in rows:
+        if row.policy == "experts":
+            assert row.inferred_task is None
+            continue
+        scores = json.loads(row.routing_scores)
+        assert len(scores) == 9
+        assert row.inferred_task == max(scores, key=scores.get)
+        assert row.routing_s > 0 or row.policy == "merged-oracle-routed"
+
+
+def test_an_episode_that_is_routed_right_is_played_as_if_told(rows):
+    told = {row.pair_id: row for row in rows if row.policy == "merged-oracle-routed"}
+    right = [row for row in rows if row.policy.startswith("merged") and row.inferred_task == row.task]
+    assert right
+    for row in right:
+        assert row.actions_hash == told[row.pair_id].actions_hash
+        assert row.final_state_hash == told[row.pair_id].final_state_hash
+
+
+def test_the_report_compares_experts_told_and_routed(outcome):
+    merging = outcome.report.merging
+    assert merging is not None
+    assert "Merging and routing" in (outcome.folder / "report.html").read_text()

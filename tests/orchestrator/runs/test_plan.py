@@ -1,0 +1,58 @@
+"""What of a suite can be planned here, and what a run says about the rest."""
+
+import pytest
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.runs.plan import make_plan, why_unadjusted
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.loading import SuiteError
+
+SUITE = """name: worded
+policies: [zero]
+tasks: [{tasks}]
+seeds: {{count: 2}}
+conditions: [clean, {{axis: instruction, severities: [2, 4]}}]
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(*tasks):
+        file = tmp_path / "suite.yaml"
+        file.write_text(SUITE.format(tasks=", ".join(tasks)))
+        return file
+
+    return write
+
+
+def test_an_axis_that_some_tasks_cannot_have_is_planned_for_the_others_and_said(written):
+    plan = make_plan(written("null/Reach", "pybullet/PandaReach-v3"))
+    played = {(cell.task, cell.condition.axis) for cell in plan.cells}
+    assert ("pybullet/PandaReach-v3", "instruction") in played
+    assert ("null/Reach", "clean") in played
+    assert ("null/Reach", "instruction") not in played
+    assert plan.episodes == (1 + 3) * 2
+    (gap,) = plan.unsupported
+    assert (gap.axis, gap.task) == ("instruction", "null/Reach")
+    assert gap.reason.startswith("suites/paraphrases.py has no paraphrases of")
+
+
+def test_an_axis_that_no_task_can_have_is_refused_with_every_reason(written):
+    with pytest.raises(
+        SuiteError, match=r"axis 'instruction' is unsupported in null/Reach: suites/paraphrases\.py has no paraphrases"
+    ):
+        make_plan(written("null/Reach"))
+
+
+def test_a_simulator_that_lets_nothing_be_adjusted_supports_no_axis_of_the_world():
+    assert why_unadjusted(AXES["camera-orbit"], "null/Reach") == (
+        "null simulator (no physics) does not let its cameras be adjusted"
+    )
+    assert why_unadjusted(AXES["noise"], "null/Reach") is None
+
+
+def test_what_a_task_says_is_fixed_is_the_reason():
+    fixed = [(task, part) for task, card in catalog.task_descriptions().items() for part in card.fixed]
+    for task, part in fixed:
+        axis = next(axis for axis in AXES.values() if axis.changes == part)
+        assert why_unadjusted(axis, task) == catalog.task_descriptions()[task].fixed[part]

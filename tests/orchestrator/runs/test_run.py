@@ -1,0 +1,397 @@
+"""A run folder from beginning to end: begun, continued, refused, and readable whatever happened."""
+
+import io
+import itertools
+import os
+import subprocess
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.runs.plan import PlanError, make_plan
+from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.orchestrator.runs.run_document import create_or_resume
+from robogauntlet.results.folder_lock import FolderError
+from robogauntlet.results.record import outcome_row
+from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
+from robogauntlet.results.store.episode_store import Store, StoreError
+
+pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
+SUITE = """
+name: nulls
+policies: [oracle, random]
+tasks: [null/Reach]
+seeds: {count: 20}
+workers: 2
+"""
+
+
+@pytest.fixture
+def suite(tmp_path):
+    def write(text=SUITE, **changes):
+        path = tmp_path / f"suite-{len(list(tmp_path.iterdir()))}.yaml"
+        path.write_text(text + "".join(f"{key}: {value}\n" for key, value in changes.items()))
+        return path
+
+    return write
+
+
+class Run:
+    """Runs a suite into a folder and shows what came of it."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.said = io.StringIO()
+
+    def __call__(self, suite, **options):
+        progress = Progress(Console(file=self.said, force_terminal=False, width=200))
+        options = RunOptions(**{"media": False, **options})
+        return run_plan(make_plan(suite), self.folder, options, progress)
+
+    def rows(self, store=None):
+        document = read_run(self.folder)
+        url = store or f"sqlite:///{self.folder / 'episodes.sqlite'}"
+        opened = Store.open(url, document.run_id)
+        rows = list(opened.results())
+        opened.close()
+        return rows
+
+
+@pytest.fixture
+def run(tmp_path):
+    return Run(tmp_path / "run")
+
+
+def test_a_run_is_not_continued_into_another_store(run, suite, tmp_path):
+    plan = make_plan(suite())
+    run.folder.mkdir()
+    write_run(run.folder, create_or_resume(plan, run.folder, None))
+    with pytest.raises(StoreError, match="there is no such file"):
+        run(plan.path, store=f"sqlite:///{tmp_path / 'mistaken.sqlite'}")
+    assert not (tmp_path / "mistaken.sqlite").exists()
+
+
+def test_a_run_leaves_its_rows_its_document_and_its_report(run, suite):
+    outcome = run(suite())
+    assert (outcome.document.status, outcome.done, outcome.warnings) == (RunStatus.COMPLETE, 40, [])
+    assert len(run.rows()) == 40
+    assert {p.name for p in run.folder.iterdir()} >= {
+        "run.json",
+        "report.html",
+        "report.md",
+        "summary.json",
+        "episodes.parquet",
+    }
+    assert read_run(run.folder).rows_hash == outcome.document.rows_hash
+
+
+MERGING = """
+merging: {expert: oracle, oracle_routed: random, routed: zero}
+"""
+
+
+def test_which_policies_the_report_compares_may_change_when_a_run_is_continued(run, suite):
+    text = SUITE.replace("[oracle, random]", "[oracle, random, zero]").replace("count: 20", "count: 4")
+    assert run(suite(text)).document.suite.merging is None
+    outcome = run(suite(text + MERGING))
+    assert outcome.document.suite.merging.routed == ("zero",)
+    assert "## Merging and routing" in (run.folder / "report.md").read_text()
+
+
+def test_a_run_is_not_continued_with_another_definition_of_a_task(run, suite, monkeypatch):
+    def define(found):
+        null = replace(catalog.find("null"), definitions={"Reach": found})
+        monkeypatch.setattr(catalog, "simulators", lambda: {"null": null})
+
+    path = suite(SUITE.replace("count: 20", "count: 2"))
+    define("a1")
+    assert run(path).document.provenance.versions["null/Reach"] == "a1"
+    define("b2")
+    with pytest.raises(PlanError, match=r"expected null/Reach as it was .*\(a1\), its file has changed \(b2\); give"):
+        run(path)
+
+
+def test_running_again_plays_nothing_again(run, suite):
+    path = suite()
+    first = run(path)
+    started = {row.episode_id: row.started_at for row in run.rows()}
+    second = run(path)
+    assert {row.episode_id: row.started_at for row in run.rows()} == started
+    assert second.document.run_id == first.document.run_id
+    assert second.document.rows_hash == first.document.rows_hash
+    assert "continuing: 40 of 40 episodes are done already" in run.said.getvalue()
+
+
+def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, monkeypatch):
+    path = suite(SUITE.replace("Reach", "Slow"))
+    undisturbed = Run(tmp_path / "undisturbed")
+    undisturbed(path)
+
+    on_results = Progress.on_results
+
+    def interrupt(self, results):
+        on_results(self, results)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Progress, "on_results", interrupt)
+    outcome = run(path)
+    assert outcome.document.status is RunStatus.INTERRUPTED
+    assert 0 < outcome.done < 40
+    assert "interrupted" in (run.folder / "report.md").read_text()
+    monkeypatch.setattr(Progress, "on_results", on_results)
+    outcome = run(path)
+    assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 40)
+    assert outcome.document.rows_hash == read_run(undisturbed.folder).rows_hash
+
+
+def test_what_a_session_took_that_was_killed_is_not_forgotten(run, suite, monkeypatch):
+    class Killed(BaseException):
+        """Nothing catches it, so nothing is finished."""
+
+    def die(self, results):
+        time.sleep(0.2)
+        self.on_tick()
+        if next(count) == 3:
+            raise Killed
+
+    count = itertools.count()
+    path = suite(SUITE.replace("Reach", "Slow"))
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.SAVE_ELAPSED_S", 0.1)
+    on_results = Progress.on_results
+    monkeypatch.setattr(Progress, "on_results", die)
+    with pytest.raises(Killed):
+        run(path)
+    monkeypatch.setattr(Progress, "on_results", on_results)
+    taken = read_run(run.folder).elapsed_s
+    assert taken > 0.2
+    assert run(path).document.elapsed_s > taken
+
+
+def test_a_folder_of_another_suite_is_refused_and_left_alone(run, suite):
+    run(suite())
+    before = (run.folder / "run.json").read_text()
+    with pytest.raises(PlanError, match="holds a run of suite 'nulls', not 'others'; give another folder with --out"):
+        run(suite(SUITE.replace("name: nulls", "name: others").replace("count: 20", "count: 5")))
+    with pytest.raises(PlanError, match="suite 'nulls' plans other episodes than when the run was begun"):
+        run(suite(SUITE.replace("count: 20", "count: 21")))
+    assert (run.folder / "run.json").read_text() == before
+
+
+def test_a_changed_policy_does_not_continue_an_old_run(run, suite, monkeypatch):
+    run(suite())
+    from robogauntlet.policies import catalog
+
+    digest = catalog.digest
+    monkeypatch.setattr("robogauntlet.policies.catalog.digest", lambda kind, options: digest(kind, options)[::-1])
+    with pytest.raises(PlanError, match="policy 'oracle' has changed since the run was begun"):
+        run(suite())
+
+
+def test_how_a_suite_is_run_may_change_when_it_is_continued(run, suite):
+    run(suite())
+    assert run(suite(SUITE.replace("workers: 2", "workers: 1"))).document.status is RunStatus.COMPLETE
+
+
+def test_two_names_for_one_policy_are_refused(suite):
+    from robogauntlet.suites.loading import SuiteError
+
+    path = suite(SUITE.replace("[oracle, random]", "[oracle, {name: other, kind: oracle}]"))
+    with pytest.raises(SuiteError, match="policies 'oracle' and 'other' are the same policy; remove one"):
+        make_plan(path)
+
+
+def test_a_policy_that_does_not_fit_is_refused_before_anything_starts(suite, monkeypatch):
+    from robogauntlet.policies.baselines import UntrainedPolicy
+    from robogauntlet.policies.contract import PolicyInput, PolicySpec
+    from robogauntlet.suites.loading import SuiteError
+
+    monkeypatch.setattr(
+        UntrainedPolicy, "spec", PolicySpec(PolicyInput.OBSERVATION, 8, action_dim=6, cameras=("wrist",))
+    )
+    path = suite(SUITE.replace("[oracle, random]", "[untrained]"))
+    with pytest.raises(SuiteError, match="the simulation accepts 7 numbers per action, the policy produces 6"):
+        make_plan(path)
+    monkeypatch.setattr(
+        UntrainedPolicy, "spec", PolicySpec(PolicyInput.OBSERVATION, 8, cameras=("wrist",), image_size=224)
+    )
+    with pytest.raises(SuiteError, match="made for 224 px images, the suite renders 96 px"):
+        make_plan(path)
+    path = suite(SUITE.replace("[oracle, random]", "[untrained]"), cameras="[third_person]")
+    with pytest.raises(SuiteError, match="needs camera wrist, the suite renders third_person"):
+        make_plan(path)
+
+
+def test_a_simulator_that_is_not_installed_is_skipped_and_named(run, suite, monkeypatch):
+    from robogauntlet.adapters import catalog
+
+    lift = catalog.find("robosuite")
+    known = {**catalog.simulators(), "robosuite": replace(lift, modules=("no_such_module",))}
+    monkeypatch.setattr("robogauntlet.adapters.catalog.simulators", lambda: known)
+    path = suite(SUITE.replace("[null/Reach]", "[null/Reach, robosuite/Lift]"))
+    outcome = run(path)
+    reason = 'not installed (no module no_such_module); install it: pip install "robogauntlet[robosuite]"'
+    assert outcome.document.skipped == {"robosuite": reason}
+    assert (outcome.done, outcome.document.status) == (40, RunStatus.COMPLETE)
+    assert "not installed (no module" in (run.folder / "report.md").read_text()
+    with pytest.raises(PlanError, match="robosuite: not installed"):
+        make_plan(path, only=["robosuite"])
+
+
+def test_too_many_errors_stop_the_run_with_what_it_has(run, suite):
+    outcome = run(
+        suite(SUITE.replace("null/Reach", "null/Raise").replace("workers: 2", "workers: 1"), error_tolerance=0.0)
+    )
+    assert outcome.document.status is RunStatus.STOPPED
+    assert "the suite tolerates 0" in outcome.document.reason
+    assert 0 < outcome.done < 40
+
+
+def test_errors_are_kept_until_they_are_asked_for_again(run, suite, tmp_path, monkeypatch):
+    path = suite(SUITE.replace("null/Reach", "null/Raise"), error_tolerance=1.0)
+    run(path)
+    errors = [row for row in run.rows() if row.status == "error"]
+    assert {row.seed for row in errors} == {0, 7, 14}
+    monkeypatch.setattr(
+        "robogauntlet.orchestrator.environments.resolver._ONE_THREAD", {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}
+    )
+    run(path)
+    assert len([row for row in run.rows() if row.status == "error"]) == len(errors)
+    outcome = run(path, retry_errors=True)
+    assert outcome.done == 40
+    assert not [row for row in run.rows() if row.status == "error"]
+
+
+@pytest.mark.parametrize("content", [b"this is no database at all, only text", b"\0" * 5000])
+def test_a_store_that_is_not_a_store_is_refused_and_left_alone(run, suite, content):
+    run.folder.mkdir()
+    (run.folder / "episodes.sqlite").write_bytes(content)
+    with pytest.raises(StoreError, match=r"episodes\.sqlite: expected a store, this file is something else"):
+        run(suite())
+    assert (run.folder / "episodes.sqlite").read_bytes() == content
+    assert not (run.folder / "run.json").exists()
+
+
+def test_a_run_document_that_is_broken_is_refused(run, suite):
+    run(suite())
+    (run.folder / "run.json").write_text('{"format": 1}')
+    with pytest.raises(RunError, match=r"run\.json: expected a run document of format 1"):
+        run(suite())
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path, suite):
+    (tmp_path / "run").write_text("I am a file")
+    with pytest.raises(FolderError, match="expected a folder, this is a file"):
+        Run(tmp_path / "run")(suite())
+
+
+def test_a_folder_that_cannot_be_written_is_refused(suite):
+    with pytest.raises(FolderError, match="/proc/self/fdinfo/run: "):
+        Run(Path("/proc/self/fdinfo/run"))(suite())
+
+
+def test_two_processes_do_not_run_into_one_folder(run, suite):
+    from filelock import FileLock
+
+    run.folder.mkdir()
+    with FileLock(run.folder / ".lock"), pytest.raises(FolderError, match="another process runs into this folder"):
+        run(suite())
+
+
+@pytest.fixture
+def tiny_disk(tmp_path):
+    """A file system of 400 KiB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("needs the right to mount a small file system")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_stops_the_run_with_what_it_has_and_it_continues_later(tiny_disk, suite, tmp_path):
+    path = suite(SUITE.replace("count: 20", "count: 600"))
+    run = Run(tiny_disk / "run")
+    outcome = run(path)
+    assert outcome.document.status is RunStatus.STOPPED
+    assert "full" in outcome.document.reason
+    assert 0 < outcome.done < 1200
+    subprocess.run(["mount", "-o", "remount,size=100m", str(tiny_disk)], check=True)
+    outcome = run(path)
+    assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 1200)
+
+
+def test_videos_of_a_success_and_a_failure_are_made_by_replaying(run, suite):
+    outcome = run(suite(), media=True)
+    videos = {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
+    rows = {row.episode_id: (row.policy, row.status, row.seed) for row in run.rows()}
+    assert sorted(rows[video] for video in videos) == [("oracle", "success", 0), ("random", "failure", 0)]
+    assert (run.folder / "media/pictures/null__Reach.png").exists()
+    assert outcome.warnings == []
+
+
+def test_a_complete_run_is_filmed_if_that_was_not_come_to_and_once_only(run, suite):
+    path = suite()
+    run(path, media=False)
+    assert not (run.folder / "media").exists()
+    assert run(path, media=True).warnings == []
+    videos = {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")}
+    assert len(videos) == 2
+    run(path, media=True)
+    assert {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")} == videos
+
+
+def test_rows_are_the_same_for_one_and_two_workers(suite, tmp_path):
+    hashes = set()
+    for workers in (1, 2):
+        run = Run(tmp_path / f"run{workers}")
+        run(suite(SUITE.replace("workers: 2", f"workers: {workers}")))
+        hashes.add(read_run(run.folder).rows_hash)
+        assert len({outcome_row(row) for row in run.rows()}) == 40
+    assert len(hashes) == 1
+
+
+def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
+    text = SUITE.replace("[oracle, random]", "[untrained]").replace("count: 20", "count: 4")
+    served = run(suite(text, inference="served"))
+    assert served.document.inference == "served"
+    assert "in separate inference processes" in (run.folder / "report.md").read_text()
+    run.folder = run.folder.parent / "auto"
+    chosen = run(suite(text, inference="auto")).document.inference
+    assert chosen in ("worker", "served")
+    assert "measuring where policies answer sooner" in run.said.getvalue()
+    words = {"worker": "in the workers: ", "served": "in separate inference processes: "}[chosen]
+    assert f"policies compute {words}" in run.said.getvalue()
+    assert served.document.rows_hash == read_run(run.folder).rows_hash
+
+
+@pytest.mark.parametrize(
+    ("asked", "key"),
+    [
+        ({"resources": "{'null': {num_gpus: 60}}"}, "resources.null.num_gpus"),
+        ({"inference": "{place: served, num_gpus: 60}"}, "inference.num_gpus"),
+    ],
+)
+def test_what_no_machine_has_stops_the_run_before_anything_is_played(run, suite, asked, key):
+    outcome = run(suite(**asked))
+    assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, 0)
+    assert outcome.document.reason.startswith(f"{key}: expected at most what one node has, ")
+
+
+def test_a_clock_that_is_set_back_does_not_shorten_a_run(run, suite, monkeypatch):
+    moments = iter(range(2_000_000_000, 0, -86_400))
+    clock = SimpleNamespace(time=lambda: float(next(moments)), monotonic=time.monotonic)
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.time", clock)
+    assert 0 < run(suite()).document.elapsed_s < 600
+
+
+def test_workers_that_all_simulators_share_are_counted_apart_from_those_of_each(run, suite):
+    document = run(suite(SUITE.replace("workers: 2", "workers: auto").replace("count: 20", "count: 2"))).document
+    assert document.workers == {}
+    assert document.shared_workers >= 1

@@ -1,0 +1,127 @@
+"""Promises of orchestrator/schedules/schedule.py: cron expressions as cron(5) reads them."""
+
+from datetime import UTC, datetime, timedelta
+from zoneinfo import ZoneInfo
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, checked
+
+START = datetime(2026, 11, 1, tzinfo=UTC)
+
+
+def schedule(cron, **changes):
+    return Schedule("nightly", "smoke", cron, **changes)
+
+
+def moments(cron, days, timezone="UTC"):
+    after = START.timestamp()
+    found = schedule(cron, timezone=timezone).due(after, after + 86_400 * days)
+    return [datetime.fromtimestamp(moment, UTC) for moment in found]
+
+
+def members(field, low, high):
+    """The numbers that a field of cron(5) names."""
+    found = set()
+    for part in field.split(","):
+        span, _, step = part.partition("/")
+        first, dash, last = span.partition("-")
+        if span == "*":
+            numbers = range(low, high + 1)
+        elif dash:
+            numbers = range(int(first), int(last) + 1)
+        else:
+            numbers = range(int(first), (high if step else int(first)) + 1)
+        found |= set(numbers[:: int(step or 1)])
+    return found
+
+
+def matches(cron, moment):
+    """By the letter of cron(5), minute by minute."""
+    minute, hour, day, month, weekday = cron.split()
+    in_time = moment.minute in members(minute, 0, 59) and moment.hour in members(hour, 0, 23)
+    by_day = moment.day in members(day, 1, 31)
+    by_week = moment.isoweekday() % 7 in {number % 7 for number in members(weekday, 0, 6)}
+    either = not (day.startswith("*") or weekday.startswith("*"))
+    return in_time and moment.month in members(month, 1, 12) and (by_day or by_week if either else by_day and by_week)
+
+
+def fields(low, high):
+    number = st.integers(low, high)
+    ranges = st.lists(number, min_size=2, max_size=2, unique=True).map(sorted).map("{0[0]}-{0[1]}".format)
+    steps = st.builds("{}/{}".format, st.one_of(st.just("*"), ranges), st.integers(1, 5))
+    part = st.one_of(number.map(str), ranges, steps)
+    return st.one_of(st.just("*"), st.lists(part, min_size=1, max_size=2).map(",".join))
+
+
+@settings(max_examples=40)
+@given(minute=st.integers(0, 59), hour=fields(0, 23), day=fields(1, 31), month=fields(1, 12), weekday=fields(0, 6))
+def test_it_is_due_whenever_cron_says_so_and_never_else(minute, hour, day, month, weekday):
+    cron = f"{minute} {hour} {day} {month} {weekday}"
+    days = 45
+    hours = (START + timedelta(hours=h, minutes=minute) for h in range(24 * days + 1))
+    expected = [m for m in hours if START < m <= START + timedelta(days=days) and matches(cron, m)]
+    assert moments(cron, days) == expected
+
+
+@pytest.mark.parametrize(("weekday", "names"), [("0", "Sun"), ("7", "Sun"), ("1", "Mon"), ("fri", "Fri"), ("6", "Sat")])
+def test_weekdays_are_counted_from_sunday(weekday, names):
+    assert {f"{moment:%a}" for moment in moments(f"0 2 * * {weekday}", 21)} == {names}
+
+
+def test_shorthands_are_understood():
+    assert [m.hour for m in moments("@daily", 3)] == [0, 0, 0]
+
+
+def test_the_hour_is_that_of_the_time_zone_in_summer_and_winter():
+    summer = datetime(2026, 10, 24, tzinfo=UTC).timestamp()
+    found = schedule("0 2 * * *", timezone="America/New_York").due(summer, summer + 12 * 86_400)
+    assert {datetime.fromtimestamp(m, UTC).hour for m in found} == {6, 7}
+
+
+@pytest.mark.parametrize("cron", ["30 2 * * *", "0,30 2 * * *", "15 2-3 * * *"])
+def test_an_hour_that_is_skipped_or_repeated_is_run_once_whenever_that_is_asked(cron):
+    zone = ZoneInfo("Europe/Berlin")
+    for day in (datetime(2026, 3, 29, tzinfo=zone), datetime(2026, 10, 25, tzinfo=zone)):
+        start = day.timestamp()
+        found = list(schedule(cron, timezone="Europe/Berlin").due(start, start + 86_400))
+        assert found == sorted(set(found))
+        local = [datetime.fromtimestamp(moment, zone) for moment in found]
+        assert len({f"{moment:%H:%M}" for moment in local}) == len(found) > 0
+        for minute in range(0, 6 * 60, 7):
+            after = start + 60 * minute
+            later = list(schedule(cron, timezone="Europe/Berlin").due(after, start + 86_400))
+            assert later == [moment for moment in found if moment > after]
+
+
+def test_what_is_due_every_hour_is_due_in_a_repeated_hour_twice():
+    start = datetime(2026, 10, 24, 23, 30, tzinfo=UTC).timestamp()
+    assert len(list(schedule("0 * * * *", timezone="Europe/Berlin").due(start, start + 3 * 3600))) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"cron": "0 2 * *"}, r"expected five fields, such as '0 2 \* \* \*' .*, got 4"),
+        ({"cron": "0 0 2 * * *"}, "expected five fields, .*, got 6"),
+        ({"cron": "61 2 * * *"}, r"cron '61 2 \* \* \*': Bad minute; expected .* minute \(0 to 59\)"),
+        ({"cron": "0 2 * * 8"}, r"Bad day-of-week; .* \(0 to 7, or sun to sat\)"),
+        ({"cron": "0 2 * * fri-mon"}, "Bad day-of-week"),
+        ({"cron": "0 2 * * mon/0"}, "Bad day-of-week"),
+        ({"cron": "0 2 * * mon#1"}, r"L, LW and # are not supported"),
+        ({"cron": "x 2 * * *"}, "cron 'x 2"),
+        ({"cron": "0 2 30 2 *"}, "Bad day-of-month"),
+        ({"timezone": "Europe/Berln"}, "did you mean 'Europe/Berlin'"),
+        ({"timezone": "../../etc/passwd"}, "expected one of the IANA list"),
+        ({"name": "a/b"}, "expected letters, digits"),
+        ({"name": ""}, "expected letters, digits"),
+        ({"keep": 0}, "expected 1 or more"),
+    ],
+)
+def test_what_cannot_be_is_one_line_that_says_what_was_expected(changes, words):
+    values = {"name": "nightly", "suite": "smoke", "cron": "0 2 * * *", **changes}
+    with pytest.raises(ScheduleError, match=words) as caught:
+        checked(Schedule(**values))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,99 @@
+"""Promises of orchestrator/schedules/store.py: what is due is written down exactly once."""
+
+import sqlite3
+import threading
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, ScheduleError, State
+from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from robogauntlet.results.store.database import StoreError, file_url
+
+START = 1_795_000_000.0
+
+
+def schedule(name="nightly", **changes):
+    values = {"suite": "smoke", "cron": "*/10 * * * *", "created_at": START, **changes}
+    return Schedule(name, **values)
+
+
+@pytest.fixture
+def schedule_store(tmp_path):
+    opened = ScheduleStore.open(file_url(tmp_path / "history.sqlite"))
+    yield opened
+    opened.close()
+
+
+def folder(schedule, due_at):
+    return f"/runs/{schedule.name}-{due_at:.0f}"
+
+
+def test_a_schedule_comes_back_as_it_was(schedule_store):
+    made = schedule(timezone="Europe/Berlin", arguments=("--seeds=3",), catch_up=CatchUp.ALL, keep=7, gate=False)
+    schedule_store.add(made)
+    assert schedule_store.schedules() == [made]
+    assert schedule_store.find("nightly") == made
+    with pytest.raises(ScheduleError, match="schedule 'nightly' exists"):
+        schedule_store.add(made)
+
+
+def test_removing_leaves_what_has_begun(schedule_store):
+    schedule_store.add(schedule())
+    schedule_store.record_due(START + 1800, folder)
+    schedule_store.change(schedule_store.scheduled_runs()[0], state=State.DONE, outcome="fine")
+    assert schedule_store.remove("nightly")
+    assert not schedule_store.remove("nightly")
+    assert [one.outcome for one in schedule_store.scheduled_runs()] == ["fine"]
+
+
+@settings(max_examples=30)
+@given(steps=st.lists(st.floats(0.0, 7200.0), min_size=1, max_size=8))
+def test_however_often_it_is_asked_every_time_is_there_once(tmp_path_factory, steps):
+    schedule_store = ScheduleStore.open(file_url(tmp_path_factory.mktemp("schedule_store") / "history.sqlite"))
+    made, now = schedule(), START
+    schedule_store.add(made)
+    for step in steps:
+        now += step
+        schedule_store.record_due(now, folder)
+        schedule_store.record_due(now - 100, folder)  # a clock that was set back
+    assert sorted(one.due_at for one in schedule_store.scheduled_runs()) == list(made.due(START, now))
+    schedule_store.close()
+
+
+def test_several_processes_that_ask_at_once_write_each_time_once(schedule_store, tmp_path):
+    schedule_store.add(schedule())
+    books = [ScheduleStore.open(file_url(tmp_path / "history.sqlite")) for _ in range(4)]
+    noted = []
+
+    def ask(own):
+        for minute in range(0, 100, 7):
+            noted.append(own.record_due(START + 60 * minute, folder))  # noqa: PERF401
+
+    threads = [threading.Thread(target=ask, args=(own,)) for own in books]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    expected = list(schedule().due(START, START + 60 * 98))
+    assert sorted(one.due_at for one in schedule_store.scheduled_runs()) == expected
+    assert sum(noted) == len(expected)
+    for own in books:
+        own.close()
+
+
+def test_an_absence_of_years_is_looked_back_upon_for_a_month(schedule_store):
+    schedule_store.add(schedule(cron="0 * * * *"))
+    schedule_store.record_due(START + 3 * 365 * 86_400, folder)
+    assert len(schedule_store.scheduled_runs()) == 31 * 24
+
+
+def test_a_newer_calendar_is_refused(tmp_path):
+    path = tmp_path / "history.sqlite"
+    ScheduleStore.open(file_url(path)).close()
+    with sqlite3.connect(path) as connection:
+        connection.execute("UPDATE robogauntlet_calendar SET version = 9")
+    connection.close()
+    with pytest.raises(StoreError, match="expected a calendar of version 1, got version 9"):
+        ScheduleStore.open(file_url(path))

@@ -1,0 +1,190 @@
+"""Simulated workers, which drive the real scheduler with thousands of them on one machine.
+
+Its clock runs as real time does while the scheduler computes, and jumps to the next event when the scheduler waits. The
+cost of the scheduler shows: finished workers stay idle until their results are handled.
+"""
+
+import contextlib
+import heapq
+import itertools
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from robogauntlet.orchestrator.episodes.lease import Readiness
+from robogauntlet.orchestrator.scheduling.worker_pool import EpisodesFinished, Started, Unavailable, WorkerLost
+from tests.results.synthetic import row
+
+
+class Clock:
+    """Seconds since it was made: real ones, less those that simulating took, and those that were waited for."""
+
+    def __init__(self):
+        self._start, self.waited, self.simulating = time.perf_counter(), 0.0, 0.0
+
+    def __call__(self):
+        return self.computed + self.waited
+
+    @property
+    def computed(self):
+        """Real seconds that were neither waited for nor spent in simulating: the scheduler's."""
+        return time.perf_counter() - self._start - self.simulating
+
+    @contextlib.contextmanager
+    def stopped(self):
+        """In here, simulated workers compute, which costs the scheduler nothing."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.simulating += time.perf_counter() - start
+
+
+@dataclass(eq=False)
+class SimulatedWorker:
+    """Sends its events at the times that were drawn for them."""
+
+    pool: "SimulatedWorkerPool"
+    name: str
+    ended: bool = False
+    events: deque = field(default_factory=deque)
+    """Events that have not been handled."""
+    idle_since: float | None = None
+    played: int = 0
+
+    def play(self, lease):
+        with self.pool.clock.stopped():
+            self.pool.begin(self, lease)
+
+    def next_event(self):
+        self.pool.charge(self.pool.event_s)
+        event = self.events.popleft()
+        if self.events:
+            self.pool.ready[id(self)] = self
+        if isinstance(event, WorkerLost):
+            raise event
+        return event
+
+
+class SimulatedWorkerPool:
+    """Workers that take drawn times and die as `fate` decides.
+
+    Args:
+        seconds: Of an episode.
+        clock: Also the scheduler's.
+        start_s: Time from starting a worker to its being ready.
+        event_s: Time that the scheduler needs to handle an event, beyond what it computes here.
+        wait_s: Time that it takes to look which workers have one, for each worker.
+        fate: Called before each episode; "dies" ends the worker there, "hangs" stops its events.
+        unavailable: Simulators that cannot be opened.
+        memory_bytes: Held by a worker that has played so many episodes.
+        result: What a worker returns for an episode of a lease.
+    """
+
+    def __init__(
+        self,
+        seconds: Callable[[Any], float],
+        clock: Clock,
+        *,
+        start_s: float = 5.0,
+        event_s: float = 0.0,
+        wait_s: float = 0.0,
+        fate: Callable[[Any], str] = lambda episode: "plays",
+        unavailable: Iterable[str] = (),
+        memory_bytes: Callable[[int], int] = lambda played: 0,
+        result: Callable[..., Any] = lambda lease, seed, **told: row(lease.cell, seed, attempts=lease.attempt, **told),
+    ):
+        self.clock, self._seconds, self._start_s, self._fate = clock, seconds, start_s, fate
+        self.event_s, self._wait_s, self._result = event_s, wait_s, result
+        self.charged_s = 0.0
+        self._unavailable, self._memory_bytes = set(unavailable), memory_bytes
+        self._events: list[tuple[float, int, SimulatedWorker, Any]] = []
+        self._count = itertools.count()
+        self.ready: dict[int, SimulatedWorker] = {}
+        self.alive: set[SimulatedWorker] = set()
+        self.busy_s = self.idle_s = 0.0
+        self.event_count = 0
+
+    def check(self):
+        pass
+
+    def reap(self):
+        pass
+
+    def close(self):
+        assert not self.alive, "workers were left behind"
+
+    def start(self, name, simulator, first):
+        worker = SimulatedWorker(self, name)
+        self.alive.add(worker)
+        now = self.clock()
+        ready = Unavailable("not here") if simulator in self._unavailable else Readiness(0, "none", None)
+        self._at(now + self._start_s / 2, worker, Started())
+        self._at(now + self._start_s, worker, ready)
+        return worker
+
+    def end(self, worker):
+        worker.ended = True
+        self.alive.discard(worker)
+        self.ready.pop(id(worker), None)
+
+    def begin(self, worker, lease):
+        """A worker begins to play."""
+        now = self.clock()
+        if worker.idle_since is not None:
+            self.idle_s += now - worker.idle_since
+        batch, sent = [], now
+        for left, episode in zip(reversed(range(len(lease.seeds))), lease.episodes(), strict=True):
+            fate = self._fate(episode)
+            if fate != "plays":
+                self._send(now, worker, batch)
+                if fate == "dies":
+                    self._at(now, worker, WorkerLost("the worker process died"))
+                return
+            seconds = self._seconds(episode)
+            now += seconds
+            self.busy_s += seconds
+            batch.append(self._result(lease, episode.seed, wall_s=seconds, worker=worker.name))
+            if not left or now - sent >= lease.message_s:
+                self._send(now, worker, batch, last=not left)
+                batch, sent = [], now
+
+    def wait(self, timeout_s):
+        """Let time pass until a worker has an event."""
+        self.charge(self._wait_s * len(self.alive))
+        with self.clock.stopped():
+            until = self.clock() + timeout_s
+            self._ripen()
+            if not self.ready:
+                due = min(self._events[0][0], until) if self._events else until
+                self.clock.waited += max(0.0, due - self.clock())
+                self._ripen()
+            ready, self.ready = list(self.ready.values()), {}
+            return ready
+
+    def charge(self, seconds):
+        """Let the scheduler spend time that it does not spend here."""
+        self.charged_s += seconds
+        self.clock.waited += seconds
+
+    def _send(self, when, worker, batch, last=False):
+        worker.played += len(batch)
+        if batch:
+            self._at(when, worker, EpisodesFinished(batch, self._memory_bytes(worker.played), last))
+
+    def _at(self, when, worker, event):
+        heapq.heappush(self._events, (when, next(self._count), worker, event))
+
+    def _ripen(self):
+        now = self.clock()
+        while self._events and self._events[0][0] <= now:
+            when, _, worker, event = heapq.heappop(self._events)
+            if worker.ended:
+                continue
+            self.event_count += 1
+            worker.events.append(event)
+            self.ready[id(worker)] = worker
+            if isinstance(event, Readiness) or (isinstance(event, EpisodesFinished) and event.last):
+                worker.idle_since = when

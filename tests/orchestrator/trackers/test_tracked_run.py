@@ -1,0 +1,96 @@
+"""What is written of a run, whichever logger it is written to."""
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import robogauntlet
+from robogauntlet.orchestrator.trackers.mlflow import _shown
+from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackerError, _usable, check_project, tracked_run
+from robogauntlet.results.run_document import RunError
+from tests.orchestrator.trackers.runs import gauntlet_log, save
+from tests.results.synthetic import tables_of
+
+
+@pytest.fixture
+def opened(tmp_path):
+    return robogauntlet.open_run(save(tmp_path / "night"))
+
+
+def test_each_policy_and_task_has_its_rate_interval_number_and_errors(opened):
+    metrics = tracked_run(opened.document, opened.tables()).metrics
+    assert metrics["success_rate/p-1/maniskill/PushCube-v1"] == 0.75
+    assert 0.5 < metrics["success_rate_low/p-1/maniskill/PushCube-v1"] < 0.75
+    assert 0.75 < metrics["success_rate_high/p-1/maniskill/PushCube-v1"] < 0.9
+    assert metrics["n/p-1/maniskill/PushCube-v1"] == 20
+    assert metrics["errors/p-1/maniskill/PushCube-v1"] == 0
+
+
+def test_a_perturbed_condition_is_apart(opened):
+    metrics = tracked_run(opened.document, opened.tables()).metrics
+    assert metrics["success_rate/p-1/pybullet/Push/camera-position/3"] == pytest.approx(5 / 18)
+    assert metrics["errors/p-1/pybullet/Push/camera-position/3"] == 2
+    assert metrics["errors/all"] == 4
+
+
+def test_what_was_not_played_has_no_rate(opened):
+    summary = tracked_run(opened.document, tables_of(opened.document, []))
+    assert "success_rate/p-1/maniskill/PushCube-v1" not in summary.metrics
+    assert summary.metrics["missing/p-1/maniskill/PushCube-v1"] == 20
+    assert dict(zip(COLUMNS, summary.rows[0], strict=True))["success_rate"] is None
+
+
+def test_free_text_of_a_run_is_not_written(opened):
+    summary = tracked_run(opened.document, opened.tables())
+    assert "s3cr3t" not in repr(dataclasses.asdict(summary))
+
+
+def test_with_what_a_run_was_made_is_written(opened):
+    summary = tracked_run(opened.document, opened.tables())
+    assert summary.provenance["git_commit"] == "abc123"
+    assert summary.provenance["packages/mani-skill"] == "3.0.1"
+    assert summary.provenance["policies/p-1"] == opened.document.plan[0].policy_digest
+    assert summary.state["status"] == "stopped"
+    assert summary.tags == ("robogauntlet", "synthetic", "maniskill", "pybullet")
+
+
+@given(st.text(), st.text())
+def test_names_are_made_usable_and_different_ones_stay_different(first, second):
+    assert (_usable(first) == _usable(second)) == (first == second)
+
+
+@pytest.mark.parametrize("project", ["", "a/b", "a?b", " a", "x" * 129])
+def test_a_project_that_some_logger_would_not_take_is_refused(project):
+    with pytest.raises(TrackerError, match="the project's name: expected"):
+        check_project(project)
+
+
+@pytest.mark.parametrize(
+    ("address", "shown"),
+    [
+        ("https://me:s3cr3t@host:5000/x?token=s3cr3t", "https://host"),
+        ("postgresql://me:s3cr3t@host/db", "postgresql://host"),
+        ("sqlite:///mlflow.db", "sqlite:///mlflow.db"),
+    ],
+)
+def test_an_address_is_shown_without_its_login(address, shown):
+    assert _shown(address) == shown
+
+
+@pytest.mark.parametrize("name", ["wandb", "mlflow"])
+def test_a_library_that_is_missing_is_one_line_with_the_command_that_installs_it(tmp_path, name):
+    save(tmp_path / "night")
+    done = gauntlet_log("night", "--to", name, cwd=tmp_path, without=[name])
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert f'is not installed; install it with: pip install "robogauntlet[{name}]"' in done.stderr
+
+
+def test_what_is_no_run_is_one_line(tmp_path):
+    done = gauntlet_log("night", "--to", "wandb", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.strip() == "robogauntlet: night: expected a run folder, there is nothing"
+    with pytest.raises(RunError):
+        robogauntlet.open_run(tmp_path)

@@ -1,0 +1,236 @@
+"""Merged checkpoints: what is saved comes back, and what is wrong is refused in one line."""
+
+import json
+import pickle
+import subprocess
+import sys
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
+from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged, save_merged
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    METADATA_FILE,
+    WEIGHTS,
+    CheckpointError,
+    digest_of,
+    hash_tensors,
+)
+from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, TrunkRule
+from tests.policies.mergevla.checkpoints.test_expert_checkpoint import Exploding
+from tests.policies.mergevla.experts import TASKS, merging, save_base, save_experts
+
+FITTED = {"calibrated/unaided/means": torch.arange(3.0)}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    return save_experts(tmp_path_factory.mktemp("zoo"))
+
+
+@pytest.fixture(scope="module")
+def made(folders):
+    return merging(folders)
+
+
+@pytest.fixture
+def saved(made, tmp_path):
+    save_merged(tmp_path / "merged", made, FITTED)
+    return tmp_path / "merged"
+
+
+def rewrite(folder, **changes):
+    metadata = json.loads((folder / METADATA_FILE).read_text())
+    (folder / METADATA_FILE).write_text(json.dumps({**metadata, **changes}))
+
+
+def change(folder, edit):
+    """Change tensors, and the hash in the metadata with them: only the tensors themselves show the forgery."""
+    tensors = load_file(folder / WEIGHTS)
+    edit(tensors)
+    save_file(tensors, folder / WEIGHTS)
+    rewrite(folder, tensor_hash=hash_tensors(folder / WEIGHTS))
+
+
+def refused(folder, match):
+    with pytest.raises(PolicyError, match=match) as caught:
+        load_merged(folder)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("trunk", TrunkRule)
+@pytest.mark.parametrize("backbone", BackboneRule)
+@pytest.mark.parametrize("masks", MaskRule)
+def test_what_is_saved_comes_back(folders, tmp_path, trunk, backbone, masks):
+    made = merging(folders, operator="emr", trunk=trunk, backbone=backbone, masks=masks)
+    metadata = save_merged(tmp_path, made, FITTED)
+    back = load_merged(tmp_path)
+    assert back.metadata == metadata
+    assert metadata.experts == TASKS
+    ours, theirs = MergedModel(made.parts), MergedModel(back.parts)
+    for task in (None, *TASKS):
+        a, b = ours.weights(task), theirs.weights(task)
+        assert all(torch.equal(a[name], b[name]) for name in a)
+    assert torch.equal(back.fitted["calibrated/unaided/means"], torch.arange(3.0))
+    for task in TASKS:
+        pairs = zip(ours.own_value_weights(task), theirs.own_value_weights(task), strict=True)
+        assert all(torch.equal(a, b) for a, b in pairs)
+    assert theirs.instructions == ours.instructions
+
+
+def test_the_metadata_keep_recipe_report_and_what_was_merged(saved, made):
+    metadata = load_merged(saved).metadata
+    assert metadata.recipe == made.parts.recipe
+    assert metadata.report == json.loads(made.report.to_json())
+    assert set(metadata.expert_digests) == set(TASKS)
+
+
+def test_masks_take_a_bit_for_each_entry(saved):
+    tensors = load_file(saved / WEIGHTS)
+    vector = {name.removeprefix("tau/"): tensor for name, tensor in tensors.items() if name.startswith("tau/")}
+    bits = {name: len(tensors[f"mask/0/bits/{name}"]) for name in vector}
+    assert bits == {name: -(-tensor.numel() // 8) for name, tensor in vector.items()}
+
+
+def test_the_digest_is_of_the_content_and_found_without_torch(saved, folders, tmp_path):
+    save_merged(tmp_path / "same", merging(folders), FITTED)
+    save_merged(tmp_path / "other", merging(folders, lambda_=0.5), FITTED)
+    save_merged(tmp_path / "unfitted", merging(folders))
+    names = (saved, tmp_path / "same", tmp_path / "other", tmp_path / "unfitted")
+    digests = [merged_digest_of(str(name)) for name in names]
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+    program = (
+        "import sys; from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of as d; "
+        f"print(d({str(saved)!r})); assert not {{'torch', 'transformers', 'peft', 'safetensors'}} & sys.modules.keys()"
+    )
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == digests[0]
+
+
+@pytest.mark.parametrize("keep", [0, 4, 200, -1])
+def test_a_truncated_file_is_refused(saved, keep):
+    data = (saved / WEIGHTS).read_bytes()
+    (saved / WEIGHTS).write_bytes(data[:keep])
+    refused(saved, "truncated")
+
+
+def test_a_changed_tensor_is_refused(saved):
+    data = bytearray((saved / WEIGHTS).read_bytes())
+    data[-1] ^= 1
+    (saved / WEIGHTS).write_bytes(data)
+    refused(saved, "expected tensors of hash")
+    with pytest.raises(CheckpointError, match="expected tensors of hash"):
+        merged_digest_of(str(saved))
+
+
+def test_a_pickle_is_refused_and_never_opened(saved, tmp_path):
+    (saved / WEIGHTS).write_bytes(pickle.dumps(Exploding()))
+    refused(saved, "another format")
+    (tmp_path / "p").mkdir()
+    (tmp_path / "p" / "model.pt").write_bytes(pickle.dumps(Exploding()))
+    refused(tmp_path / "p", "got model.pt, a pickle: refused")
+
+
+def test_nan_is_neither_saved_nor_loaded(saved, folders, tmp_path):
+    made = merging(folders)
+    next(iter(made.parts.merged.vector.values())).fill_(torch.nan)
+    with pytest.raises(CheckpointError, match="NaN or infinity in tau/"):
+        save_merged(tmp_path / "nan", made)
+    change(saved, lambda tensors: tensors["head/1/action_expert.output.bias"].fill_(torch.nan))
+    refused(saved, "NaN or infinity in head/1/action_expert.output.bias")
+
+
+def test_a_mask_for_another_model_is_refused(saved):
+    name = "backbone.projector.0.weight"
+    change(saved, lambda tensors: tensors.update({f"mask/1/shape/{name}": torch.tensor([8, 32])}))
+    refused(saved, rf"the mask is for another model: weight {name}: expected shape \(16, 16\), got \(8, 32\)")
+    change(saved, lambda tensors: [tensors.pop(f"mask/1/{part}/{name}") for part in ("bits", "shape")])
+    refused(saved, f"the mask is for another model: weight {name} is missing")
+
+
+def test_row_scales_for_another_model_are_refused(folders, tmp_path):
+    save_merged(tmp_path, merging(folders, operator="magnitude", masks=MaskRule.SIGNS), FITTED)
+    name = "backbone.projector.0.weight"
+    change(tmp_path, lambda tensors: tensors.update({f"scale/1/{name}": torch.ones(8)}))
+    refused(tmp_path, rf"row scales are for another model: weight {name}: expected shape \(16,\), got \(8,\)")
+    change(tmp_path, lambda tensors: tensors.pop(f"scale/1/{name}"))
+    refused(tmp_path, f"row scales are for another model: weight {name} is missing")
+
+
+def test_all_rounds_come_back(folders, tmp_path):
+    made = merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
+    save_merged(tmp_path, made, FITTED)
+    ours, theirs = MergedModel(made.parts), MergedModel(load_merged(tmp_path).parts)
+    for task in TASKS:
+        assert all(torch.equal(ours.weights(task)[n], theirs.weights(task)[n]) for n in ours.weights(task))
+    once = MergedModel(merging(folders, operator="magnitude", masks=MaskRule.SIGNS).parts).weights(TASKS[0])
+    assert any(not torch.equal(once[n], theirs.weights(TASKS[0])[n]) for n in once)
+    assert made.report.bytes_per_task[TASKS[0]].mask > 2 * made.report.entries // 8
+
+
+def test_a_second_round_for_another_model_is_refused(folders, tmp_path):
+    save_merged(tmp_path, merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2), FITTED)
+    name = "backbone.projector.0.weight"
+    change(tmp_path, lambda tensors: [tensors.pop(k) for k in list(tensors) if k.startswith("residual/") and name in k])
+    refused(tmp_path, f"the second round is for another model: weight {name} is missing")
+
+
+def test_a_missing_head_is_refused(saved):
+    change(saved, lambda tensors: tensors.pop("head/1/action_expert.output.bias"))
+    refused(saved, "expert null/Slow: expected action_expert.output.bias to be merged or kept, it is neither")
+
+
+def test_a_weight_of_another_shape_is_refused(saved):
+    change(saved, lambda tensors: tensors.update({"head/1/action_expert.output.bias": torch.zeros(6)}))
+    refused(saved, r"weight action_expert.output.bias: expected shape \(7,\), got \(6,\)")
+
+
+def test_missing_statistics_are_refused(saved):
+    rewrite(saved, statistics=None)
+    refused(saved, "expected normalisation statistics of each merged expert")
+    statistics = json.loads((saved / METADATA_FILE).read_text())["statistics"]
+    assert statistics is None
+
+
+@pytest.mark.parametrize("rescalers", [{}, {"null/Reach": 1.0}, dict.fromkeys(TASKS, "1")])
+def test_missing_rescalers_are_refused(folders, tmp_path, rescalers):
+    save_merged(tmp_path, merging(folders, operator="emr", masks="emr"))
+    rewrite(tmp_path, rescalers=rescalers)
+    refused(tmp_path, "expected a rescaler of each merged expert|rescalers.*: expected a valid number, got '1'")
+
+
+def test_a_recipe_out_of_range_is_refused(saved):
+    recipe = json.loads((saved / METADATA_FILE).read_text())["recipe"]
+    rewrite(saved, recipe={**recipe, "lambda_": 7})
+    refused(saved, "expected lambda")
+
+
+def test_another_base_in_the_bases_place_is_refused(tmp_path):
+    made = merging(save_experts(tmp_path))
+    save_merged(tmp_path / "merged", made)
+    save_base(tmp_path / "base", seed=5)
+    refused(tmp_path / "merged", "expected tensors of hash")
+
+
+def test_a_plain_checkpoint_is_no_merged_one_and_the_reverse(saved, folders):
+    refused(folders[0], "expected a merged checkpoint, got a checkpoint of one network")
+    for use in (load_checkpoint, digest_of):
+        with pytest.raises(
+            CheckpointError, match="expected a checkpoint of one network, got a merged checkpoint"
+        ) as caught:
+            use(str(saved))
+        assert "\n" not in str(caught.value)
+
+
+def test_merged_checkpoint_and_base_can_move_together(tmp_path):
+    save_merged(tmp_path / "zoo" / "merged", merging(save_experts(tmp_path / "zoo")))
+    before = merged_digest_of(str(tmp_path / "zoo" / "merged"))
+    (tmp_path / "zoo").rename(tmp_path / "moved")
+    assert merged_digest_of(str(tmp_path / "moved" / "merged")) == before
+    assert load_merged(tmp_path / "moved" / "merged").metadata.base == "../base"

@@ -1,0 +1,93 @@
+"""Quantile normalisation: a common scale and back."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from robogauntlet.policies.mergevla.network.normalisation import (
+    GRIPPER,
+    Quantiles,
+    Statistics,
+    StatisticsError,
+    TaskStatistics,
+)
+from tests.policies.mergevla.shared import some_statistics
+
+NUMBERS = st.floats(-10, 10, allow_nan=False, width=32)
+
+
+@given(arrays(np.float64, (5, 7), elements=st.floats(-1, 1)))
+def test_restoring_and_normalising_gives_the_normalised_actions_back(normalised):
+    statistics = some_statistics()
+    back = statistics.normalise_actions(statistics.restore_actions(normalised))
+    np.testing.assert_allclose(back, normalised, atol=1e-9)
+
+
+@given(arrays(np.float64, (20, 8), elements=NUMBERS), arrays(np.float64, (3, 8), elements=NUMBERS))
+def test_whatever_comes_is_normalised_into_the_range(samples, values):
+    assert (np.abs(Quantiles.of(samples).normalise(values)) <= 1.0).all()
+
+
+def test_quantiles_are_the_ends_of_the_range():
+    quantiles = Quantiles.of(np.arange(101.0)[:, None])
+    assert quantiles == Quantiles((1.0,), (99.0,))
+    np.testing.assert_allclose(quantiles.normalise([[1.0], [50.0], [99.0], [500.0]]).ravel(), [-1, 0, 1, 1])
+
+
+def test_a_number_that_never_varies_is_zero_and_comes_back_as_it_was():
+    quantiles = Quantiles((0.3,), (0.3,))
+    assert quantiles.normalise([0.3]) == 0.0
+    assert quantiles.restore([0.7]) == pytest.approx(0.3)
+
+
+def test_the_gripper_is_clipped_and_nothing_else():
+    statistics = some_statistics()
+    actions = np.zeros((3, 7))
+    actions[:, GRIPPER] = [-1.0, 0.25, 3.0]
+    assert statistics.normalise_actions(actions)[:, GRIPPER].tolist() == [-1.0, 0.25, 1.0]
+    assert statistics.restore_actions(actions)[:, GRIPPER].tolist() == [-1.0, 0.25, 1.0]
+
+
+def test_statistics_survive_json():
+    assert Statistics.from_json(some_statistics().as_json()) == some_statistics()
+
+
+def test_statistics_that_cannot_be_are_refused():
+    with pytest.raises(StatisticsError, match=r"q01 <= q99, got 2\.0 and 1\.0"):
+        Quantiles((2.0,), (1.0,))
+    with pytest.raises(StatisticsError, match="finite"):
+        Quantiles.of(np.full((3, 7), np.nan))
+    with pytest.raises(StatisticsError, match="action statistics of 7 numbers, got 6"):
+        Statistics.of(np.zeros((3, 6)), np.zeros((3, 8)))
+    with pytest.raises(StatisticsError, match="n >= 1"):
+        Quantiles.of(np.zeros((0, 7)))
+    with pytest.raises(StatisticsError, match=r"normalisation statistics: action\.q01: Field required"):
+        Statistics.from_json({"action": {}})
+
+
+def test_each_row_is_normalised_by_its_own_task_and_restored():
+    both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
+    unit = np.linspace(-1, 1, 2 * 3 * 7).reshape(2, 3, 7)
+    restored = both.restore_actions(["b/y", "a/x"], unit)
+    np.testing.assert_allclose(restored[0], some_statistics(1).restore_actions(unit[0]))
+    np.testing.assert_allclose(restored[1], some_statistics(0).restore_actions(unit[1]))
+    np.testing.assert_allclose(both.normalise_actions(["b/y", "a/x"], restored), unit, atol=1e-9)
+
+
+def test_statistics_of_one_task_serve_any_other_and_those_of_several_do_not():
+    assert TaskStatistics({"a/x": some_statistics()}).of("b/y") == some_statistics()
+    both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
+    with pytest.raises(StatisticsError, match="one of the trained tasks a/x, b/y, got 'c/z'"):
+        both.of("c/z")
+
+
+def test_numbers_of_an_action_that_hardly_vary_are_not_blown_up_and_constant_ones_stay_so():
+    actions = np.zeros((101, 7))
+    actions[:, 0] = np.linspace(-0.02, 0.02, 101)
+    actions[:, 4] = np.linspace(0.0, 0.02, 101)
+    statistics = Statistics.of(actions, np.zeros((101, 8)))
+    assert np.ptp(statistics.normalise_actions(actions), axis=0)[[0, 4]].tolist() == pytest.approx([2.0, 0.4])
+    assert statistics.restore_actions(np.full((1, 7), 0.3))[0, 5] == 0.0
+    np.testing.assert_allclose(statistics.restore_actions(statistics.normalise_actions(actions))[:, 4], actions[:, 4])

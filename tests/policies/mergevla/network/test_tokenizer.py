@@ -1,0 +1,32 @@
+"""Prompts: stable ids, and padding between the first token and the rest."""
+
+import pytest
+
+from robogauntlet.adapters.catalog import simulators
+from robogauntlet.policies.mergevla.network.config import TINY
+from robogauntlet.policies.mergevla.network.tokenizer import PromptTooLong, tokenizer_for, word_ids
+
+
+def test_words_have_the_same_ids_on_every_machine_whatever_their_case():
+    assert word_ids("Push the cube!", 1024) == word_ids("push THE cube", 1024)
+    assert word_ids("push the cube", 1024) == [1, 648, 937, 876]
+
+
+def test_the_instructions_of_tasks_with_experts_fit_and_no_two_words_of_them_share_an_id():
+    trained = [simulators()[name] for name in ("maniskill", "pybullet", "robosuite")]
+    instructions = {metadata.instruction for simulator in trained for metadata in simulator.tasks.values()}
+    words = {word for instruction in instructions for word in instruction.split()}
+    assert len({word_ids(word, TINY.language.vocabulary)[1] for word in words}) == len(words)
+    tokenizer_for(TINY)(sorted(instructions))
+
+
+def test_padding_stands_between_the_first_token_and_the_rest():
+    prompts = tokenizer_for(TINY)(["push the cube", "reach"])
+    assert prompts.present[:, 0].all()
+    assert prompts.present[:, -1].all()
+    assert prompts.present.sum(1).tolist() == [4, 2]
+
+
+def test_a_prompt_that_does_not_fit_is_refused():
+    with pytest.raises(PromptTooLong, match="at most 16 tokens, got 21"):
+        tokenizer_for(TINY)(["push " * 20])

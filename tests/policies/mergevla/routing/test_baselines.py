@@ -1,0 +1,49 @@
+"""Routers that look at no image."""
+
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+from robogauntlet.policies.mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
+from robogauntlet.policies.mergevla.routing.contract import RoutingError
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, observation, observations
+
+
+@pytest.fixture(scope="module")
+def candidates():
+    return SmallCandidates()
+
+
+def test_random_choices_are_uniform_and_keyed_by_the_episode(candidates):
+    batch = [replace(observation(0), episode_id=f"{i:x}") for i in range(900)]
+    routed = RandomRouter().route(batch, candidates)
+    assert all(250 < count < 350 for count in Counter(one.choice for one in routed).values())
+    assert RandomRouter().route(batch[5:6], candidates)[0] == routed[5]
+
+
+def test_instructions_are_matched_by_their_words(candidates):
+    one = replace(observation(0), instruction="Push the red cube!")
+    routed = InstructionMatchRouter().route([one], candidates)[0]
+    assert routed.choice == "null/Push"
+    assert routed.scores == {"null/Push": 3 / 4, "null/Open": 1 / 8, "null/Reach": 0.0}
+    assert routed.unknown == pytest.approx(1 / 4)
+
+
+def test_without_instruction_there_is_nothing_to_match(candidates):
+    routed = InstructionMatchRouter(sees_instruction=False).route(observations(2), candidates)
+    assert all(set(one.scores.values()) == {0.0} and one.unknown == 1.0 for one in routed)
+
+
+def test_the_oracle_is_told(candidates):
+    batch = observations()
+    assert [one.choice for one in OracleRouter().route(batch, candidates)] == [one.task for one in batch]
+
+
+def test_the_oracle_needs_an_expert_of_the_task(candidates):
+    with pytest.raises(RoutingError, match="expert, got 'null/Pusch'; did you mean 'null/Push'"):
+        OracleRouter().route([replace(observation(0), task="null/Pusch")], candidates)
+
+
+def test_experts_are_the_candidates(candidates):
+    assert RandomRouter().route(observations(1), candidates)[0].scores.keys() == set(EXPERTS)

@@ -1,0 +1,137 @@
+"""Every router on the same observations."""
+
+from functools import partial
+from itertools import count
+
+import numpy as np
+import pytest
+
+from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, UNFITTED, fit_routers, router
+from robogauntlet.policies.mergevla.routing.centroids import fit_centroids
+from robogauntlet.policies.mergevla.routing.contract import RoutingError
+from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
+from robogauntlet.policies.mergevla.routing.evaluation import (
+    all_routers,
+    evaluate_routers,
+    leave_one_out,
+    unknown_tasks,
+)
+from robogauntlet.policies.mergevla.routing.features import FeatureSpec
+from robogauntlet.policies.mergevla.routing.gaussian import fit
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, gaussians
+
+
+@pytest.fixture(scope="module")
+def candidates():
+    return SmallCandidates()
+
+
+@pytest.fixture(scope="module")
+def stored(candidates):
+    return fit_routers(candidates, frames(0, 8), frames(50, 6))
+
+
+@pytest.fixture
+def new():
+    return [observation for own in frames(9000, 4).values() for observation in own]
+
+
+def right(observations):
+    return sum(trial.task == trial.routing.choice for trial in observations.answers)
+
+
+def auroc(left_out):
+    """Share of pairs in which the unknown one's score is higher."""
+    return np.greater.outer(left_out.unknown, left_out.known).mean()
+
+
+class Turns:
+    """A clock that is a second later each time."""
+
+    def __init__(self):
+        self.ticks = count()
+
+    def __call__(self):
+        return float(next(self.ticks))
+
+
+def test_every_router_is_tried_with_the_instruction_and_without(stored):
+    assert [(one.name, one.sees_instruction) for one in all_routers(stored)] == [
+        (name, sees) for name in NAMES for sees in (True, False)
+    ]
+
+
+def test_routers_that_were_not_fitted_are_left_out():
+    assert {one.name for one in all_routers({})} == set(UNFITTED)
+
+
+def test_routers_are_judged_by_what_they_choose(candidates, stored, new):
+    found = evaluate_routers(all_routers(stored), candidates, new).routers
+    by_name = {(one.router, one.sees_instruction): one for one in found}
+    for name in (*FITTED, "oracle"):
+        for sees_instruction in (True, False):
+            assert right(by_name[name, sees_instruction]) == len(new)
+    assert right(by_name["instruction-match", True]) == len(new)
+    assert right(by_name["instruction-match", False]) == len(new) / len(EXPERTS)
+    assert [one.passes for one in found if one.sees_instruction] == [1, 0, 1, 0, 3, 3, 0]
+
+
+def test_only_the_calibrated_router_answers_with_probabilities(candidates, stored, new):
+    sums = {
+        one.router: np.exp([list(trial.routing.scores.values()) for trial in one.answers]).sum(axis=1)
+        for one in evaluate_routers(all_routers(stored), candidates, new).routers
+    }
+    assert [name for name, values in sums.items() if np.allclose(values, 1.0, atol=1e-3)] == ["calibrated"]
+
+
+def test_a_decision_is_timed_by_itself_and_beside_a_pass(candidates, stored, new):
+    told = []
+    routers = [router("calibrated", stored=stored), router("random")]
+    found = evaluate_routers(routers, candidates, new[:3], listener=lambda *done: told.append(done), clock=Turns())
+    assert found.pass_s == 1.0
+    assert [trial.routing.latency_s for one in found.routers for trial in one.answers] == [1.0] * 6
+    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
+
+
+def test_nothing_to_route_is_refused(candidates):
+    with pytest.raises(RoutingError, match="expected first observations to route, got none"):
+        evaluate_routers([], candidates, [])
+
+
+def test_a_task_that_was_left_out_is_noticed(candidates):
+    fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
+    found = unknown_tasks(candidates, fitted_to, frames(9000, 5))
+    assert [(one.router, one.sees_instruction) for one in found] == [
+        (name, sees) for name in ("calibrated", "nearest-centroid") for sees in (True, False)
+    ]
+    for one in found:
+        assert one.by_task.keys() == set(EXPERTS)
+        assert {(len(task.known), len(task.unknown)) for task in one.by_task.values()} == {(10, 5)}
+        assert np.mean([auroc(task) for task in one.by_task.values()]) > 0.95
+        assert np.mean([np.greater(task.unknown, task.threshold) for task in one.by_task.values()]) > 0.9
+
+
+def test_tasks_that_were_not_looked_at_are_not_left_out(candidates):
+    fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
+    found = unknown_tasks(candidates, fitted_to, frames(9000, 5, EXPERTS[:2]))
+    assert found[0].by_task.keys() == set(EXPERTS[:2])
+    with pytest.raises(RoutingError, match=r"expected observations of two or more of .* to score, got null/Push"):
+        unknown_tasks(candidates, fitted_to, frames(9000, 5, EXPERTS[:1]))
+
+
+@pytest.mark.parametrize(
+    "fitted", [partial(fit, feature_spec=FeatureSpec()), partial(fit_centroids, feature_spec=FeatureSpec())]
+)
+def test_a_left_out_task_is_noticed_if_it_is_apart(fitted):
+    found = leave_one_out(fitted, gaussians(0), gaussians(1), gaussians(2, count=100, classes=("a", "b", "c")))
+    assert found.keys() == {"a", "b", "c"}
+    assert {(len(one.known), len(one.unknown)) for one in found.values()} == {(200, 100)}
+    assert min(map(auroc, found.values())) > 0.99
+    assert np.mean([np.greater(one.unknown, one.threshold) for one in found.values()]) > 0.95
+    assert 0.0 < np.mean([np.greater(one.known, one.threshold) for one in found.values()]) < 0.15
+
+
+def test_a_left_out_task_that_looks_like_another_is_not_noticed():
+    near = (gaussians(seed, apart=0.0) for seed in range(3))
+    found = leave_one_out(partial(fit, feature_spec=FeatureSpec()), *near)
+    assert 0.4 < np.mean([auroc(one) for one in found.values()]) < 0.6

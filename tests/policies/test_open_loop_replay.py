@@ -1,0 +1,66 @@
+"""Open-loop replay: a recorded demonstration, whatever is there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from robogauntlet.adapters.catalog import task_descriptions
+from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.policies import open_loop_replay
+from robogauntlet.policies.contract import PolicyError, Query
+from robogauntlet.suites.episode import Episode, Protocol, RenderProfile, View
+from tests.policies.zoo import WITH_EXPERTS
+
+
+def episode(task, seed=0, horizon=100):
+    view = View(image_size=96, render_profile=RenderProfile.FAST)
+    return Episode("replay", "digest", task, seed, Protocol(horizon, 8, view))
+
+
+def test_every_task_with_an_expert_has_a_demonstration_within_its_horizon():
+    real = {task: card for task, card in task_descriptions().items() if task.startswith(WITH_EXPERTS)}
+    assert set(open_loop_replay.replays()) == set(real)
+    assert all(0 < len(actions) <= real[task].horizon for task, actions in open_loop_replay.replays().items())
+
+
+def test_the_demonstration_is_played_from_the_first_step_and_then_held():
+    task = "robosuite/Lift"
+    actions = open_loop_replay.replays()[task]
+    played = [
+        open_loop_replay.ReplayPolicy().act([Query(episode(task), step)])[0].actions
+        for step in range(0, len(actions) + 9, 8)
+    ]
+    found = np.concatenate(played)
+    np.testing.assert_array_equal(found[: len(actions)], actions)
+    assert not found[len(actions) :, :6].any()
+    assert (found[len(actions) :, 6] == actions[-1, 6]).all()
+
+
+def test_a_task_without_a_demonstration_is_refused():
+    with pytest.raises(PolicyError, match="expected a task with a recorded demonstration, got 'null/Reach'"):
+        open_loop_replay.ReplayPolicy().reset([episode("null/Reach")])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"a": {}}', '{"a": {"actions": [[1, 2]]}}', json.dumps({"a": {"actions": [[None] * 7]}})]
+)
+def test_a_broken_file_is_refused_in_one_line(tmp_path, monkeypatch, text):
+    file = tmp_path / "replays.json"
+    file.write_text(text)
+    monkeypatch.setattr(open_loop_replay, "FILE", file)
+    open_loop_replay.replays.cache_clear()
+    with pytest.raises(PolicyError, match=r"^replays.json: expected [^\n]*$"):
+        open_loop_replay.replays()
+    assert open_loop_replay.REPLAY.tasks() == frozenset()
+    open_loop_replay.replays.cache_clear()
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift"])
+def test_on_the_seed_that_it_was_recorded_on_it_succeeds(task):
+    runner = EpisodeRunner({"replay": PolicySource("replay")})
+    result = runner.play_one(episode(task, seed=1_000_000, horizon=task_descriptions()[task].horizon))
+    runner.close()
+    assert result.status == "success", result.error

@@ -1,0 +1,54 @@
+"""Choosing how to merge by held-out demonstrations."""
+
+import pytest
+
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import read_experts
+from robogauntlet.policies.mergevla.merging.recipe import Recipe
+from robogauntlet.policies.training.dataset import Demonstrations
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.lambda_selection import choose_lambdas, experts_l1, held_out_l1
+from robogauntlet.policies.training.training_checkpoint import TrainingError
+from tests.policies.mergevla.experts import INSTRUCTIONS, TASKS, merging, save_experts
+from tests.policies.training.test_finetune import dataset
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("selection")
+    folders = save_experts(folder / "zoo")
+    shown = [dataset(folder, task.partition("/")[2]) for task in TASKS]
+    return read_experts(folders), DatasetMixture([Demonstrations(place) for place in shown]), folders
+
+
+def test_each_task_gets_the_lambda_with_which_its_held_out_loss_is_least(made):
+    experts, pool, _ = made
+    recipe, table = choose_lambdas(experts, Recipe(), pool, INSTRUCTIONS, among=(0.2, 0.6, 1.5))
+    assert table.keys() == set(TASKS)
+    for task, losses in table.items():
+        assert losses[recipe.lambda_[task]] == min(losses.values())
+
+
+def test_the_table_is_what_the_merged_model_scores(made):
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+
+    experts, pool, folders = made
+    _, table = choose_lambdas(experts, Recipe(), pool, INSTRUCTIONS, among=(0.6,))
+    parts = merging(folders).parts
+    again = held_out_l1(MergedModel(parts).model, parts.statistics, pool)
+    assert again == pytest.approx({task: losses[0.6] for task, losses in table.items()})
+
+
+def test_an_expert_alone_is_scored_as_its_own_network(made):
+    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
+    from robogauntlet.policies.mergevla.network.lora import folded
+
+    experts, pool, folders = made
+    alone = load_checkpoint(folders[0])
+    expected = held_out_l1(lambda _: folded(alone.model), alone.metadata.statistics, pool, TASKS[:1])
+    assert experts_l1(experts, pool, INSTRUCTIONS)[TASKS[0]] == pytest.approx(expected[TASKS[0]], abs=1e-6)
+
+
+def test_without_task_masks_there_is_no_lambda_to_choose(made):
+    experts, pool, _ = made
+    with pytest.raises(TrainingError, match="expected task masks, whose lambda can be chosen, got masks 'none'"):
+        choose_lambdas(experts, Recipe(masks="none"), pool)

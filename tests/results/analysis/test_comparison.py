@@ -1,0 +1,228 @@
+"""Two runs of a suite against each other: what is called worse, and what may not be compared."""
+
+import json
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.results.analysis.comparison import COLUMNS, Difference, Run, Verdict, compare_runs, family_p_values
+from robogauntlet.results.report.comparison import FORMATS, as_json, as_junit, as_markdown, as_text
+from robogauntlet.results.run_document import Provenance
+from robogauntlet.results.statistics.pairs import Pairs, pooled
+from tests.results.synthetic import cells, document, row
+
+ALPHA = 0.05
+TASKS = ("maniskill/A", "pybullet/B", "robosuite/C")
+
+
+def run(name, success, /, *, of=None, digest=None, drop=(), errors=(), moved=False, **changes):
+    """A run in which `success(cell, seed)` says what came of an episode."""
+    own = cells(("p",), TASKS) if of is None else of
+    rows = []
+    for cell in own:
+        for seed in range(60):
+            if (cell.task, seed) in drop:
+                continue
+            status = "error" if (cell.task, seed) in errors else "success" if success(cell, seed) else "failure"
+            more = {"state_hash": f"{cell.task}{seed}{moved}"} if status != "error" else {}
+            made = row(cell, seed, status, **more)
+            values = {column: getattr(made, column) for column in COLUMNS}
+            rows.append(values | {"policy_digest": digest or cell.policy_digest})
+    plan = document(60, own, **changes)
+    return Run(name, plan, pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def always(cell, seed):
+    return seed % 4 != 0
+
+
+def worse_in_b(cell, seed):
+    return always(cell, seed) and not (cell.task == "pybullet/B" and seed % 4 == 1)
+
+
+def test_a_run_without_a_change_is_no_evidence_of_any():
+    found = compare_runs(run("new", always), run("old", always))
+    assert found.verdict is Verdict.NO_EVIDENCE
+    assert found.pairs == 180
+    (one,) = found.policies
+    assert not one.changed
+    assert one.no_worse
+    assert {line.p_worse for line in one.lines} == {line.p_better for line in one.lines} == {1.0}
+
+
+def test_a_task_that_became_worse_is_named_and_the_others_are_not():
+    found = compare_runs(run("new", worse_in_b, digest="other"), run("old", always))
+    assert found.verdict is Verdict.REGRESSED
+    (one,) = found.policies
+    assert one.changed
+    assert [line.task for line in one.tasks if line.p_worse <= ALPHA] == ["pybullet/B"]
+    (worse,) = (line for line in one.tasks if line.task == "pybullet/B")
+    assert worse.pairs == Pairs(both=30, first_only=0, second_only=15, neither=15)
+    assert worse.difference.value == pytest.approx(-0.25)
+    assert not one.no_worse
+
+
+def test_the_other_way_round_it_is_an_improvement():
+    assert compare_runs(run("new", always), run("old", worse_in_b)).verdict is Verdict.IMPROVED
+
+
+def test_what_became_worse_outweighs_what_became_better():
+    def better_in_c(cell, seed):
+        return cell.task == "robosuite/C" or worse_in_b(cell, seed)
+
+    assert compare_runs(run("new", better_in_c), run("old", always)).verdict is Verdict.REGRESSED
+
+
+def test_the_order_of_rows_does_not_count():
+    new, old = run("new", worse_in_b), run("old", always)
+    order = np.random.default_rng(0).permutation(len(new.rows))
+    mixed = Run("new", new.document, new.rows.iloc[order])
+
+    def lines(found):
+        return {line.task: line for one in found.policies for line in one.lines}
+
+    assert lines(compare_runs(mixed, old)) == lines(compare_runs(new, old))
+
+
+def test_errors_and_what_only_one_has_are_in_no_pair_and_are_counted():
+    new = run("new", always, errors={("maniskill/A", 3)}, drop={("pybullet/B", 0), ("pybullet/B", 1)})
+    found = compare_runs(new, run("old", always))
+    assert found.pairs == 177
+    assert found.errors == {"p": (1, 0)}
+    assert found.unpaired == {"p": (0, 3)}
+
+
+def test_without_a_shared_episode_nothing_can_be_said():
+    found = compare_runs(run("new", always, of=cells(("p",), TASKS[:1])), run("old", always, of=cells(("q",), TASKS)))
+    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert as_text(found).splitlines()[-1] == "- expected episodes that new shares with old, got none"
+
+
+@pytest.mark.parametrize(
+    ("new", "old", "name"),
+    [
+        ({"name": "other"}, {}, Difference.SUITE),
+        ({"of": cells(("p",), TASKS[:2])}, {}, Difference.SUITE),
+        (
+            {"provenance": Provenance(packages={"sapien": "3.0.4", "ray": "3"})},
+            {"provenance": Provenance(packages={"sapien": "3.0.3", "ray": "2"})},
+            Difference.SIMULATOR,
+        ),
+        (
+            {"provenance": Provenance(definitions={"gymnasium/Mine": "b"})},
+            {"provenance": Provenance(definitions={"gymnasium/Mine": "a"})},
+            Difference.SIMULATOR,
+        ),
+        ({"render_devices": {"robosuite": "A"}}, {"render_devices": {"robosuite": "B"}}, Difference.RENDERER),
+        ({"moved": True}, {}, Difference.WORLD),
+    ],
+)
+def test_runs_that_differ_in_more_than_policies_are_not_compared_unless_it_is_allowed(new, old, name):
+    sides = run("new", always, **new), run("old", always, **old)
+    found = compare_runs(*sides)
+    assert found.verdict is Verdict.NOT_COMPARABLE
+    assert list(found.differences) == [name]
+    assert f"--allow {name}" in as_text(found)
+    allowed = compare_runs(*sides, allowed=frozenset({name}))
+    assert allowed.verdict is Verdict.NO_EVIDENCE
+    assert f"{name} differs" in as_text(allowed)
+
+
+def test_packages_that_are_no_simulators_may_differ():
+    sides = [run("r", always, provenance=Provenance(packages={"ray": version})) for version in "12"]
+    assert compare_runs(*sides).differences == {}
+
+
+def simulated(generator, worse, better, pairs, tasks=1):
+    """Counts of a night: per pair, chances that only the baseline and only the run succeeds."""
+    for _ in range(tasks):
+        lost, won, rest = generator.multinomial(pairs, [worse, better, 1 - worse - better])
+        yield Pairs(rest, int(won), int(lost), 0)
+
+
+def family(strata):
+    strata = list(strata)
+    return [*strata, pooled(strata)] if len(strata) > 1 else strata
+
+
+@pytest.mark.parametrize(("pairs", "tasks", "disagree"), [(100, 9, 0.2), (155, 1, 0.2)])
+def test_of_a_thousand_nights_without_a_change_at_most_one_in_twenty_raises_an_alarm(pairs, tasks, disagree):
+    generator = np.random.default_rng(0)
+    alarms = sum(
+        min(
+            p for p, _ in family_p_values(family(simulated(generator, disagree / 2, disagree / 2, pairs, tasks)), ALPHA)
+        )
+        <= ALPHA
+        for _ in range(1000)
+    )
+    assert alarms <= 50
+
+
+def test_a_drop_of_ten_points_with_155_pairs_of_which_a_fifth_disagree_is_caught_in_four_of_five_nights():
+    generator = np.random.default_rng(0)
+    caught = sum(
+        family_p_values(list(simulated(generator, 0.15, 0.05, 155)), ALPHA)[0][0] <= ALPHA for _ in range(1000)
+    )
+    assert caught >= 800
+
+
+@given(st.lists(st.builds(Pairs, *[st.integers(0, 30)] * 4), min_size=1, max_size=12))
+def test_nothing_is_both_worse_and_better(strata):
+    assert all(
+        min(worse, better) > ALPHA or max(worse, better) > ALPHA for worse, better in family_p_values(strata, ALPHA)
+    )
+
+
+@pytest.fixture
+def regressed():
+    return compare_runs(run("new|run", worse_in_b, digest="other"), run("old", always))
+
+
+def test_the_text_says_which_task_by_how_much_and_how_surely(regressed):
+    lines = as_text(regressed).splitlines()
+    assert lines[0] == "REGRESSED: new|run against old"
+    assert lines[1].startswith("- p, pybullet/B: 75 % before, 50 % now of 60 episodes, -25.0 points [")
+    assert lines[2].startswith("- p, all tasks: ")
+
+
+def test_a_policy_that_did_not_change_and_acts_otherwise_is_told():
+    new, old = run("new", always), run("old", always)
+    new.rows.loc[5, "actions_hash"] = "another"
+    said = "not changed, and yet 1 of 180 episodes have other actions"
+    assert f"{said}: the program or a library acts differently" in as_text(compare_runs(new, old))
+    now, before = (
+        replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
+        for one, processor in ((new, "a 586"), (old, "a 486"))
+    )
+    why = "another processor rounds differently (a 486 before, a 586 now), or the program does"
+    assert f"{said}: {why}" in as_text(compare_runs(now, before))
+    assert f"{said}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
+
+
+def test_markdown_keeps_names_harmless_and_has_a_table_per_policy(regressed):
+    text = as_markdown(regressed)
+    assert text.startswith("### ❌ REGRESSED: new\\|run against old")
+    assert "| pybullet/B | 60 | 75 % | 50 % |" in text
+
+
+def test_json_holds_what_was_counted(regressed):
+    plain = json.loads(as_json(regressed))
+    assert plain["verdict"] == "regressed"
+    assert plain["policies"][0]["tasks"][1]["pairs"] == {"both": 30, "first_only": 0, "second_only": 15, "neither": 15}
+
+
+def test_junit_fails_the_cases_that_became_worse(regressed):
+    suite = ElementTree.fromstring(as_junit(regressed))
+    assert (suite.get("tests"), suite.get("failures")) == ("4", "2")
+    assert [case.get("name") for case in suite if case.find("failure") is not None] == ["pybullet/B", "all tasks"]
+
+
+@pytest.mark.parametrize("told", FORMATS)
+def test_every_way_of_telling_says_that_runs_are_not_comparable(told):
+    found = compare_runs(run("new", always, name="other"), run("old", always))
+    assert "suite" in FORMATS[told](found)

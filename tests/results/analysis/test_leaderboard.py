@@ -1,0 +1,75 @@
+"""Promises of results/analysis/leaderboard.py."""
+
+import pandas as pd
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.results.analysis.leaderboard import COLUMNS, PolicyEpisodes, compact_letters, leaderboard
+
+
+@st.composite
+def known_differences(draw):
+    count = draw(st.integers(1, 7))
+    pairs = [(a, b) for a in range(count) for b in range(a + 1, count)]
+    return count, {frozenset(pair) for pair in draw(st.lists(st.sampled_from(pairs), unique=True))} if pairs else set()
+
+
+@given(known_differences())
+def test_two_share_a_letter_if_and_only_if_they_are_not_known_to_differ(drawn):
+    count, differ = drawn
+    letters = compact_letters(range(count), differ)
+    for a in range(count):
+        for b in range(a + 1, count):
+            assert bool(set(letters[a]) & set(letters[b])) == (frozenset((a, b)) not in differ)
+
+
+@given(known_differences())
+def test_no_letter_says_nothing(drawn):
+    count, differ = drawn
+    letters = compact_letters(range(count), differ)
+    names = sorted({letter for own in letters.values() for letter in own})
+    groups = {name: {one for one in range(count) if name in letters[one]} for name in names}
+    assert all(letters.values())
+    assert not any(groups[a] <= groups[b] for a in names for b in names if a != b)
+
+
+def played(policy, outcomes, tasks=("null/Reach",), **changes):
+    rows = [
+        {
+            "pair_id": f"{task}-{seed}",
+            "policy": policy,
+            "policy_digest": policy,
+            "task": task,
+            "severity": 0,
+            "status": outcome,
+            **changes,
+        }
+        for task in tasks
+        for seed, outcome in enumerate(outcomes)
+    ]
+    return PolicyEpisodes(policy, policy, "run", 0.0, pd.DataFrame(rows, columns=list(COLUMNS)))
+
+
+def test_policies_that_differ_clearly_get_other_letters_and_like_ones_the_same():
+    good, bad = ["success"] * 40, ["failure"] * 40
+    found = leaderboard([played("bad", bad), played("good", good), played("as-good", good)])
+    assert {one.policy: one.letters for one in found} == {"good": "a", "as-good": "a", "bad": "b"}
+    assert found[-1].policy == "bad"
+
+
+def test_errors_and_perturbed_episodes_are_in_no_rate():
+    mixed = played("mixed", ["success", "error", "failure", "success"])
+    perturbed = played("mixed", ["failure"] * 4, severity=3)
+    rows = pd.concat([mixed.rows, perturbed.rows])
+    (found,) = leaderboard([PolicyEpisodes("mixed", "mixed", "run", 0.0, rows)])
+    assert (found.successes, found.verdicts) == (2, 3)
+
+
+def test_policies_without_an_episode_in_common_are_not_told_apart():
+    found = leaderboard([played("a", ["success"] * 50, ("null/A",)), played("b", ["failure"] * 50, ("null/B",))])
+    assert [one.letters for one in found] == ["a", "a"]
+
+
+def test_nobody_played_is_an_empty_board():
+    assert leaderboard([]) == []
+    assert leaderboard([played("none", ["error"] * 3)]) == []

@@ -1,0 +1,164 @@
+"""How success falls with severity, and what was delivered, from rows."""
+
+import dataclasses
+import math
+
+import pandas as pd
+import pytest
+
+from robogauntlet.results.analysis.robustness import COLUMNS, StartStates, build_robustness, is_perturbed
+from robogauntlet.suites.episode import Condition
+from tests.results.synthetic import cells, document, row
+
+CONDITIONS = (Condition(), Condition("noise", 2), Condition("noise", 4), Condition("blur", 4))
+TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3")
+PLAN = cells(("expert", "merged"), TASKS, CONDITIONS)
+SEEDS = 20
+WON = {("expert", 0): 20, ("expert", 2): 16, ("expert", 4): 10, ("merged", 0): 16, ("merged", 2): 8, ("merged", 4): 0}
+DELIVERED = {"maniskill": 0.99, "pybullet": 1.01}
+
+
+def rows(**changes):
+    found = []
+    for cell in PLAN:
+        severity = cell.condition.severity
+        for seed in range(SEEDS):
+            delivered = {2: 28.0, 4: 18.4}[severity] * DELIVERED[cell.simulator] if severity else None
+            status = "success" if seed < WON[cell.policy, severity] else "failure"
+            found.append(row(cell, seed, status, delivered=delivered, **changes))
+    return found
+
+
+def built(results=None, plan=PLAN, **changes):
+    frame = pd.DataFrame([dataclasses.asdict(result) for result in (rows() if results is None else results)])
+    return build_robustness(document(SEEDS, of=plan, **changes), frame[list(COLUMNS)])
+
+
+def curve(robustness, policy, simulator, axis):
+    wanted = (policy, simulator, axis)
+    return next(found for found in robustness.curves if (found.policy, found.simulator, found.axis) == wanted)
+
+
+def test_a_run_is_perturbed_if_anything_but_clean_is_planned():
+    assert is_perturbed(document(of=PLAN))
+    assert not is_perturbed(document())
+
+
+def test_each_policy_has_a_curve_per_axis_over_all_simulators_and_in_each():
+    found = built()
+    assert found.axes == ("noise", "blur")
+    assert [(c.policy, c.simulator) for c in found.curves if c.axis == "blur"] == [
+        *(("expert", None), ("expert", "maniskill"), ("expert", "pybullet")),
+        *(("merged", None), ("merged", "maniskill"), ("merged", "pybullet")),
+    ]
+
+
+def test_the_clean_episodes_are_level_0_of_every_axis():
+    found = built()
+    noise = curve(found, "merged", None, "noise")
+    assert noise.curve.levels == (0, 2, 4)
+    assert [rate.value for rate in noise.curve.rates] == pytest.approx([0.8, 0.4, 0.0])
+    assert noise.curve.half.value == pytest.approx(2.0)
+    assert (noise.tasks, noise.seeds) == (2, SEEDS)
+    assert curve(found, "merged", None, "blur").curve.levels == (0, 4)
+
+
+def test_errors_are_left_out_of_their_level():
+    results = [
+        row(dataclasses.replace(PLAN[0]), r.seed, "error") if r.policy == "expert" and r.seed == 0 and i == 0 else r
+        for i, r in enumerate(rows())
+    ]
+    found = curve(built(results), "expert", "maniskill", "noise")
+    assert found.curve.rates[0].value == 1.0
+    assert found.seeds == SEEDS
+
+
+GATED = cells(("expert", "oracle"), TASKS[:1], (Condition(), Condition("noise", 2), Condition("noise", 4)))
+
+
+def gated(unsolved):
+    """The oracle fails on these (severity, seed); the expert always succeeds but for seed 1 at severity 4."""
+    found = []
+    for cell in GATED:
+        for seed in range(SEEDS):
+            severity = cell.condition.severity
+            failed = (severity, seed) in unsolved if cell.policy == "oracle" else (severity, seed) == (4, 1)
+            found.append(row(cell, seed, "failure" if failed else "success"))
+    frame = pd.DataFrame([dataclasses.asdict(result) for result in found])
+    return build_robustness(document(SEEDS, of=GATED, oracle_gate="oracle"), frame[list(COLUMNS)])
+
+
+def test_a_seed_that_the_gate_does_not_solve_counts_at_no_level():
+    assert [rate.value for rate in gated(set()).curves[0].curve.rates] == pytest.approx([1, 1, 0.95])
+    found = gated({(4, 1)})
+    assert [rate.value for rate in found.curves[0].curve.rates] == [1.0, 1.0, 1.0]
+    assert found.curves[0].seeds == SEEDS - 1
+    assert [(g.axis, g.severity, g.passed, g.capped) for g in found.gate_rows] == [("noise", 4, SEEDS - 1, False)]
+
+
+def test_a_level_at_which_the_gate_solves_too_little_is_capped_and_rejects_no_seed():
+    found = gated({(4, 0), (4, 1), (4, 2)})
+    curve = found.curves[0].curve
+    assert [rate.value for rate in curve.rates[:2]] == [1.0, 1.0]
+    assert math.isnan(curve.rates[2].value)
+    assert found.curves[0].seeds == SEEDS
+    assert found.gate_rows[0].capped
+
+
+def test_the_gate_itself_has_no_curve():
+    assert {c.policy for c in gated(set()).curves} == {"expert"}
+
+
+def test_controls_are_no_axes_and_are_set_beside_the_clean_episodes():
+    plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1)))
+    results = [
+        row(cell, seed, "success" if seed < (10, 4)[cell.condition.severity] else "failure")
+        for cell in plan
+        for seed in range(10)
+    ]
+    frame = pd.DataFrame([dataclasses.asdict(result) for result in results])
+    found = build_robustness(document(10, of=plan), frame[list(COLUMNS)])
+    assert found.axes == ()
+    assert found.curves == ()
+    whole = found.controls[0]
+    assert (whole.policy, whole.simulator, whole.control) == ("expert", None, "blind")
+    assert (whole.clean.value, whole.rate.value, whole.drop.value) == pytest.approx((1.0, 0.4, 0.6))
+
+
+def test_what_was_delivered_is_compared_across_simulators():
+    noise = {(r.axis, r.severity): r for r in built().delivered}["noise", 4]
+    assert (noise.asked, noise.unit) == (18.4, "dB PSNR")
+    assert [(c.simulator, c.episodes) for c in noise.simulators] == [("maniskill", 40), ("pybullet", 40)]
+    assert noise.spread == pytest.approx(0.02)
+
+
+def test_perturbed_episodes_that_start_elsewhere_than_the_clean_ones_are_counted():
+    assert built().start_states.differing == 0
+    assert built().start_states.compared == 2 * 2 * 3 * SEEDS
+    moved = [dataclasses.replace(r, state_hash="elsewhere") if r.axis == "blur" else r for r in rows()]
+    assert built(moved).start_states.differing == 2 * 2 * SEEDS
+
+
+def test_axes_that_move_something_are_not_expected_to_start_in_the_clean_world():
+    plan = cells(("expert",), TASKS, (Condition(), Condition("object-position", 2), Condition("dynamics", 2)))
+    results = [row(cell, seed, "success", state_hash=cell.condition.axis) for cell in plan for seed in range(3)]
+    assert built(results, plan).start_states == StartStates(compared=6, differing=6)
+
+
+def test_without_clean_episodes_there_is_no_curve():
+    plan = cells(("expert",), TASKS, CONDITIONS[1:])
+    found = built([r for r in rows() if r.axis != "clean" and r.policy == "expert"], plan)
+    assert found.curves == ()
+    assert found.delivered
+    assert found.start_states.compared == 0
+
+
+def test_without_rows_there_is_nothing():
+    empty = pd.DataFrame([dataclasses.asdict(rows()[0])])[:0]
+    found = build_robustness(document(SEEDS, of=PLAN), empty[list(COLUMNS)])
+    assert found.curves == ()
+    assert found.delivered == ()
+
+
+def test_equal_rows_give_equal_intervals():
+    assert built() == built()

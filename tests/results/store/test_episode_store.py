@@ -1,0 +1,222 @@
+"""Promises of results/store/episode_store.py."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+
+import pytest
+import sqlalchemy as sa
+
+from robogauntlet.results.record import FIELDS
+from robogauntlet.results.store.episode_store import Store, StoreError, file_url
+from tests.results.synthetic import cells, row, rows
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "episodes.sqlite"
+
+
+@pytest.fixture
+def store(path):
+    opened = Store.open_file(path, "run-1")
+    yield opened
+    opened.close()
+
+
+def test_a_row_comes_back_as_it_was_stored(store):
+    stored = [row(cells()[0], 0, reward_sum=-1.25e-6, inferred_task="PickCube", routing_scores='{"a": 0.5}')]
+    stored += [row(cells()[1], 1, "error", error="Fehler: größer\n<script>")]
+    store.add(stored)
+    assert sorted(store.results(), key=lambda r: r.seed) == stored
+
+
+def test_an_episode_is_stored_once_and_its_first_row_stays(store):
+    first = row(cells()[0], 0)
+    assert store.add([first]) == 1
+    assert store.add([row(cells()[0], 0, "failure"), row(cells()[0], 1)]) == 1
+    assert store.find(first.episode_id) == first
+
+
+def test_an_episode_twice_in_one_batch_is_stored_once(store):
+    store.add([row(cells()[0], 0), row(cells()[0], 0)])
+    assert len(list(store.results())) == 1
+
+
+def test_nothing_of_a_batch_is_stored_if_one_row_cannot_be(store):
+    with pytest.raises(StoreError, match="NOT NULL"):
+        store.add([row(cells()[0], 0), row(cells()[0], 1, steps=None)])
+    assert list(store.results()) == []
+
+
+def test_adding_nothing_is_nothing(store):
+    assert store.add([]) == 0
+
+
+def test_runs_in_one_store_do_not_see_each_other(store, path):
+    store.add([row(cells()[0], 0)])
+    other = Store.open_file(path, "run-2")
+    assert list(other.results()) == []
+    assert other.add([row(cells()[0], 0), row(cells()[0], 1)]) == 2
+    assert other.forget_errors() == 0
+    other.close()
+    assert len(list(store.results())) == 1
+
+
+def test_rows_come_in_order_and_in_batches(store):
+    made = rows(planned=10)
+    store.add(made[::-1])
+    got = list(store.results())
+    assert got == sorted(got, key=lambda r: (r.simulator, r.task, r.policy, r.axis, r.severity, r.seed))
+    batches = list(store.batches(30))
+    assert [len(batch) for batch in batches] == [30, 30, 20]
+    assert [tuple(line) for batch in batches for line in batch] == [
+        tuple(getattr(result, name) for name in FIELDS) for result in got
+    ]
+
+
+def test_outcomes_and_status_counts_say_what_is_there(store):
+    cell = cells()[0]
+    store.add([row(cell, 0), row(cell, 2, "failure"), row(cell, 5, "error")])
+    found = store.outcomes()[cell.policy_digest, cell.task, "clean", 0]
+    assert set(found) == {0, 2, 5}
+    assert store.status_counts() == {("maniskill", s): 1 for s in ("success", "failure", "error")}
+
+
+@pytest.mark.parametrize("question", ["outcomes", "status_counts"])
+def test_what_is_there_is_found_without_reading_rows(store, path, question):
+    """A row takes 340 bytes: of a million, that is what continuing a run would spend its time on."""
+    asked = []
+    sa.event.listen(store.database.engine, "before_cursor_execute", lambda *call: asked.append(call[2:4]))
+    getattr(store, question)()
+    ((statement, values),) = asked
+    with sqlite3.connect(path) as connection:
+        plan = connection.execute(f"EXPLAIN QUERY PLAN {statement}", values).fetchall()
+    assert any("COVERING INDEX robogauntlet_what_is_there" in step[3] for step in plan)
+
+
+def test_errors_can_be_forgotten_and_nothing_else(store):
+    cell = cells()[0]
+    store.add([row(cell, 0), row(cell, 1, "error"), row(cell, 2, "failure")])
+    assert store.forget_errors() == 1
+    assert [result.seed for result in store.results()] == [0, 2]
+
+
+def test_an_episode_is_found_by_the_beginning_of_its_id(store):
+    stored = [row(cells()[0], seed) for seed in range(3)]
+    store.add(stored)
+    assert store.find(stored[1].episode_id[:10]) == stored[1]
+    assert store.find("no such id") is None
+    assert store.find("%") is None
+    with pytest.raises(StoreError, match="more than one"):
+        store.find("")
+
+
+def test_a_reader_may_read_while_another_process_writes(store, path):
+    store.add(rows(planned=5))
+    reader = Store.open_file(path, "run-1")
+    lines = reader.results()
+    next(lines)
+    assert store.add([row(cells()[0], 99)]) == 1
+    assert 1 + len(list(lines)) == len(rows(planned=5))
+    assert len(list(reader.results())) == len(rows(planned=5)) + 1
+    reader.close()
+
+
+def four_at_once(what, *arguments):
+    threads = [threading.Thread(target=what, args=arguments) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def test_several_may_create_a_store_at_the_same_time(tmp_path):
+    wrong = []
+
+    def create(path):
+        try:
+            Store.open_file(path, "run-1").close()
+        except StoreError as error:
+            wrong.append(error)
+
+    for attempt in range(25):
+        path = tmp_path / f"{attempt}.sqlite"
+        four_at_once(create, path)
+    assert not wrong
+
+
+def test_a_store_whose_creation_was_cut_short_is_completed(path):
+    Store.open_file(path, "run-1").close()
+    with sqlite3.connect(path) as connection:
+        connection.execute("DELETE FROM robogauntlet_schema")
+        connection.execute("DROP TABLE episodes")
+    connection.close()
+    store = Store.open_file(path, "run-1")
+    assert store.add([row(cells()[0], 0)]) == 1
+    store.close()
+    Store.open_file(path, "run-1").close()
+
+
+@pytest.mark.parametrize("name", ["a?b.sqlite", "100%41.sqlite", "a b#c.sqlite"])
+def test_a_file_may_have_any_name(tmp_path, name):
+    Store.open_file(tmp_path / name, "run-1").close()
+    assert (tmp_path / name).is_file()
+
+
+@pytest.mark.parametrize("version", [0, 99])
+def test_a_store_of_another_version_is_refused_and_left_as_it_was(path, version):
+    Store.open_file(path, "run-1").close()
+    with sqlite3.connect(path) as connection:
+        connection.execute(f"UPDATE robogauntlet_schema SET version = {version}")
+    connection.close()
+    before = path.read_bytes()
+    with pytest.raises(StoreError, match=f"expected a store of version 1, got version {version}; open it with"):
+        Store.open_file(path, "run-1")
+    assert path.read_bytes() == before
+
+
+def test_a_store_that_cannot_be_written_is_told_what_to_do(path):
+    path.touch()
+    with pytest.raises(StoreError, match="in a place that can be written, which reading takes too; copy it to one"):
+        Store.open(f"sqlite:///file:{path}?mode=ro&uri=true", "run-1")
+
+
+def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
+    path.write_text("this is no database, but a text that is long enough to be looked at")
+    with pytest.raises(StoreError, match="expected a store, this file is something else"):
+        Store.open_file(path, "run-1")
+    assert path.read_text().startswith("this is no database")
+    with pytest.raises(StoreError, match="directory"):
+        Store.open_file(tmp_path, "run-1")
+    other = tmp_path / "other.sqlite"
+    with sqlite3.connect(other) as connection:
+        connection.execute("CREATE TABLE runs (id INTEGER)")
+    connection.close()
+    with pytest.raises(StoreError, match="of another program"):
+        Store.open_file(other, "run-1")
+
+
+@pytest.mark.parametrize(
+    ("url", "match"),
+    [
+        ("no url", "not a store URL"),
+        ("mysql://host/db", "expected an sqlite or postgresql URL"),
+        ("sqlite:////no/such/folder/x.sqlite", "unable to open"),
+    ],
+)
+def test_an_address_that_is_none_is_an_error_of_one_line(url, match):
+    with pytest.raises(StoreError, match=match) as raised:
+        Store.open(url, "run-1")
+    assert "\n" not in str(raised.value)
+
+
+def test_a_password_is_never_shown():
+    with pytest.raises(StoreError) as raised:
+        Store.open("mysql://me:geheim@host/db", "run-1")
+    assert "geheim" not in str(raised.value)
+
+
+def test_the_url_of_a_file_is_absolute_if_the_file_is(path):
+    assert file_url(path) == f"sqlite:///{path}"

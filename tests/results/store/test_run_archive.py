@@ -1,0 +1,120 @@
+"""Promises of results/store/run_archive.py: a run as one file."""
+
+import sqlite3
+
+import pytest
+
+from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.run_document import RunError, read_run, store_url
+from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.run_archive import export_run, import_run
+from robogauntlet.results.store.run_history import History
+from tests.results.synthetic import document, rows, run_folder
+
+RESULTS = rows(planned=4, errors=1)
+
+
+@pytest.fixture
+def exported(tmp_path):
+    run = document(4, rows_hash=rows_hash(map(outcome_row, RESULTS)))
+    folder = run_folder(tmp_path / "runs" / "night", run, RESULTS)
+    store = Store.open(store_url(folder, run), run.run_id)
+    file = tmp_path / "night.robogauntlet"
+    assert export_run(run, store, file) == len(RESULTS)
+    store.close()
+    return file
+
+
+def stored(folder):
+    run = read_run(folder)
+    store = Store.open(store_url(folder, run), run.run_id)
+    found = sorted(store.results(), key=lambda r: r.episode_id)
+    store.close()
+    return found
+
+
+def test_a_run_comes_back_as_it_was(exported, tmp_path):
+    folder, run = import_run(exported, tmp_path / "there")
+    assert read_run(folder) == run == read_run(tmp_path / "runs" / "night")
+    assert stored(folder) == sorted(RESULTS, key=lambda r: r.episode_id)
+    assert [path.name for path in (tmp_path / "there").iterdir()] == [folder.name]
+
+
+def test_an_export_is_one_file_and_is_not_changed_by_an_import(exported, tmp_path):
+    before = exported.read_bytes()
+    import_run(exported, tmp_path / "there")
+    assert exported.read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["night.robogauntlet", "runs", "there"]
+
+
+def test_rows_may_go_into_a_store_of_many_runs(exported, tmp_path):
+    shared = f"sqlite:///{tmp_path / 'shared.sqlite'}"
+    folder, run = import_run(exported, tmp_path / "there", store=shared)
+    assert sorted(p.name for p in folder.iterdir()) == ["run.json"]
+    history = History.open(shared)
+    assert history.find(run.run_id).counts.done == len(RESULTS)
+    history.close()
+
+
+def test_nothing_is_written_over(exported, tmp_path):
+    import_run(exported, tmp_path / "there", name="one")
+    with pytest.raises(RunError, match="there is one already"):
+        import_run(exported, tmp_path / "there", name="one")
+    store = Store.open_file(tmp_path / "any.sqlite", "run-1")
+    with pytest.raises(RunError, match="there is one already"):
+        export_run(document(), store, exported)
+    store.close()
+
+
+def test_changed_rows_are_refused_and_leave_nothing(exported, tmp_path):
+    with sqlite3.connect(exported) as connection:
+        connection.execute("UPDATE episodes SET status = 'success' WHERE status = 'failure'")
+    connection.close()
+    with pytest.raises(RunError, match="it was changed"):
+        import_run(exported, tmp_path / "there")
+    assert list((tmp_path / "there").iterdir()) == []
+
+
+def broken(file, how):
+    content = file.read_bytes()
+    if how == "text":
+        file.write_text("name: something else\n")
+    elif how == "cut":
+        file.write_bytes(content[: len(content) // 2])
+    elif how == "empty":
+        file.write_bytes(b"")
+    elif how == "no run":
+        with sqlite3.connect(file) as connection:
+            connection.execute("DELETE FROM cells")
+            connection.execute("DELETE FROM runs")
+        connection.close()
+    elif how == "another program's":
+        file.unlink()
+        with sqlite3.connect(file) as connection:
+            connection.execute("CREATE TABLE runs (x)")
+        connection.close()
+    elif how == "newer":
+        with sqlite3.connect(file) as connection:
+            connection.execute("UPDATE robogauntlet_schema SET version = 99")
+        connection.close()
+
+
+@pytest.mark.parametrize("how", ["text", "cut", "empty", "no run", "another program's", "newer"])
+def test_what_is_no_exported_run_is_one_line_and_leaves_nothing(exported, tmp_path, how):
+    broken(exported, how)
+    with pytest.raises((RunError, StoreError)) as caught:
+        import_run(exported, tmp_path / "there")
+    assert "\n" not in str(caught.value)
+    assert "night.robogauntlet" in str(caught.value)
+    assert not (tmp_path / "there").exists() or list((tmp_path / "there").iterdir()) == []
+
+
+def test_a_run_with_a_hostile_id_stays_inside_the_folder(tmp_path):
+    run = document(4, run_id="../up")
+    store = Store.open_file(tmp_path / "x.sqlite", run.run_id)
+    export_run(run, store, tmp_path / "x.robogauntlet")
+    store.close()
+    folder, _ = import_run(tmp_path / "x.robogauntlet", tmp_path / "there")
+    assert folder.parent == tmp_path / "there"
+    assert folder.name == "synthetic----up"

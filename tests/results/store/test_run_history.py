@@ -1,0 +1,153 @@
+"""Promises of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
+
+import pytest
+
+from robogauntlet.results.live_status import LiveSimulator, LiveStatus
+from robogauntlet.results.run_document import RunError, RunStatus
+from robogauntlet.results.store.database import file_url
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.history_import import record_run_folders
+from robogauntlet.results.store.history_records import Counts, rows_url
+from robogauntlet.results.store.run_history import HISTORY_FILE, History
+from tests.results.synthetic import cells, document, row, rows, run_folder
+
+
+@pytest.fixture
+def history(tmp_path):
+    opened = History.open(file_url(tmp_path / HISTORY_FILE))
+    yield opened
+    opened.close()
+
+
+def night(number, **changes):
+    return document(4, run_id=f"run-{number}", started_at=1_760_000_000.0 + 86_400 * number, **changes)
+
+
+def counted(successes=3, failures=1):
+    return {(cell.policy_digest, cell.task, "clean", 0): Counts(0, successes, failures) for cell in cells(("oracle",))}
+
+
+def test_a_run_is_found_by_its_id_its_beginning_or_its_folder(history, tmp_path):
+    history.record(night(1), tmp_path / "first")
+    history.record(night(2), tmp_path / "second")
+    assert history.find("run-2").name == "second"
+    assert history.find("first").run_id == "run-1"
+    assert history.find("run-").run_id == "run-2"
+    assert history.find("%") is None
+    assert history.find("") is None
+
+
+def test_recording_again_writes_over_what_was_and_doubles_nothing(history):
+    history.record(night(1, status=RunStatus.RUNNING))
+    history.record(night(1), counted=counted())
+    (entry,) = history.runs()
+    assert (entry.status, entry.counts.done) == ("complete", 16)
+    assert entry.counts.planned == night(1).planned
+
+
+def test_beginning_again_keeps_what_is_known_of_the_cells(history):
+    history.record(night(1), counted=counted())
+    history.record(night(1, status=RunStatus.RUNNING))
+    assert history.find("run-1").counts.done == 16
+
+
+def test_runs_come_the_newest_first_in_pages_and_by_suite(history):
+    for number in range(5):
+        history.record(night(number, name="a" if number % 2 else "b"))
+    assert [entry.run_id for entry in history.runs(limit=2, offset=1)] == ["run-3", "run-2"]
+    assert [entry.run_id for entry in history.runs(suite="a")] == ["run-3", "run-1"]
+    assert (history.count(), history.count(suite="b"), history.count(status="running")) == (5, 3, 0)
+    assert history.suites() == {"a": 2, "b": 3}
+
+
+def test_a_policy_is_followed_from_run_to_run_the_oldest_first(history):
+    for number, won in enumerate((4, 3, 1)):
+        history.record(night(number), counted=counted(won, 4 - won))
+    assert [one.counts.rate for one in history.policy_history("oracle")] == [1.0, 0.75, 0.25]
+    assert [one.counts.verdicts for one in history.policy_history("oracle", task=cells()[0].task)] == [4, 4, 4]
+    assert [one.run.run_id for one in history.policy_history("oracle", limit=2)] == ["run-1", "run-2"]
+    assert history.policy_history("nobody") == []
+
+
+def test_a_run_is_held_against_the_last_good_one_of_its_suite_before_it(history):
+    for number, status in enumerate((RunStatus.COMPLETE, RunStatus.COMPLETE, RunStatus.STOPPED)):
+        history.record(night(number, status=status))
+    history.record(night(3, name="another"))
+    tonight = night(4)
+    history.record(tonight)
+    assert history.baseline(tonight).run_id == "run-1"
+    history.write_verdict("run-1", "regressed", "run-0", ["worse"])
+    assert history.baseline(tonight).run_id == "run-0"
+    history.accept("run-1")
+    assert history.baseline(tonight).run_id == "run-1"
+    assert history.baseline(night(0)) is None
+
+
+def test_what_a_running_suite_says_is_there_until_it_ends(history):
+    history.record(night(1, status=RunStatus.RUNNING))
+    lane = LiveSimulator(simulator="null", planned=9, successes=1, failures=1, errors=1)
+    history.write_live_status("run-1", LiveStatus(at=5.0, phase="playing", simulators=(lane,)))
+    assert history.find("run-1").live.simulators[0].done == 3
+    history.record(night(1))
+    assert history.find("run-1").live is None
+
+
+def test_what_a_run_of_another_version_says_is_passed_over(history):
+    history.record(night(1, status=RunStatus.RUNNING))
+    with history.database.writing() as connection:
+        connection.exec_driver_sql("UPDATE runs SET live = '{}'")
+    assert history.find("run-1").live is None
+
+
+def test_a_forgotten_run_leaves_nothing(history):
+    history.record(night(1), counted=counted())
+    history.delete_run("run-1")
+    assert (history.runs(), history.policies()) == ([], [])
+    with pytest.raises(RunError, match="it is not there"):
+        history.document("run-1")
+
+
+def test_the_document_comes_back_as_it_was(history):
+    history.record(night(1))
+    assert history.document("run-1") == night(1)
+
+
+def test_runs_made_elsewhere_are_taken_in_once(history, tmp_path):
+    results = rows(planned=4, errors=1)
+    run_folder(tmp_path / "one", night(1), results)
+    run_folder(tmp_path / "two", night(2, status=RunStatus.INTERRUPTED), results[:5])
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "run.json").write_text("{")
+    assert record_run_folders(history, tmp_path) == 2
+    assert record_run_folders(history, tmp_path) == 0
+    assert history.find("one").counts.done == len(results)
+    assert history.find("two").counts.done == 5
+    assert history.find("one").counts.errors == 8
+
+
+def test_a_run_that_ended_while_the_history_was_away_is_taken_in(history, tmp_path):
+    history.record(night(1, status=RunStatus.RUNNING), tmp_path / "one")
+    run_folder(tmp_path / "one", night(1), rows(planned=4))
+    assert record_run_folders(history, tmp_path) == 1
+    assert history.find("one").status == "complete"
+
+
+def test_rows_are_where_the_entry_says(history, tmp_path):
+    folder = run_folder(tmp_path / "one", night(1), [])
+    history.record(night(1), folder)
+    assert rows_url(history.find("one"), history.url) == file_url(folder / "episodes.sqlite")
+    (folder / "episodes.sqlite").unlink()
+    with pytest.raises(RunError, match="they are gone"):
+        rows_url(history.find("one"), history.url)
+    elsewhere = "postgresql+psycopg://me:***@far/db"
+    history.record(night(2, store_url=elsewhere), tmp_path / "two")
+    with pytest.raises(RunError, match="give that address with --store"):
+        rows_url(history.find("run-2"), history.url)
+    assert rows_url(history.find("run-2"), elsewhere.replace("***", "secret")).startswith("postgresql")
+
+
+def test_rows_and_runs_may_share_a_store(history):
+    history.record(night(1))
+    store = Store(history.database, "run-1")
+    store.add([row(cells()[0], 0), row(cells()[0], 1, "failure"), row(cells()[0], 2, "error")])
+    assert list(history.count_cells("run-1").values()) == [Counts(0, 1, 1, 1)]

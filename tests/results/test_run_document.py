@@ -1,0 +1,80 @@
+"""Promises of results/run_document.py."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunError, read_run, store_url, write_run
+from robogauntlet.results.store.episode_store import Store
+from tests.results.synthetic import document
+
+
+def test_what_is_written_is_read_back(tmp_path):
+    run = document(
+        instructions={"maniskill/PushCube-v1": "push the cube – ganz sanft"}, skipped={"robosuite": "absent"}
+    )
+    write_run(tmp_path, run)
+    assert read_run(tmp_path) == run
+    assert [path.name for path in tmp_path.iterdir()] == [RUN_FILE]
+
+
+def test_planned_counts_skipped_simulators_too():
+    assert document(planned=10, skipped={"robosuite": "absent"}).planned == 80
+
+
+def test_a_write_that_fails_leaves_the_old_document(tmp_path, monkeypatch):
+    run = document()
+    write_run(tmp_path, run)
+
+    def full(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr("pathlib.Path.replace", full)
+    with pytest.raises(OSError, match="disk full"):
+        write_run(tmp_path, document(name="other"))
+    assert read_run(tmp_path) == run
+    assert [path.name for path in tmp_path.iterdir()] == [RUN_FILE]
+
+
+def test_what_is_no_run_folder_is_named(tmp_path):
+    with pytest.raises(RunError, match="there is nothing"):
+        read_run(tmp_path / "absent")
+    with pytest.raises(RunError, match=r"it has no run\.json"):
+        read_run(tmp_path)
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(RunError, match="there is a file"):
+        read_run(file)
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"\xff\xfe", b'{"format": 1, "surprise": 2}'])
+def test_a_damaged_document_is_a_run_error_of_one_line(tmp_path, content):
+    (tmp_path / RUN_FILE).write_bytes(content)
+    with pytest.raises(RunError, match=r"run\.json") as raised:
+        read_run(tmp_path)
+    assert "\n" not in str(raised.value)
+
+
+def test_another_format_is_refused(tmp_path):
+    content = json.loads(document().model_dump_json()) | {"format": 2}
+    (tmp_path / RUN_FILE).write_text(json.dumps(content))
+    with pytest.raises(RunError, match=r"expected a run document of format 1, got another one \(format: .*\); read"):
+        read_run(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["plain", "a?b", "100%41", "a b#c", "über", "a'b\"c"])
+def test_the_store_is_in_the_run_folder_whatever_its_name(tmp_path, name):
+    folder = tmp_path / name
+    folder.mkdir()
+    Store.open(store_url(folder, document()), "run-1").close()
+    assert (folder / STORE_FILE).is_file()
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_an_address_that_is_given_wins_and_a_database_needs_one(tmp_path):
+    hidden = document(store_url="postgresql://reader:***@host/db")
+    assert store_url(tmp_path, hidden, "postgresql://reader:secret@host/db") == "postgresql://reader:secret@host/db"
+    with pytest.raises(RunError, match="--store"):
+        store_url(tmp_path, hidden)

@@ -1,0 +1,70 @@
+"""The identity of an episode: the same everywhere, and different for whatever differs."""
+
+import dataclasses
+import subprocess
+import sys
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robogauntlet.suites.episode import CAMERAS, Cell, Condition, Episode, Protocol, RenderProfile, View, content_hash
+
+names = st.text("abcXYZ-_/0", min_size=1, max_size=8)
+conditions = st.builds(Condition, names, st.integers(0, 5))
+views = st.builds(View, st.sampled_from([CAMERAS, CAMERAS[:1]]), st.integers(16, 256), st.sampled_from(RenderProfile))
+protocols = st.builds(Protocol, st.integers(1, 500), st.integers(1, 32), views)
+episodes = st.builds(Episode, names, names, names, st.integers(0, 2**31), protocols, conditions)
+
+
+@given(episodes)
+def test_the_policys_name_is_no_part_of_the_identity(episode):
+    assert dataclasses.replace(episode, policy="another-name").id == episode.id
+
+
+@given(episodes, st.data())
+def test_whatever_else_differs_gives_another_id(episode, data):
+    field = data.draw(st.sampled_from(["policy_digest", "task", "seed", "protocol", "condition"]))
+    other = getattr(data.draw(episodes), field)
+    changed = dataclasses.replace(episode, **{field: other})
+    assert (changed.id == episode.id) == (other == getattr(episode, field))
+
+
+@given(episodes, names)
+def test_two_policies_of_one_pair_share_the_pair_id(episode, digest):
+    other = dataclasses.replace(episode, policy="other", policy_digest=digest)
+    assert other.pair_id == episode.pair_id
+    assert (other.id == episode.id) == (digest == episode.policy_digest)
+
+
+def test_the_id_is_frozen():
+    episode = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
+    assert (episode.id, episode.pair_id) == ("c1f4f900d7dc52bb", "8df80ca93d72308d")
+
+
+def test_the_id_is_the_same_in_another_process():
+    code = (
+        "from robogauntlet.suites.episode import *;"
+        "print(Episode('oracle', '0123', 'robosuite/Lift', 7, Protocol(100, 8, View()), Condition()).id)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    episode = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
+    assert done.stdout.strip() == episode.id
+
+
+def test_a_cell_gives_its_episode_of_a_seed():
+    cell = Cell("oracle", "0123", "robosuite/Lift", Protocol(100), Condition("light", 2))
+    assert cell.episode(5) == Episode("oracle", "0123", "robosuite/Lift", 5, Protocol(100), Condition("light", 2))
+    assert cell.simulator == cell.episode(5).simulator == "robosuite"
+
+
+@given(st.dictionaries(names, st.integers()))
+def test_a_content_hash_ignores_the_order_of_keys(content):
+    assert content_hash(dict(reversed(content.items()))) == content_hash(content)
+
+
+def test_the_vocabulary_loads_without_heavy_libraries():
+    heavy = ("numpy", "torch", "ray", "pandas")
+    modules = "robogauntlet.suites.loading, robogauntlet.suites.schema"
+    code = f"import sys, {modules}; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,71 @@
+"""Child processes answer in lines of JSON; how they end or hang is an exception in one line."""
+
+import os
+import sys
+import time
+
+import psutil
+import pytest
+
+from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
+
+SERVE = "from robogauntlet.support.child_process import serve\nprint('not an answer')\n"
+
+
+def child(code, **options):
+    return JsonChild([sys.executable, "-c", code], **options)
+
+
+def test_every_request_has_its_answer_and_prints_are_none():
+    with child(SERVE + "serve(lambda request: [print('x'), request])") as echo:
+        for request in ({"a": 1}, None, "é\n", "x" * 500_000):
+            assert echo.ask(request, 20.0) == [None, request]
+        assert echo.alive
+
+
+@pytest.mark.parametrize(
+    ("code", "how"),
+    [
+        ("raise ValueError('no luck')", "the process ended with code 1: ValueError: no luck"),
+        ("raise SystemExit(3)", "the process ended with code 3: no message"),
+        ("import os; os.kill(os.getpid(), 9)", "the process was killed by SIGKILL: no message"),
+    ],
+)
+def test_one_that_ends_says_how(code, how):
+    with child(code) as ending, pytest.raises(ChildEnded) as caught:
+        ending.ask("x" * 500_000, 20.0)
+    assert str(caught.value) == how
+
+
+def test_one_that_does_not_answer_is_left_for_its_owner_to_kill():
+    with child("import time; time.sleep(60)") as hanging:
+        with pytest.raises(ChildTimeout, match=r"did not answer within 0\.2 s"):
+            hanging.ask(None, 0.2)
+        assert hanging.alive
+    assert not hanging.alive
+
+
+def test_it_may_end_by_itself_before_it_is_killed(tmp_path):
+    polite = child(SERVE + f"serve(id)\nopen({str(tmp_path / 'closed')!r}, 'w')")
+    polite.close(grace_s=20.0)
+    polite.close()
+    assert (tmp_path / "closed").exists()
+
+
+def test_its_group_ends_with_it():
+    code = "import subprocess\np = subprocess.Popen(['sleep', '60'])\n" + SERVE + "serve(lambda request: p.pid)"
+    with child(code, own_group=True) as parent:
+        grandchild = psutil.Process(parent.ask(None, 20.0))
+    deadline = time.monotonic() + 10
+    while grandchild.is_running() and grandchild.status() != psutil.STATUS_ZOMBIE:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_one_that_cannot_be_started_is_an_error_of_the_system_and_leaves_no_descriptor():
+    before = psutil.Process(os.getpid()).num_fds()
+    with pytest.raises(FileNotFoundError):
+        JsonChild(["/nowhere/python"])
+    with child("pass"):
+        pass
+    assert psutil.Process(os.getpid()).num_fds() == before

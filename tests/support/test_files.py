@@ -1,0 +1,85 @@
+"""Files and folders are written whole or not at all."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from robogauntlet.support.files import exclusive, new_folder, replacing, write_whole
+from tests.full_disk import full_disk
+
+
+def names(folder):
+    return [path.name for path in folder.iterdir()]
+
+
+def test_a_file_is_replaced_when_all_of_it_is_written(tmp_path):
+    target = tmp_path / "file"
+    target.write_text("old")
+    with replacing(target) as partial:
+        partial.write_text("new")
+        assert target.read_text() == "old"
+    assert target.read_text() == "new"
+    write_whole(target, "é")
+    assert target.read_bytes() == "é".encode()
+    write_whole(target, b"bytes")
+    assert names(tmp_path) == ["file"]
+    assert target.read_bytes() == b"bytes"
+
+
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path):
+    target = tmp_path / "file"
+    target.write_text("old")
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        write_whole(target, "x" * 5000)
+    assert names(tmp_path) == ["file"]
+    assert target.read_text() == "old"
+
+
+def test_a_killed_process_leaves_the_old_file_and_its_own_is_overwritten(tmp_path):
+    target = tmp_path / "file"
+    target.write_text("old")
+    code = (
+        "import os, pathlib, signal, robogauntlet.support.files as files\n"
+        f"with files.replacing(pathlib.Path({str(target)!r})) as partial:\n"
+        "    partial.write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
+    assert target.read_text() == "old"
+    with replacing(target) as partial:
+        assert partial.read_text() == "half"
+        partial.write_text("new")
+    assert names(tmp_path) == ["file"]
+
+
+def test_a_folder_is_there_with_all_its_files_or_not(tmp_path):
+    with full_disk(), pytest.raises(OSError, match="File too large"), new_folder(tmp_path / "folder") as partial:
+        (partial / "one").write_text("x" * 5000)
+    assert names(tmp_path) == []
+    with new_folder(tmp_path / "folder") as partial:
+        (partial / "one").touch()
+        assert not (tmp_path / "folder").exists()
+    assert names(tmp_path) == ["folder"]
+    assert names(tmp_path / "folder") == ["one"]
+    assert (tmp_path / "folder").stat().st_mode & 0o777 == 0o777 & ~_umask()
+
+
+def _umask():
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
+
+
+def test_a_lock_is_held_by_one_process_and_released_after_the_block(tmp_path):
+    code = (
+        "import pathlib, robogauntlet.support.files as files\n"
+        f"with files.exclusive(pathlib.Path({str(tmp_path / 'lock')!r}), SystemExit(3)): pass"
+    )
+    with exclusive(tmp_path / "lock", ValueError("taken")):
+        assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 3
+        with pytest.raises(ValueError, match="taken"), exclusive(tmp_path / "lock", ValueError("taken")):
+            pass
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

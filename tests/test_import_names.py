@@ -1,0 +1,91 @@
+"""RoboGauntlet takes one import name: packages of users may be called as its folders are."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests import ROOT
+
+FOLDERS = ("suites", "adapters", "policies", "results", "orchestrator")
+ACT = """
+import numpy as np
+
+def act(images, proprioception, instruction):
+    return np.zeros((1, 7))
+"""
+SUITE = """
+name: mine
+policies: ["python:policies.mine:act"]
+tasks: [null/Reach]
+seeds: {count: 2}
+"""
+SCRIPT = """
+import robogauntlet.policies.catalog
+import adapters, policies, results
+print([module.MINE for module in (adapters, policies, results)])
+"""
+
+
+def python(*arguments, folder):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "200"}
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A user's folder, with packages named as ours are."""
+    for name in FOLDERS:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("MINE = True\n")
+    (tmp_path / "policies" / "mine.py").write_text(ACT)
+    (tmp_path / "mine.yaml").write_text(SUITE)
+    return tmp_path
+
+
+def test_a_script_beside_packages_of_these_names_imports_those(project):
+    (project / "script.py").write_text(SCRIPT)
+    done = python("script.py", folder=project)
+    assert done.stdout.strip() == "[True, True, True]", done.stderr
+
+
+@pytest.mark.ray
+def test_a_run_uses_a_policy_from_the_users_own_package_policies(project):
+    command = "from robogauntlet.orchestrator.cli import main; main()"
+    done = python("-c", command, "run", "mine.yaml", "--out", "run", folder=project)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (project / "run" / "report.html").is_file()
+
+
+def test_the_pytest_plugin_leaves_a_repository_with_its_own_orchestrator_alone(project):
+    (project / "test_own.py").write_text("import orchestrator\n\ndef test_own():\n    assert orchestrator.MINE\n")
+    done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", folder=project)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 passed" in done.stdout
+
+
+def test_the_pytest_plugin_imports_nothing_heavy():
+    code = "import sys, pytest, robogauntlet.orchestrator.adapter_kit.pytest_plugin; print(*sys.modules)"
+    loaded = python("-c", code, folder=ROOT).stdout.split()
+    assert "robogauntlet.orchestrator.adapter_kit.pytest_plugin" in loaded
+    assert not {"numpy", "scipy", "pydantic", "ray", "yaml"} & set(loaded)
+    assert {name for name in loaded if name.startswith("robogauntlet.")} == {
+        "robogauntlet.orchestrator",
+        "robogauntlet.orchestrator.adapter_kit",
+        "robogauntlet.orchestrator.adapter_kit.pytest_plugin",
+    }
+
+
+def test_adapters_are_checked_without_pytest():
+    code = "import sys, robogauntlet.orchestrator.cli.adapters.check; print('pytest' in sys.modules)"
+    assert python("-c", code, folder=ROOT).stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_folder_imported_by_its_bare_name_is_refused_in_a_line(name):
+    done = python("-c", f"import {name}", folder=ROOT)
+    assert done.returncode == 1
+    expected = f"ImportError: '{name}' is RoboGauntlet's own folder; import robogauntlet.{name}"
+    assert done.stderr.splitlines()[-1] == expected

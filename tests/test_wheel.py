@@ -1,0 +1,108 @@
+"""The wheels: complete, light, and usable in an environment that holds nothing else."""
+
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+
+import pytest
+
+from tests import ROOT
+
+HELP = """
+import sys
+from typer.main import get_command
+from robogauntlet.orchestrator.cli import app
+from typer.testing import CliRunner
+
+def walk(command, words):
+    done = CliRunner().invoke(app, [*words, "--help"])
+    assert done.exit_code == 0, (words, done.output, done.exception)
+    assert "Usage: " in done.output, words
+    count = 1
+    for name in command.list_commands(None) if hasattr(command, "list_commands") else ():
+        count += walk(command.get_command(None, name), [*words, name])
+    return count
+
+print(walk(get_command(app), []))
+"""
+SUITE = """
+name: first
+policies: [oracle, random]
+tasks: [null/Reach, pybullet/PandaReach-v3]
+seeds: {count: 1}
+"""
+
+
+def run(*command, **options):
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False, **options)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory):
+    """Both wheels, built from the files that git knows."""
+    source, dist = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
+    for name in run("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
+        if (ROOT / name).exists():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, source / name, follow_symlinks=False)
+    run(
+        *(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"),
+        *("--wheel-dir", dist, ".", "./zoo"),
+        cwd=source,
+    )
+    return next(dist.glob("robogauntlet-*.whl")), next(dist.glob("robogauntlet_zoo-*.whl"))
+
+
+@pytest.fixture(scope="module")
+def program(wheels, tmp_path_factory):
+    """`robogauntlet` in an environment of the two wheels and what they require."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=True)
+    install(folder, *wheels)
+    return folder / "bin" / "robogauntlet"
+
+
+def install(environment, *requirements):
+    constraints = ("-c", ROOT / "constraints.txt")
+    run(environment / "bin" / "python", "-m", "pip", "install", "--quiet", *constraints, *requirements)
+
+
+def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(wheels):
+    program, zoo = (zipfile.ZipFile(path).namelist() for path in wheels)
+    tops = {name.split("/")[0] for name in program}
+    assert tops == {"robogauntlet", next(top for top in tops if top.endswith(".dist-info"))}
+    for name in (
+        "py.typed",
+        "suites/smoke.yaml",
+        "adapters/gymnasium/mappings/FetchReach-v4.yaml",
+        "results/report/report.css",
+    ):
+        assert f"robogauntlet/{name}" in program
+    assert not [name for name in program if name.endswith(".safetensors")]
+    assert wheels[0].stat().st_size < 2_000_000
+    assert sum(name.endswith("model.safetensors") for name in zoo) == 11
+
+
+@pytest.mark.slow
+def test_every_verb_explains_itself(program, tmp_path):
+    assert int(run(program.with_name("python"), "-c", HELP, cwd=tmp_path)) > 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suite", sorted(path.stem for path in (ROOT / "suites").glob("*.yaml")))
+def test_every_shipped_suite_is_valid_where_no_simulator_is_installed(program, suite, tmp_path):
+    run(program, "validate", suite, cwd=tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.simulator
+def test_the_null_simulator_and_pybullet_play(program, wheels, tmp_path):
+    install(program.parents[1], f"robogauntlet[pybullet] @ {wheels[0].as_uri()}")
+    (tmp_path / "first.yaml").write_text(SUITE)
+    run(program, "run", "first.yaml", "--out", "run", cwd=tmp_path)
+    assert (tmp_path / "run" / "report.html").is_file()
+    assert "4 of 4 episodes" in (tmp_path / "run" / "report.md").read_text()

@@ -1,0 +1,1 @@
+"""Checkpoints for RoboGauntlet, found by `robogauntlet.policies.zoo`."""
