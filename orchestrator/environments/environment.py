@@ -28,7 +28,6 @@ WORKER_PACKAGES: Mapping[str, str] = {
     "pydantic": "pydantic",
     "pyyaml": "yaml",
     "psutil": "psutil",
-    "greenlet": "greenlet",
     "filelock": "filelock",
     "pillow": "PIL",
     "imageio-ffmpeg": "imageio_ffmpeg",
