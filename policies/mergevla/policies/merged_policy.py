@@ -18,7 +18,7 @@ from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedC
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointMetadata, locate
 from robogauntlet.policies.mergevla.merging.masks import lambdas_of
-from robogauntlet.policies.mergevla.merging.operators import find_operator
+from robogauntlet.policies.mergevla.merging.merge import find_operator
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.trunk import check_kept_blocks
 from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders

@@ -7,7 +7,7 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
 from robogauntlet.policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer, MergeError, OutOfRange
-from robogauntlet.policies.mergevla.merging.operators import UnknownOperator
+from robogauntlet.policies.mergevla.merging.merge import UnknownOperator
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, Recipe
 from robogauntlet.policies.mergevla.network.config import LoraSettings
 from robogauntlet.policies.mergevla.network.lora import lora_deltas
