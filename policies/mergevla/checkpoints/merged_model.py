@@ -70,10 +70,7 @@ class MergedWeights:
 
 
 class MergedModel:
-    """A merged model: the network of each expert, made when it is first asked for.
-
-    This is what routers see of it, too (`robogauntlet.policies.mergevla.routing.contract.Candidates`).
-    """
+    """A merged model: builds the network of each expert on first use."""
 
     def __init__(self, parts: MergedWeights, *, device: torch.device | None = None) -> None:
         """Args: parts: what it is made of; device: where networks run, the CPU by default."""

@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 from robogauntlet.policies.contract import Routing
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, feature_spec_of, fitting_features, router
-from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError
 from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
 from robogauntlet.policies.mergevla.routing.features import LabelledFeatures, labelled_features
 from robogauntlet.policies.mergevla.routing.fitted_router import RouterFit
@@ -85,7 +86,7 @@ def all_routers(stored: Mapping[str, Tensor]) -> list[Router]:
 
 def evaluate_routers(
     routers: Sequence[Router],
-    candidates: Candidates,
+    model: MergedModel,
     observations: Sequence[FirstObservation],
     *,
     listener: ProgressListener = lambda done, total: None,
@@ -98,7 +99,7 @@ def evaluate_routers(
 
     Args:
         routers: Routers to evaluate.
-        candidates: The merged model.
+        model: The merged model.
         observations: Observations of tasks that have an expert.
         listener: See `ProgressListener`.
         clock: Time in s, with any origin.
@@ -108,22 +109,22 @@ def evaluate_routers(
     """
     if not observations:
         raise RoutingError("expected first observations to route, got none")
-    _pass(candidates, observations[0])
+    _pass(model, observations[0])
     for tested in routers:
-        tested.route(observations[:1], candidates)
+        tested.route(observations[:1], model)
     answers: list[list[RoutedObservation]] = [[] for _ in routers]
     pass_times = []
     for done, observation in enumerate(observations):
         listener(done, len(observations))
         started = clock()
-        _pass(candidates, observation)
+        _pass(model, observation)
         pass_times.append(clock() - started)
         for tested, routed in zip(routers, answers, strict=True):
             started = clock()
-            (decision,) = tested.route([observation], candidates)
+            (decision,) = tested.route([observation], model)
             routed.append(RoutedObservation(observation.task, decision.timed(clock() - started)))
     listener(len(observations), len(observations))
-    experts = len(candidates.experts)
+    experts = len(model.experts)
     results = (
         RouterAnswers(tested.name, tested.sees_instruction, tested.passes(experts), tuple(routed))
         for tested, routed in zip(routers, answers, strict=True)
@@ -132,7 +133,7 @@ def evaluate_routers(
 
 
 def unknown_tasks(
-    candidates: Candidates,
+    model: MergedModel,
     training_set: RouterTrainingSet,
     observations: Mapping[str, Sequence[FirstObservation]],
     *,
@@ -141,7 +142,7 @@ def unknown_tasks(
     """Leave each task in turn out of the fit of every fitted router, and score new observations of all tasks.
 
     Args:
-        candidates: Merged model, of which only the base is run.
+        model: Merged model, of which only the base is run.
         training_set: Observations of all experts to fit to.
         observations: Task to new observations.
         listener: Called with the number of routers done and in all.
@@ -153,10 +154,10 @@ def unknown_tasks(
     total = 2 * len(FITTED)
     for sees_instruction in (True, False):
         listener(len(scores), total)
-        feature_spec = feature_spec_of(candidates.architecture, sees_instruction=sees_instruction)
-        new = labelled_features(candidates, observations, feature_spec)
+        feature_spec = feature_spec_of(model.architecture, sees_instruction=sees_instruction)
+        new = labelled_features(model, observations, feature_spec)
         for name, fitting in FITTED.items():
-            parts = fitting_features(fitting, candidates, training_set.frames, training_set.held_out, feature_spec)
+            parts = fitting_features(fitting, model, training_set.frames, training_set.held_out, feature_spec)
             by_task = leave_one_out(partial(fitting.fit, feature_spec=feature_spec), *parts, new)
             scores.append(UnknownTaskScores(name, sees_instruction, by_task))
     return sorted(scores, key=lambda each: each.router)
@@ -193,6 +194,6 @@ def leave_one_out(
 
 
 @torch.no_grad()
-def _pass(candidates: Candidates, observation: FirstObservation) -> None:
+def _pass(model: MergedModel, observation: FirstObservation) -> None:
     """Run the base on one observation and wait for the result."""
-    candidates.hidden_states(None, observation.images[None], [observation.instruction]).action[-1].sum().item()
+    model.hidden_states(None, observation.images[None], [observation.instruction]).action[-1].sum().item()

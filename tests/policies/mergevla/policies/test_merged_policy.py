@@ -72,7 +72,7 @@ class Fixed:
     def passes(self, experts):
         return 0
 
-    def route(self, observations, candidates):
+    def route(self, observations, model):
         self.asked += [observation.episode_id for observation in observations]
         return [Routed({self.choice: 1.0}, self.choice) for _ in observations]
 

@@ -11,7 +11,7 @@ from tests.policies.mergevla.shared import INSTRUCTIONS, SMALL, small_model
 EXPERTS = ("null/Push", "null/Open", "null/Reach")
 
 
-class SmallCandidates:
+class SmallMergedModel:
     """Networks that share nothing; each expert's seed is its own, so that the order of experts changes no weight."""
 
     architecture = SMALL

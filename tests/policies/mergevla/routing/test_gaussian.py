@@ -8,9 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.policies.mergevla.routing.calibration import conformal_threshold, temperature_of
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures
+from robogauntlet.policies.mergevla.routing.fitted_router import conformal_threshold, temperature_of
 from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit, fit, ledoit_wolf
 from tests.policies.mergevla.routing.synthetic import gaussians
 
