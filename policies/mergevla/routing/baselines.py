@@ -57,11 +57,7 @@ class OracleRouter(_WithoutPass):
     name = "oracle"
 
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
-        """Route each observation, in order.
-
-        Raises:
-            RoutingError: An observation's task has no expert.
-        """
+        """Route each observation, in order. Raises RoutingError if its task has no expert."""
         for observation in observations:
             if observation.task not in model.experts:
                 hint = did_you_mean(observation.task, model.experts)

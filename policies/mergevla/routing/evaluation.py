@@ -74,11 +74,7 @@ class UnknownTaskScores:
 
 
 def all_routers(stored: Mapping[str, Tensor]) -> list[Router]:
-    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors.
-
-    Raises:
-        RoutingError: Malformed tensors.
-    """
+    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors."""
     fitted = {key.partition("/")[0] for key in stored}
     names = [name for name in NAMES if name not in FITTED or name in fitted]
     return [router(name, sees_instruction=sees, stored=stored) for name in names for sees in (True, False)]
@@ -95,17 +91,8 @@ def evaluate_routers(
     """Route each observation by each router, one at a time.
 
     A pass of the base is timed at every observation, so that other load slows routers and passes alike. Everything that
-    is built on first use is built before.
-
-    Args:
-        routers: Routers to evaluate.
-        model: The merged model.
-        observations: Observations of tasks that have an expert.
-        listener: See `ProgressListener`.
-        clock: Time in s, with any origin.
-
-    Raises:
-        RoutingError: There are no observations, or a router raises it.
+    is built on first use is built before. The observations are of tasks that have an expert; RoutingError without any.
+    `clock` returns a time in s, with any origin.
     """
     if not observations:
         raise RoutingError("expected first observations to route, got none")
@@ -144,11 +131,8 @@ def unknown_tasks(
     Args:
         model: Merged model, of which only the base is run.
         training_set: Observations of all experts to fit to.
-        observations: Task to new observations.
+        observations: Task to new observations; RoutingError for fewer than two tasks.
         listener: Called with the number of routers done and in all.
-
-    Raises:
-        RoutingError: Observations of fewer than two tasks.
     """
     scores: list[UnknownTaskScores] = []
     total = 2 * len(FITTED)
@@ -175,10 +159,7 @@ def leave_one_out(
         fit: A fit such as `gaussian.fit`, with its options bound.
         frames: Features to fit to.
         held_out: Features of the same experts, for the threshold.
-        observations: Other observations of some of these experts, which are scored.
-
-    Raises:
-        RoutingError: Observations of fewer than two experts, or of other experts than those of `frames`.
+        observations: Features to score, of two or more of these experts; RoutingError otherwise.
     """
     if len(observations.experts) < 2 or not set(observations.experts) <= set(frames.experts):
         expected, given = ", ".join(frames.experts), ", ".join(observations.experts)

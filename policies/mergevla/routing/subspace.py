@@ -39,14 +39,8 @@ def leading_right_vectors(weight: Tensor, rank: int = RANK) -> Tensor:
 def energy(states: Tensor, subspace: Tensor) -> Tensor:
     """Mean over the tokens of ||P h||_2.
 
-    The length of the projection does not depend on which orthonormal basis of the subspace P holds.
-
-    Args:
-        states: Hidden states, shape (B, tokens, width).
-        subspace: P, shape (rank, width).
-
-    Returns:
-        Shape (B,).
+    The length of the projection does not depend on which orthonormal basis of the subspace P holds. Hidden states are
+    of shape (B, tokens, width), P of shape (rank, width), the result of shape (B,).
     """
     return (states.float() @ subspace.to(states.device).mT).norm(dim=-1).mean(dim=-1)
 
@@ -66,11 +60,7 @@ class _SubspaceRouter:
         return experts
 
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
-        """Route by the raw scores r_m. The paper's softmax of them changes no choice and is not a probability.
-
-        Raises:
-            PolicyError: Images of another shape than the architecture's.
-        """
+        """Route by the raw scores r_m. The paper's softmax of them changes no choice and is not a probability."""
         if self._fitted_to is not model:
             self._subspaces = {expert: self._subspaces_of(model, expert) for expert in model.experts}
             self._fitted_to = model
