@@ -94,10 +94,10 @@ def test_an_unknown_camera_is_told(dataset):
 
 
 def test_datasets_are_found_below_a_folder(dataset, tmp_path):
-    assert find_datasets(tmp_path) == [tmp_path / "set"]
-    assert find_datasets(tmp_path / "set") == [tmp_path / "set"]
+    assert find_datasets([tmp_path]) == [tmp_path / "set"]
+    assert find_datasets([tmp_path / "set"]) == [tmp_path / "set"]
     with pytest.raises(DatasetError, match="expected a dataset"):
-        find_datasets(tmp_path / "set" / "meta")
+        find_datasets([tmp_path / "set" / "meta"])
 
 
 def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings, tmp_path, monkeypatch):
@@ -112,7 +112,7 @@ def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings,
 
     monkeypatch.setattr(Path, "is_file", deny)
     with pytest.raises(DatasetError, match=f"{tmp_path / 'set/meta/info.json'}: cannot be read: Permission denied"):
-        find_datasets(tmp_path)
+        find_datasets([tmp_path])
 
 
 def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
@@ -135,7 +135,7 @@ def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     refused("file-000.parquet: cannot be read")
     table = pq.read_table(tmp_path / "set/data/chunk-000/file-001.parquet")
     pq.write_table(table.drop_columns(["action"]), data)
-    refused("expected a column action, there is none")
+    refused("expected a column action, got none")
     data.write_bytes(whole)
     for features in (5, {image_key("wrist"): {"shape": 16}}, {image_key("wrist"): {}}):
         info.write_text(json.dumps({**sound, "features": features}))
@@ -149,7 +149,7 @@ def test_a_dataset_without_episodes_is_refused(tmp_path):
     info, data = tmp_path / "meta/info.json", tmp_path / "data/chunk-000/file-000.parquet"
     info.write_text(json.dumps({**json.loads(info.read_text()), "total_frames": 0, "total_episodes": 0}))
     pq.write_table(pq.read_table(data).slice(0, 0), data)
-    with pytest.raises(DatasetError, match="expected an episode at least, got none"):
+    with pytest.raises(DatasetError, match="expected at least one episode, got none"):
         Demonstrations(tmp_path)
 
 
@@ -160,10 +160,10 @@ def test_a_dataset_without_episodes_is_refused(tmp_path):
         ("action", pa.array([[None] * 7] * 12, pa.list_(pa.float32(), 7)), "action: expected numbers in each frame"),
         ("next.success", pa.array(["no"] * 12), "next.success: expected numbers in each frame"),
         ("next.success", pa.array([[True]] * 12), "next.success: expected numbers in each frame"),
-        ("action", pa.array([[0.0] * 6] * 12, pa.list_(pa.float32(), 6)), "expected 7 numbers a frame, got 6"),
+        ("action", pa.array([[0.0] * 6] * 12, pa.list_(pa.float32(), 6)), "expected 7 numbers per frame, got 6"),
         (image_key("wrist"), IMAGE_FILES, "wrist: expected images within the data files"),
         (image_key("wrist"), pa.array([None] * 12, IMAGE_FILES.type), "wrist: expected images within the data files"),
-        (image_key("wrist"), NO_IMAGES, "wrist: expected a PNG image, got 3 bytes that are none"),
+        (image_key("wrist"), NO_IMAGES, "wrist: expected a PNG image, got 3 bytes of another format"),
     ],
 )
 def test_columns_of_something_else_are_refused_in_one_line(column, values, message, tmp_path):

@@ -111,7 +111,7 @@ def test_what_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, 
 
 def test_a_dataset_of_another_source_is_not_continued(tmp_path, recordings):
     write(tmp_path, recordings)
-    with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2; give another folder"):
+    with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2; choose another --out"):
         DatasetWriter(tmp_path, {**SOURCE, "noise": 0.2})
 
 
@@ -136,5 +136,5 @@ def test_episodes_that_do_not_fit_are_refused(tmp_path, recordings):
     other = recording(9, size=8)
     with pytest.raises(DatasetError, match="expected episodes of DatasetSpec"):
         writer.commit([won(other)], [encode_episode(other)])
-    with pytest.raises(DatasetError, match=r"expected an episode for each that is kept \[9\], got \[\]"):
+    with pytest.raises(DatasetError, match=r"expected episodes of the kept seeds \[9\], got \[\]"):
         writer.commit([won(other)], [])

@@ -27,7 +27,7 @@ def test_images_are_stored_without_loss(image):
 
 
 def test_what_is_no_png_is_refused():
-    with pytest.raises(DatasetError, match="expected a PNG image, got 5 bytes that are none"):
+    with pytest.raises(DatasetError, match="expected a PNG image, got 5 bytes of another format"):
         decode_png(b"GIF89")
 
 
