@@ -152,7 +152,7 @@ def test_what_is_not_found_is_one_line(module, package):
     refused(options("toward"), "expected 'toward', found none; did you mean 'towards'")
     refused(options("np.pi"), "expected a class or a function, got a float")
     refused(options("towards", options={"sped": 1}), "options do not fit the function: got an unexpected keyword")
-    refused(options("Caller", options={"sped": 1}), "making it raised TypeError")
+    refused(options("Caller", options={"sped": 1}), "building it raised TypeError")
 
 
 @pytest.mark.parametrize(

@@ -182,7 +182,7 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
         ({"input_features": {"observation.state": {"shape": [6]}}}, {}, "expected observation.state of 8 numbers"),
         ({}, {"image_size": 64}, r"image_size: expected \[32, 32\], as the checkpoint was trained on"),
         ({"output_features": {"action": {"shape": [6]}}}, {}, "expected the 7 columns of an action"),
-        ({"input_features": 3}, {}, "is no configuration of LeRobot"),
+        ({"input_features": 3}, {}, "expected a configuration of LeRobot in"),
         ({}, {"device": "CPU 1"}, "device: String should match pattern"),
     ],
 )
