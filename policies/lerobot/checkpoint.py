@@ -170,7 +170,7 @@ def _folder(checkpoint: str) -> Path:
         raise PolicyError(
             f"policy '{NAME}': expected a folder, got '{checkpoint}'; install huggingface_hub to download it"
         ) from None
-    except Exception as error:  # the hub's client raises its own, and those of its transports
+    except Exception as error:  # the hub's client also raises errors of its transports
         raise PolicyError(
             f"policy '{NAME}': no folder {checkpoint}, and the hub does not provide it: {first_line(error)}"
         ) from None

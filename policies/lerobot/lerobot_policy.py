@@ -54,7 +54,7 @@ class LeRobotPolicy:
         return [self._decide(query) for query in queries]
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Drop these episodes; the next query tells the process."""
+        """Drop these episodes; the next query reports them to the process."""
         self._finished += [episode.id for episode in episodes if self._process_of.pop(episode.id, None) is not None]
 
     def close(self) -> None:

@@ -52,7 +52,7 @@ def expert_folders(folder: Path) -> dict[str, Path]:
     try:
         if not folder.is_dir():
             raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}'")
-        # A glob would leave out what it is not permitted to read.
+        # A glob would silently skip unreadable folders.
         checkpoints = sorted(path for path in folder.iterdir() if (path / METADATA_FILE).is_file())
     except OSError as error:
         raise CheckpointError(f"expected to read '{error.filename or folder}', got: {error.strerror}") from None

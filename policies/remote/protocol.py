@@ -70,7 +70,7 @@ def greeting_in(metadata: Mapping[str, Any]) -> Greeting | None:
         return None
     if greeting.get("version") != VERSION:
         version = str(greeting.get("version"))[:20]
-        raise PackingError(f"expected a RoboGauntlet server that speaks version {VERSION}, got version {version}")
+        raise PackingError(f"expected a RoboGauntlet server of version {VERSION}, got version {version}")
     try:
         return _GREETING.validate_python(dict(greeting))
     except ValidationError as error:

@@ -75,7 +75,7 @@ class RemotePolicy:
         return [self._decide(query) for query in queries]
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Drop these episodes; the next query tells a RoboGauntlet server."""
+        """Drop these episodes; the next query reports them to a RoboGauntlet server."""
         self._finished += [episode.id for episode in episodes if self._connection_of.pop(episode.id, None) is not None]
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class RemotePolicy:
 
     @property
     def _is_robogauntlet(self) -> bool:
-        """Whether the server is RoboGauntlet's own, asked without conversions."""
+        """Whether the server is RoboGauntlet's own, without conversions."""
         return self._greeting is not None and self._options.is_plain
 
     def _decide(self, query: Query) -> Decision:

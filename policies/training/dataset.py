@@ -246,7 +246,7 @@ def find_datasets(folders: Sequence[Path]) -> list[Path]:
     datasets: dict[Path, Path] = {}
     for folder in folders:
         try:
-            # A glob would leave out what it is not permitted to read.
+            # A glob would silently skip unreadable folders.
             is_dataset = (folder / INFO_FILE).is_file()
             places = [folder] if is_dataset else sorted(folder.iterdir()) if folder.is_dir() else []
             found = {place.resolve(): place for place in places if (place / INFO_FILE).is_file()}

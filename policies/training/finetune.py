@@ -193,7 +193,7 @@ def finetune(
     """
     start = load_checkpoint(base)
     if start.metadata.base is not None or start.metadata.lora is not None:
-        raise TrainingError(f"expected a base that stands alone, got '{base}', an expert")
+        raise TrainingError(f"expected a base, got '{base}', an expert")
     if isinstance(base, Path) and base.resolve() == out.resolve():
         raise TrainingError(f"expected another folder than the base's for the expert, got '{out}'")
     check_images(mixture, start.model.architecture)

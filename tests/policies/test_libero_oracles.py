@@ -1,4 +1,4 @@
-"""LIBERO's scripted oracles succeed, also when what is executed is not quite what they ask for."""
+"""LIBERO's scripted oracles succeed, also under action noise."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Packages bring oracles for their simulators, and only for theirs; what they bring is part of what the oracle is."""
+"""Packages provide oracles for their own simulators only, and the oracle's digest covers them."""
 
 import sys
 from importlib.metadata import EntryPoint
@@ -47,14 +47,14 @@ def forget():
     oracles.scripts.cache_clear()
 
 
-def test_a_script_that_a_package_brings_is_played_for_its_task(declared):
+def test_a_script_of_another_package_plays_its_task(declared):
     declared([("mysim", ":GOOD")], value=7)
     assert oracles.scripts()["mysim/Reach"]()({}) == 7
     assert "robosuite/Lift" in oracles.scripts()
     assert "mysim/Reach" in catalog.find("oracle").tasks()
 
 
-def test_the_oracles_digest_covers_what_packages_bring(declared):
+def test_the_oracles_digest_covers_scripts_of_other_packages(declared):
     alone = catalog.digest("oracle", {})
     declared([("mysim", ":GOOD")], value=1)
     first = catalog.digest("oracle", {})
@@ -101,7 +101,7 @@ def test_a_task_without_a_script_has_no_digest():
         ([("robosuite", ":FOREIGN")], "'robosuite' has oracles of its own, which stay in use"),
     ],
 )
-def test_what_is_broken_is_told_and_takes_nothing_along(declared, entries, reason):
+def test_a_broken_entry_point_is_reported_and_affects_no_other(declared, entries, reason):
     own = oracles.scripts()["robosuite/Lift"]
     declared(entries)
     (broken,) = oracles.broken_plugins()

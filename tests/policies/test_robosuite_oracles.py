@@ -1,4 +1,4 @@
-"""The scripted oracles of robosuite succeed, also when what is executed is not quite what they ask for."""
+"""The scripted oracles of robosuite succeed, also under action noise."""
 
 import pytest
 

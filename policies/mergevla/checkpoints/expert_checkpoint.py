@@ -66,7 +66,7 @@ def save_checkpoint(
         shared, base_metadata = load_tensors(base)
         if base_metadata.base is not None:
             raise CheckpointError(
-                f"expected a base that stands alone, got '{base}', which builds on {base_metadata.base}"
+                f"expected a base without a base of its own, got '{base}', which has {base_metadata.base}"
             )
         tensors = {n: t for n, t in tensors.items() if n not in shared or not torch.equal(t, shared[n])}
         metadata = replace(metadata, base=name_of_base(folder, base), base_hash=base_metadata.tensor_hash)

@@ -71,7 +71,7 @@ def read_experts(references: Iterable[str | Path]) -> Experts:
         checkpoint = load_checkpoint(folder)
         metadata = checkpoint.metadata
         if metadata.base is None or metadata.base_hash is None or metadata.lora is None:
-            raise MergeError(f"'{reference}': expected an expert with adapters on a base, got one that stands alone")
+            raise MergeError(f"'{reference}': expected an expert with adapters on a base, got none")
         if len(metadata.tasks) != 1:
             raise MergeError(f"'{reference}': expected an expert for one task, got {', '.join(metadata.tasks)}")
         task = metadata.tasks[0]

@@ -82,7 +82,7 @@ class StoredMetadata(Stored):
             base = base_folder(folder, metadata.base)
             base_metadata = CheckpointMetadata.read(base)
             if base_metadata.base is not None:
-                raise CheckpointError(f"expected a base that stands alone, got '{base}', which builds on another")
+                raise CheckpointError(f"expected a base without a base of its own, got '{base}'")
             _check_hash(base, metadata.base_hash or "")
             _check_hash(base, base_metadata.tensor_hash)
         return metadata
@@ -287,7 +287,7 @@ def _from_hub(reference: str) -> Path:
     name, _, revision = reference.partition("@")
     try:
         return Path(snapshot_download(name, revision=revision or None, allow_patterns=[WEIGHTS, METADATA_FILE]))
-    except Exception as error:  # the hub's client raises its own, its transport's and the system's errors
+    except Exception as error:  # the hub's client also raises errors of its transport and of the system
         raise CheckpointError(
             f"expected a folder or hub id, got '{reference}', which is no folder: {first_line(error)}"
         ) from None

@@ -1,4 +1,4 @@
-"""Run by the Python of an environment with LeRobot: small checkpoints of random weights, and what LeRobot answers."""
+"""Runs in an environment with LeRobot: makes small checkpoints of random weights and computes LeRobot's actions."""
 
 import sys
 from pathlib import Path

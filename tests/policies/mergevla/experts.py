@@ -1,4 +1,4 @@
-"""Tiny experts of one base, as fine-tuning would have left them."""
+"""Tiny experts of one base, with the weights that fine-tuning changes."""
 
 from pathlib import Path
 

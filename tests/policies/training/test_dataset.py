@@ -1,4 +1,4 @@
-"""What training is given."""
+"""Reading datasets for training."""
 
 import errno
 import json
@@ -30,7 +30,7 @@ def dataset(tmp_path, recordings):
     return Demonstrations(tmp_path / "set")
 
 
-def test_what_was_recorded_comes_back(dataset, recordings):
+def test_recorded_episodes_are_read_back(dataset, recordings):
     assert (len(dataset), dataset.episodes) == (sum(LENGTHS), 3)
     assert dataset.instructions == ("reach the goal",)
     for r, start, end in zip(recordings, dataset.starts, dataset.ends, strict=True):
@@ -88,7 +88,7 @@ def test_the_hash_notices_a_missing_episode(dataset, recordings, tmp_path):
     assert Demonstrations(tmp_path / "fewer").content_hash != dataset.content_hash
 
 
-def test_an_unknown_camera_is_told(dataset):
+def test_an_unknown_camera_is_an_error(dataset):
     with pytest.raises(DatasetError, match="expected camera third_person, wrist, got front"):
         dataset.images("front", np.array([0]))
 
@@ -100,7 +100,7 @@ def test_datasets_are_found_below_a_folder(dataset, tmp_path):
         find_datasets([tmp_path / "set" / "meta"])
 
 
-def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings, tmp_path, monkeypatch):
+def test_an_unreadable_dataset_is_an_error(dataset, recordings, tmp_path, monkeypatch):
     """Denied by hand: root may read everything."""
     write(tmp_path / "other", recordings)
     look = Path.is_file
@@ -115,7 +115,7 @@ def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings,
         find_datasets([tmp_path])
 
 
-def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
+def test_a_folder_that_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
     sound, whole = json.loads(info.read_text()), data.read_bytes()
 
@@ -166,7 +166,7 @@ def test_a_dataset_without_episodes_is_refused(tmp_path):
         (image_key("wrist"), NO_IMAGES, "wrist: expected a PNG image, got 3 bytes of another format"),
     ],
 )
-def test_columns_of_something_else_are_refused_in_one_line(column, values, message, tmp_path):
+def test_unsuitable_columns_are_refused_in_one_line(column, values, message, tmp_path):
     write(tmp_path, [recording()])
     data = tmp_path / "data/chunk-000/file-000.parquet"
     table = pq.read_table(data)
@@ -195,7 +195,7 @@ def test_a_record_of_the_collection_that_does_not_read_is_not_passed_over(tmp_pa
     assert Demonstrations(tmp_path).task == tmp_path.name
 
 
-def test_frames_of_a_collection_that_was_killed_are_told_as_such(dataset, tmp_path):
+def test_the_message_for_a_killed_collection_says_how_to_continue(dataset, tmp_path):
     folder = tmp_path / "set/data/chunk-000"
     (folder / "file-002.parquet").write_bytes((folder / "file-000.parquet").read_bytes())
     with pytest.raises(DatasetError, match="got 39; if it was being collected, give the same command to continue"):

@@ -1,4 +1,4 @@
-"""A dataset grows bit by bit, and what was committed stays."""
+"""A dataset is written in steps, and committed episodes are kept."""
 
 import json
 
@@ -71,7 +71,7 @@ def test_added_episodes_are_committed_together_when_they_are_large_or_old(
     assert len(list((tmp_path / "data/chunk-000").iterdir())) == 1
 
 
-def test_what_was_added_and_not_flushed_is_not_part_of_the_dataset(tmp_path, recordings):
+def test_pending_episodes_are_not_part_of_the_dataset(tmp_path, recordings):
     writer = write(tmp_path, recordings[:1])
     writer.add(won(recordings[1]), encode_episode(recordings[1]))
     assert DatasetWriter(tmp_path, SOURCE).episodes == 1
@@ -98,7 +98,7 @@ def test_leftovers_of_a_killed_process_are_overwritten(tmp_path, recordings):
     assert Demonstrations(tmp_path).content_hash == Demonstrations(tmp_path / "undisturbed").content_hash
 
 
-def test_what_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, monkeypatch):
+def test_a_dataset_that_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, monkeypatch):
     def die(self):
         raise KeyboardInterrupt
 
@@ -121,7 +121,7 @@ def test_a_foreign_dataset_is_left_alone(tmp_path):
         DatasetWriter(tmp_path, SOURCE)
 
 
-def test_a_broken_record_of_attempts_is_told(tmp_path, recordings):
+def test_a_broken_record_of_attempts_is_an_error(tmp_path, recordings):
     write(tmp_path, recordings)
     (tmp_path / "meta/robogauntlet.json").write_text("{")
     with pytest.raises(DatasetError, match="expected a record of attempts: JSONDecodeError"):

@@ -1,4 +1,4 @@
-"""The mask rule, its storage and its refusals."""
+"""The mask rule, packed masks, and error messages."""
 
 import math
 

@@ -13,7 +13,7 @@ from tests.policies.mergevla.merging.strategies import close, copied, equal, ran
 
 @pytest.mark.parametrize("operator", OPERATORS)
 @pytest.mark.parametrize("rule", MaskRule)
-def test_every_operator_goes_with_every_mask_rule(operator, rule):
+def test_every_operator_works_with_every_mask_rule(operator, rule):
     experts = random_task_vectors(3)
     before = copied(experts)
     merged = merge(experts, Recipe(operator, masks=rule))

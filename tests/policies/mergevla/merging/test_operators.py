@@ -1,4 +1,4 @@
-"""What every merge operator promises, and what each does to small examples."""
+"""Properties of every merge operator, and known values of each."""
 
 import math
 from itertools import permutations
@@ -42,7 +42,7 @@ def row(*entries):
 @every_operator
 @settings(max_examples=15)
 @given(experts=task_vectors(grid=True))
-def test_gives_fp32_of_the_same_names_and_shapes_twice_alike_and_leaves_its_arguments_alone(operator, experts):
+def test_results_are_fp32_of_the_same_shapes_and_deterministic_and_arguments_are_unchanged(operator, experts):
     before = copied(experts)
     merged = run(operator, experts)
     assert all(equal(before[expert], experts[expert]) for expert in before)
@@ -177,7 +177,7 @@ def test_ties_trims_the_smallest_entries_of_an_expert_over_all_its_weights():
 
 @settings(max_examples=25)
 @given(experts=task_vectors(grid=True), trim=st.floats(0, 0.99))
-def test_ties_sums_nothing_that_disagrees(experts, trim):
+def test_ties_sums_only_agreeing_deltas(experts, trim):
     merged = ties(experts, trim=trim)
     for name, delta in merged.items():
         magnitude = sum(vector[name].abs() for vector in experts.values())
@@ -216,7 +216,7 @@ def test_dare_is_task_arithmetic_in_expectation():
     assert 0.9 < z.std() < 1.1
 
 
-def test_dare_drops_the_share_that_it_is_told():
+def test_dare_drops_the_given_share():
     kept = dare(random_task_vectors(1, shape=(200, 200)), drop=0.9)["w"] != 0
     assert abs(kept.double().mean() - 0.1) < 4 * math.sqrt(0.09 / kept.numel())
 

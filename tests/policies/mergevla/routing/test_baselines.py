@@ -1,4 +1,4 @@
-"""Routers that look at no image."""
+"""Routers that use no image."""
 
 from collections import Counter
 from dataclasses import replace
@@ -30,12 +30,12 @@ def test_instructions_are_matched_by_their_words(model):
     assert routed.unknown == pytest.approx(1 / 4)
 
 
-def test_without_instruction_there_is_nothing_to_match(model):
+def test_without_instruction_all_scores_are_zero(model):
     routed = InstructionMatchRouter(sees_instruction=False).route(observations(2), model)
     assert all(set(one.scores.values()) == {0.0} and one.unknown == 1.0 for one in routed)
 
 
-def test_the_oracle_is_told(model):
+def test_the_oracle_router_chooses_the_true_task(model):
     batch = observations()
     assert [one.choice for one in OracleRouter().route(batch, model)] == [one.task for one in batch]
 

@@ -74,7 +74,7 @@ def test_another_layer_is_remembered(model):
 
 @pytest.mark.parametrize("name", FITTED)
 @pytest.mark.parametrize(("told", "sees_instruction"), [("instructed", True), ("unaided", False)])
-def test_the_layer_in_the_middle_is_read(name, told, sees_instruction, model, stored):
+def test_fitted_routers_use_the_middle_layer(name, told, sees_instruction, model, stored):
     assert model.architecture.language.layers == 2
     assert FeatureSpec.from_tensor(stored[f"{name}/{told}/reading"]) == FeatureSpec(sees_instruction, layer=1)
 
@@ -111,7 +111,7 @@ def test_an_expert_without_frames_is_refused(model):
         fit_routers(model, {**frames(0, 4), "null/Open": []}, frames(50, 4))
 
 
-def test_a_router_that_was_stored_otherwise_is_refused_with_what_to_do(stored):
+def test_the_message_for_a_router_of_another_format_says_what_to_do(stored):
     others = {key: tensor for key, tensor in stored.items() if not key.endswith("/whitening")}
     with pytest.raises(PolicyError, match=r"expected whitening .* got none; merge again with --demonstrations"):
         router("calibrated", stored=others)

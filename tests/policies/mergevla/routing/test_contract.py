@@ -1,4 +1,4 @@
-"""What every router promises."""
+"""Properties of every router."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_the_order_of_the_experts_changes_nothing(name, model, stored):
 
 
 @pytest.mark.parametrize("name", ["paper-coded", "paper-written"])
-def test_a_candidate_leaves_no_trace_on_the_next(name, model):
+def test_scores_of_an_expert_do_not_depend_on_the_others(name, model):
     batch = observations(3)
     fewer = SmallMergedModel(EXPERTS[1:])
     all_of_them, some = (router(name).route(batch, c) for c in (model, fewer))
@@ -58,7 +58,7 @@ def test_a_candidate_leaves_no_trace_on_the_next(name, model):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_decision_takes_the_passes_that_it_says(name, stored):
+def test_a_decision_takes_the_declared_number_of_passes(name, stored):
     model = SmallMergedModel()
     chosen = router(name, stored=stored)
     chosen.route(observations(2), model)
@@ -67,7 +67,7 @@ def test_a_decision_takes_the_passes_that_it_says(name, stored):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_blanked_instruction_is_not_seen(name, model, stored):
+def test_a_blanked_instruction_has_no_effect(name, model, stored):
     told = [observation(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
     told[1] = replace(told[0], instruction=told[1].instruction)
     blind = router(name, sees_instruction=False, stored=stored)

@@ -65,7 +65,7 @@ def test_routers_that_were_not_fitted_are_left_out():
     assert {one.name for one in all_routers({})} == set(UNFITTED)
 
 
-def test_routers_are_judged_by_what_they_choose(model, stored, new):
+def test_routers_are_evaluated_by_their_choices(model, stored, new):
     found = evaluate_routers(all_routers(stored), model, new).routers
     by_name = {(one.router, one.sees_instruction): one for one in found}
     for name in (*FITTED, "oracle"):
@@ -84,7 +84,7 @@ def test_only_the_calibrated_router_answers_with_probabilities(model, stored, ne
     assert [name for name, values in sums.items() if np.allclose(values, 1.0, atol=1e-3)] == ["calibrated"]
 
 
-def test_a_decision_is_timed_by_itself_and_beside_a_pass(model, stored, new):
+def test_a_decision_and_a_pass_are_timed_separately(model, stored, new):
     told = []
     routers = [router("calibrated", stored=stored), router("random")]
     found = evaluate_routers(routers, model, new[:3], listener=lambda *done: told.append(done), clock=Turns())
@@ -98,7 +98,7 @@ def test_nothing_to_route_is_refused(model):
         evaluate_routers([], model, [])
 
 
-def test_a_task_that_was_left_out_is_noticed(model):
+def test_a_task_that_was_left_out_is_detected(model):
     fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
     found = unknown_tasks(model, fitted_to, frames(9000, 5))
     assert [(one.router, one.sees_instruction) for one in found] == [
@@ -111,7 +111,7 @@ def test_a_task_that_was_left_out_is_noticed(model):
         assert np.mean([np.greater(task.unknown, task.threshold) for task in one.by_task.values()]) > 0.9
 
 
-def test_tasks_that_were_not_looked_at_are_not_left_out(model):
+def test_tasks_without_new_observations_are_not_left_out(model):
     fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
     found = unknown_tasks(model, fitted_to, frames(9000, 5, EXPERTS[:2]))
     assert found[0].by_task.keys() == set(EXPERTS[:2])
@@ -122,7 +122,7 @@ def test_tasks_that_were_not_looked_at_are_not_left_out(model):
 @pytest.mark.parametrize(
     "fitted", [partial(fit, feature_spec=FeatureSpec()), partial(fit_centroids, feature_spec=FeatureSpec())]
 )
-def test_a_left_out_task_is_noticed_if_it_is_apart(fitted):
+def test_a_left_out_task_is_detected_if_it_is_separable(fitted):
     found = leave_one_out(fitted, gaussians(0), gaussians(1), gaussians(2, count=100, classes=("a", "b", "c")))
     assert found.keys() == {"a", "b", "c"}
     assert {(len(one.known), len(one.unknown)) for one in found.values()} == {(200, 100)}
@@ -131,7 +131,7 @@ def test_a_left_out_task_is_noticed_if_it_is_apart(fitted):
     assert 0.0 < np.mean([np.greater(one.known, one.threshold) for one in found.values()]) < 0.15
 
 
-def test_a_left_out_task_that_looks_like_another_is_not_noticed():
+def test_a_left_out_task_that_looks_like_another_is_not_detected():
     near = (gaussians(seed, apart=0.0) for seed in range(3))
     found = leave_one_out(partial(fit, feature_spec=FeatureSpec()), *near)
     assert 0.4 < np.mean([auroc(one) for one in found.values()]) < 0.6

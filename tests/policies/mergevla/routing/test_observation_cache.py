@@ -33,7 +33,7 @@ def looks(seeds=range(3), task="null/Reach"):
     )
 
 
-def test_what_is_kept_is_what_was_seen(tmp_path):
+def test_stored_observations_are_read_back(tmp_path):
     seen = looks()
     path = file_of(tmp_path, seen.task)
     save_observations(seen, path)
@@ -44,7 +44,7 @@ def test_what_is_kept_is_what_was_seen(tmp_path):
     assert np.array_equal(kept.proprioception, seen.proprioception)
 
 
-def test_first_observations_come_in_the_order_of_the_seeds_asked_for():
+def test_first_observations_are_in_the_order_of_the_seeds():
     seen = looks()
     first, second = seen.observations([2, 0])
     assert [first.instruction, second.instruction] == ["reach é 2", "reach é 0"]
@@ -62,7 +62,7 @@ def test_other_seeds_or_another_view_are_not_covered():
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive", b"\x80\x04K\x01."])
-def test_a_file_that_is_something_else_is_refused_in_one_line(content, tmp_path):
+def test_a_file_of_another_format_is_refused_in_one_line(content, tmp_path):
     path = tmp_path / "x.npz"
     path.write_bytes(content)
     with pytest.raises(RoutingError, match=r"x\.npz: expected first observations of a task, got .+") as refused:
@@ -70,7 +70,7 @@ def test_a_file_that_is_something_else_is_refused_in_one_line(content, tmp_path)
     assert "\n" not in str(refused.value)
 
 
-def test_an_archive_of_something_else_is_refused(tmp_path):
+def test_an_archive_of_other_arrays_is_refused(tmp_path):
     np.savez(tmp_path / "x.npz", images=np.zeros(3))
     with pytest.raises(RoutingError, match="expected first observations of a task"):
         load_observations(tmp_path / "x.npz")

@@ -1,4 +1,4 @@
-"""The paper's routers against its formulae, written out naively."""
+"""The paper's routers compared with a naive implementation of its formulae."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_the_coded_router_reads_block_index_plus_two(layers, kept, index):
 
 
 @pytest.mark.parametrize("kind", [PaperCodedRouter, PaperWrittenRouter])
-def test_subspaces_are_computed_once_for_a_model_and_anew_for_another(kind):
+def test_subspaces_are_computed_once_per_model(kind):
     router, one, other = kind(), SmallMergedModel(), SmallMergedModel(EXPERTS[:2])
     for _ in range(2):
         router.route(observations(2), one)
