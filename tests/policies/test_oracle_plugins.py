@@ -22,13 +22,13 @@ NO_SCRIPT = {{"mysim/Reach": 5}}
 
 @pytest.fixture
 def declared(monkeypatch, tmp_path):
-    """Declares entry points of a module whose one script gives back a value."""
+    """Declares entry points of a module whose only script returns a value."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def declare(entries, value=1):
-        (tmp_path / "brought.py").write_text(MODULE.format(value=value))
-        sys.modules.pop("brought", None)
-        points = [EntryPoint(name, f"brought{what}", GROUP) for name, what in entries]
+        (tmp_path / "plugin_module.py").write_text(MODULE.format(value=value))
+        sys.modules.pop("plugin_module", None)
+        points = [EntryPoint(name, f"plugin_module{suffix}", GROUP) for name, suffix in entries]
         found = oracles.plugins.metadata.entry_points
         monkeypatch.setattr(
             "robogauntlet.policies.oracles.plugins.metadata.entry_points",
@@ -37,7 +37,7 @@ def declared(monkeypatch, tmp_path):
         forget()
 
     yield declare
-    sys.modules.pop("brought", None)
+    sys.modules.pop("plugin_module", None)
     monkeypatch.undo()
     forget()
 
@@ -73,10 +73,12 @@ def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
 
 def test_a_tasks_digest_covers_the_module_that_its_script_is_borrowed_from(monkeypatch):
     before = oracles.digest_of_task("gymnasium/FetchReach-v4")
-    told = oracles.source_digest
-    monkeypatch.setattr(
-        oracles, "source_digest", lambda *modules: told(*(m for m in modules if not m.__name__.endswith("pybullet")))
-    )
+    original = oracles.source_digest
+
+    def without_pybullet(*modules):
+        return original(*(module for module in modules if not module.__name__.endswith("pybullet")))
+
+    monkeypatch.setattr(oracles, "source_digest", without_pybullet)
     assert oracles.digest_of_task("gymnasium/FetchReach-v4") != before
 
 
@@ -93,8 +95,11 @@ def test_a_task_without_a_script_has_no_digest():
 @pytest.mark.parametrize(
     ("entries", "reason"),
     [
-        ([("mysim", ":GONE")], "brought:GONE cannot be loaded: AttributeError"),
-        ([("mysim", "")], "brought is a module, expected a mapping of 'mysim/TASK' to what makes a script"),
+        ([("mysim", ":GONE")], "plugin_module:GONE cannot be loaded: AttributeError"),
+        (
+            [("mysim", "")],
+            "plugin_module is a module, expected a mapping of 'mysim/TASK' to callables that build a script",
+        ),
         ([("mysim", ":FOREIGN")], "has a script for 'robosuite/Lift', expected tasks of its own simulator"),
         ([("mysim", ":NO_SCRIPT")], "has a int for 'mysim/Reach'"),
         ([("mysim", ":GOOD"), ("mysim", ":GOOD")], "is the second entry point named 'mysim'"),
