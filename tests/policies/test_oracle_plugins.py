@@ -103,7 +103,7 @@ def test_a_task_without_a_script_has_no_digest():
         ([("mysim", ":FOREIGN")], "has a script for 'robosuite/Lift', expected tasks of its own simulator"),
         ([("mysim", ":NO_SCRIPT")], "has a int for 'mysim/Reach'"),
         ([("mysim", ":GOOD"), ("mysim", ":GOOD")], "is the second entry point named 'mysim'"),
-        ([("robosuite", ":FOREIGN")], "'robosuite' has oracles of its own, which stay in use"),
+        ([("robosuite", ":FOREIGN")], "'robosuite' has built-in oracles, which stay in use"),
     ],
 )
 def test_a_broken_entry_point_is_reported_and_affects_no_other(declared, entries, reason):
