@@ -121,7 +121,7 @@ def test_the_content_is_source_and_options_and_files(package):
     weights.write_bytes(b"2")
     seen.append(catalog.digest("python", options))
     assert len(set(seen)) == 5
-    assert "robot_brains" not in sys.modules, "hashing must not run what it hashes"
+    assert "robot_brains" not in sys.modules, "hashing must not import the policy"
 
 
 def test_a_copy_on_another_node_is_the_same_policy(package, tmp_path):

@@ -28,7 +28,7 @@ EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
 
 @pytest.fixture(scope="session")
 def python():
-    """The Python of `robogauntlet env create lerobot`, which `make test` makes beside the running environment."""
+    """The Python of `robogauntlet env create lerobot`, which `make test` creates next to the running environment."""
     with pytest.MonkeyPatch.context() as patch:
         folder = os.environ.get("ROBOGAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
         patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", folder)
@@ -44,7 +44,7 @@ def python():
 
 @pytest.fixture(scope="session")
 def made(python, tmp_path_factory):
-    """Folder with a checkpoint and LeRobot's own answers for each kind, and what was asked."""
+    """Folder with a checkpoint and LeRobot's actions for each kind, and the queries."""
     folder = tmp_path_factory.mktemp("lerobot")
     generator = np.random.default_rng(0)
     images = generator.integers(0, 256, (STEPS, 32, 32, 3), np.uint8)
@@ -174,7 +174,7 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
 
 
 @pytest.mark.parametrize(
-    ("changed", "options", "said"),
+    ("changed", "options", "message"),
     [
         ({"input_features": TWO}, {}, "a camera to each of observation.images.a, observation.images.b"),
         ({}, {"cameras": {"wrist": "observation.images.rear"}}, "expected a feature of the checkpoint"),
@@ -186,8 +186,8 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
         ({}, {"device": "CPU 1"}, "device: String should match pattern"),
     ],
 )
-def test_a_mismatch_is_one_line_before_anything_starts(bare, changed, options, said):
-    with pytest.raises(PolicyError, match=said) as caught:
+def test_a_mismatch_is_one_line_before_anything_starts(bare, changed, options, message):
+    with pytest.raises(PolicyError, match=message) as caught:
         catalog.spec("lerobot", {"checkpoint": str(bare(**changed)), **options})
     assert "\n" not in str(caught.value)
 
@@ -203,8 +203,10 @@ def test_the_message_for_another_version_names_the_missing_file(bare):
 
 def test_a_checkpoint_that_is_neither_folder_nor_on_the_hub_is_one_line(monkeypatch):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
-    with pytest.raises(PolicyError, match=r"^policy 'lerobot': no folder nobody/nothing, .* does not provide it: .+$"):
-        catalog.digest("lerobot", {"checkpoint": "nobody/nothing"})
+    with pytest.raises(
+        PolicyError, match=r"^policy 'lerobot': no folder no-user/no-model, .* does not provide it: .+$"
+    ):
+        catalog.digest("lerobot", {"checkpoint": "no-user/no-model"})
     with pytest.raises(PolicyError, match=r"expected a folder or an id on the hub, got './nothing'"):
         catalog.digest("lerobot", {"checkpoint": "./nothing"})
 

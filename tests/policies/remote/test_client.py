@@ -188,8 +188,8 @@ def test_a_dead_address_is_one_line_when_planned_and_when_played():
 def test_with_an_identity_the_client_connects_at_the_first_query():
     options = {"address": f"ws://127.0.0.1:{free_port()}", "identity": "pi0_base@1"}
     assert catalog.spec("openpi", options).cameras == ("third_person", "wrist")
-    elsewhere = {"address": "wss://robots.example", "identity": "pi0_base@1", "timeout_s": 5, "retries": 9}
-    assert catalog.digest("openpi", options) == catalog.digest("openpi", elsewhere)
+    other_address = {"address": "wss://robots.example", "identity": "pi0_base@1", "timeout_s": 5, "retries": 9}
+    assert catalog.digest("openpi", options) == catalog.digest("openpi", other_address)
     for change in ({"identity": "pi0_base@2"}, {"image_size": 224}, {"execute": 5}, {"columns": [0, 1, 2, 3, 4, 5, 6]}):
         assert catalog.digest("openpi", {**options, **change}) != catalog.digest("openpi", options)
 
@@ -246,10 +246,10 @@ def test_a_query_is_repeated_after_a_lost_connection():
 
 
 def test_a_restarted_server_with_another_policy_is_refused():
-    said = iter(["a", "b"])
+    names = iter(["a", "b"])
 
     def once(connection):
-        connection.send(pack({"model": next(said)}))
+        connection.send(pack({"model": next(names)}))
         connection.recv()
         connection.send(pack(CHUNK))
         connection.close()

@@ -25,14 +25,17 @@ VALUES = st.recursive(
 )
 
 
-def same(sent, came):
+def same(sent, received):
     if isinstance(sent, dict):
-        return list(sent) == list(came) and all(same(sent[key], came[key]) for key in sent)
+        return list(sent) == list(received) and all(same(sent[key], received[key]) for key in sent)
     if isinstance(sent, list):
-        return len(sent) == len(came) and all(map(same, sent, came))
+        return len(sent) == len(received) and all(map(same, sent, received))
     if isinstance(sent, np.ndarray):
-        return (sent.dtype.str, sent.shape) == (came.dtype.str, came.shape) and sent.tobytes() == came.tobytes()
-    return type(sent) is type(came) and sent == came
+        return (sent.dtype.str, sent.shape) == (
+            received.dtype.str,
+            received.shape,
+        ) and sent.tobytes() == received.tobytes()
+    return type(sent) is type(received) and sent == received
 
 
 @given(st.dictionaries(st.text(), VALUES, max_size=4))

@@ -101,14 +101,14 @@ def test_datasets_are_found_below_a_folder(dataset, tmp_path):
 
 
 def test_an_unreadable_dataset_is_an_error(dataset, recordings, tmp_path, monkeypatch):
-    """Denied by hand: root may read everything."""
+    """The error is simulated, since root may read everything."""
     write(tmp_path / "other", recordings)
-    look = Path.is_file
+    is_file = Path.is_file
 
     def deny(path):
         if tmp_path / "set" in path.parents:
             raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return look(path)
+        return is_file(path)
 
     monkeypatch.setattr(Path, "is_file", deny)
     with pytest.raises(DatasetError, match=f"{tmp_path / 'set/meta/info.json'}: cannot be read: Permission denied"):

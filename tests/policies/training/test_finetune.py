@@ -189,10 +189,10 @@ def test_moments_are_restored_on_the_device_of_their_weight(tmp_path):
     weight.sum().backward()
     optimiser.step()
     save_state(tmp_path / STATE_FILE, {"w": weight}, optimiser, History("same", step=1))
-    elsewhere = torch.nn.Parameter(torch.empty(2, device="meta"))
-    continued = torch.optim.AdamW([elsewhere])
-    load_state(tmp_path / STATE_FILE, {"w": elsewhere}, continued, "same")
-    found = continued.state[elsewhere]
+    on_meta = torch.nn.Parameter(torch.empty(2, device="meta"))
+    continued = torch.optim.AdamW([on_meta])
+    load_state(tmp_path / STATE_FILE, {"w": on_meta}, continued, "same")
+    found = continued.state[on_meta]
     assert found.keys() == optimiser.state[weight].keys()
     assert {value.device.type for value in found.values()} == {"meta"}
 
@@ -266,8 +266,8 @@ def test_a_shift_moves_down_and_right_and_repeats_the_border():
 
 
 def test_progress_is_one_line():
-    said = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
-    assert said == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
+    text = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
+    assert text == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
 
 
 def test_mistakes_are_one_line(pool, base, data, tmp_path):

@@ -87,7 +87,7 @@ def test_another_base_in_the_bases_place_is_refused(saved, tmp_path):
 
 def test_the_message_for_a_missing_base_names_the_expert(saved, tmp_path):
     save_checkpoint(tmp_path / "tuned", small_model(), example_metadata(), base=saved)
-    saved.rename(tmp_path / "elsewhere")
+    saved.rename(tmp_path / "moved")
     refused(tmp_path / "tuned", f"'{tmp_path / 'tuned'}': expected its base at '../{saved.name}'")
 
 

@@ -49,9 +49,9 @@ def refused(kind, match, *folders, **recipe):
 
 
 def test_experts_of_different_bases_are_refused(folders, tmp_path):
-    stranger = save_expert(tmp_path / "stranger", save_base(tmp_path / "base", seed=9), "null/Raise", 5)
+    other = save_expert(tmp_path / "other", save_base(tmp_path / "base", seed=9), "null/Raise", 5)
     refused(
-        DifferentBases, "expected all experts from base .* of null/Reach, got .* for null/Raise", *folders[:2], stranger
+        DifferentBases, "expected all experts from base .* of null/Reach, got .* for null/Raise", *folders[:2], other
     )
 
 

@@ -134,4 +134,4 @@ def test_an_unknown_expert_is_refused(folders):
     model = MergedModel(merging(folders).parts)
     for ask in (model.model, model.weights, model.value_weights, model.own_value_weights):
         with pytest.raises(ExpertsDiffer, match="expected one of the merged experts"):
-            ask("stranger")
+            ask("unknown")

@@ -47,5 +47,5 @@ def test_emr_applies_masks_and_rescalers_for_any_alpha():
 
 
 def test_an_expert_that_was_not_merged_is_refused():
-    with pytest.raises(ExpertsDiffer, match="expected one of the merged experts expert0, got stranger"):
-        merge(random_task_vectors(1), Recipe("ta")).of("stranger")
+    with pytest.raises(ExpertsDiffer, match="expected one of the merged experts expert0, got unknown"):
+        merge(random_task_vectors(1), Recipe("ta")).of("unknown")

@@ -198,11 +198,11 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written"))
 
 
-@pytest.mark.parametrize("kind", ["experts", "told"])
+@pytest.mark.parametrize("kind", ["experts", "oracle-routed"])
 def test_it_plays_an_episode_twice_the_same(folders, merged, kind):
     kind, options = {
         "experts": (EXPERTS, {"folder": str(folders[0].parent)}),
-        "told": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
+        "oracle-routed": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
     }[kind]
     view = View(image_size=SMALL.image_size)
     simulation, policy = open_simulation("null/Reach", view), kind.load(options)
@@ -247,12 +247,12 @@ def refused(kind, options, match, ask=lambda policy: None):
 
 
 def test_an_episode_whose_task_has_no_expert_is_refused(folders, merged):
-    stranger = of_task(0, "null/Reac")
-    experts, told = {"folder": str(folders[0].parent)}, {"checkpoint": str(merged), "router": "oracle"}
+    unknown = of_task(0, "null/Reac")
+    experts, oracle_routed = {"folder": str(folders[0].parent)}, {"checkpoint": str(merged), "router": "oracle"}
     message = r"expected a task that has an expert, got 'null/Reac'; did you mean 'null/Reach'\?"
-    refused(EXPERTS, experts, message, lambda policy: policy.act([stranger]))
-    refused(EXPERTS, experts, message, lambda policy: policy.reset([stranger.episode]))
-    refused(MERGED, told, message, lambda policy: policy.act([stranger]))
+    refused(EXPERTS, experts, message, lambda policy: policy.act([unknown]))
+    refused(EXPERTS, experts, message, lambda policy: policy.reset([unknown.episode]))
+    refused(MERGED, oracle_routed, message, lambda policy: policy.act([unknown]))
 
 
 @pytest.mark.parametrize("router", ["calibrated", "nearest-centroid"])
@@ -332,14 +332,14 @@ def test_a_folder_without_experts_is_refused(tmp_path):
 
 
 def test_an_unreadable_expert_is_an_error(tmp_path, monkeypatch):
-    """Denied by hand: root may read everything."""
+    """The error is simulated, since root may read everything."""
     denied = save_experts(tmp_path)[1]
-    look = Path.is_file
+    is_file = Path.is_file
 
     def deny(path):
         if denied in path.parents:
             raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return look(path)
+        return is_file(path)
 
     monkeypatch.setattr(Path, "is_file", deny)
     refused(

@@ -26,12 +26,12 @@ def test_words_are_only_left_out_and_images_stay_images(seed):
 
 
 def test_the_variants_of_a_first_observation_do_not_depend_on_its_batch():
-    alone, beside = (
+    alone, in_batch = (
         augmented([observation(5)], sees_instruction=True),
         augmented([observation(4), observation(5)], sees_instruction=True),
     )
-    assert [one.instruction for one in alone] == [one.instruction for one in beside[4:]]
-    assert torch.equal(alone[2].images, beside[6].images)
+    assert [one.instruction for one in alone] == [one.instruction for one in in_batch[4:]]
+    assert torch.equal(alone[2].images, in_batch[6].images)
 
 
 def test_a_hidden_instruction_is_not_varied():

@@ -73,10 +73,10 @@ def test_another_layer_is_remembered(model):
 
 
 @pytest.mark.parametrize("name", FITTED)
-@pytest.mark.parametrize(("told", "sees_instruction"), [("instructed", True), ("unaided", False)])
-def test_fitted_routers_use_the_middle_layer(name, told, sees_instruction, model, stored):
+@pytest.mark.parametrize(("prefix", "sees_instruction"), [("instructed", True), ("unaided", False)])
+def test_fitted_routers_use_the_middle_layer(name, prefix, sees_instruction, model, stored):
     assert model.architecture.language.layers == 2
-    assert FeatureSpec.from_tensor(stored[f"{name}/{told}/reading"]) == FeatureSpec(sees_instruction, layer=1)
+    assert FeatureSpec.from_tensor(stored[f"{name}/{prefix}/reading"]) == FeatureSpec(sees_instruction, layer=1)
 
 
 def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(model, stored):

@@ -68,11 +68,11 @@ def test_a_decision_takes_the_declared_number_of_passes(name, stored):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_blanked_instruction_has_no_effect(name, model, stored):
-    told = [observation(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
-    told[1] = replace(told[0], instruction=told[1].instruction)
+    pair = [observation(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
+    pair[1] = replace(pair[0], instruction=pair[1].instruction)
     blind = router(name, sees_instruction=False, stored=stored)
     assert not blind.sees_instruction
-    one, other = blind.route(told, model)
+    one, other = blind.route(pair, model)
     assert close(one, other)
 
 
