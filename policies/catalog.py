@@ -28,11 +28,7 @@ def broken_plugins() -> tuple[BrokenPlugin, ...]:
 
 
 def find(kind: str) -> PolicyKind:
-    """Return the kind of that name.
-
-    Raises:
-        PolicyError: Unknown kind.
-    """
+    """Return the kind of that name. Raises PolicyError for an unknown one."""
     known = kinds()
     if kind not in known:
         raise PolicyError(f"unknown policy '{kind}'{did_you_mean(kind, known)}")
@@ -40,28 +36,16 @@ def find(kind: str) -> PolicyKind:
 
 
 def load(kind: str, options: Mapping[str, Any]) -> Policy:
-    """Build a policy.
-
-    Raises:
-        PolicyError: Unknown kind, or options that do not fit.
-    """
+    """Build a policy. Raises PolicyError for an unknown kind, or options that do not fit."""
     return find(kind).load(options)
 
 
 def spec(kind: str, options: Mapping[str, Any]) -> PolicySpec:
-    """Return a policy's spec.
-
-    Raises:
-        PolicyError: Unknown kind, or options that do not fit.
-    """
+    """Return a policy's spec. Raises PolicyError as `load` does."""
     policy_kind = find(kind)
     return policy_kind.spec(options) if policy_kind.spec is not None else policy_kind.load(options).spec
 
 
 def digest(kind: str, options: Mapping[str, Any]) -> str:
-    """Return the hash of a policy's content.
-
-    Raises:
-        PolicyError: Unknown kind, or options that do not fit.
-    """
+    """Return the hash of a policy's content. Raises PolicyError as `load` does."""
     return find(kind).digest(options)

@@ -51,25 +51,16 @@ class FunctionPolicy(StatelessPolicy):
         self._act, self._name = act, name
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """Call the function for each query.
-
-        Raises:
-            PolicyError: The result is not a chunk.
-        """
-        return [self._decide(query) for query in queries]
-
-    def _decide(self, query: Query) -> Decision:
-        observation = query.observation
-        assert observation is not None
-        actions = self._act(
-            images=observation.images,
-            proprioception=observation.proprioception,
-            instruction=observation.instruction,
-        )
-        try:
-            return Decision(check_chunk(actions))
-        except PolicyError as error:
-            raise type(error)(f"{self._name}: {error}") from None
+        """Call the function for each query. Raises PolicyError if the result is not a chunk."""
+        decisions = []
+        for query in queries:
+            assert query.observation is not None
+            actions = self._act(**{name: getattr(query.observation, name) for name in PARAMETERS})
+            try:
+                decisions.append(Decision(check_chunk(actions)))
+            except PolicyError as error:
+                raise type(error)(f"{self._name}: {error}") from None
+        return decisions
 
 
 class _Place:
@@ -105,11 +96,7 @@ class _Place:
 
     @property
     def origin(self) -> Path:
-        """The module's file, located without importing it: below the folder, else where Python finds its top package.
-
-        Raises:
-            PolicyError: There is no such module.
-        """
+        """The module's file, found without importing it: below the folder, else where Python finds its top package."""
         local = self.folder.joinpath(*self.module.split("."))
         candidates = [local.with_name(f"{local.name}.py"), local / "__init__.py"]
         top, *rest = self.module.split(".")
@@ -132,11 +119,7 @@ class _Place:
         return origin.resolve()
 
     def sources(self) -> list[Path]:
-        """The module's file, or all Python files of its package.
-
-        Raises:
-            PolicyError: There is no such module, or too many files.
-        """
+        """Return the module's file, or all Python files of its package."""
         origin = self.origin
         if "." not in self.module and origin.name != "__init__.py":
             return [origin]
@@ -168,7 +151,7 @@ def _hash(path: Path, *, text: bool = False) -> str:
     return hashlib.sha256(b"\n".join(content.splitlines()) if text else content).hexdigest()
 
 
-def _found(place: _Place) -> Any:
+def _import(place: _Place) -> Any:
     """Import the callable."""
     origin, top = place.origin, place.module.partition(".")[0]
     if origin.is_relative_to(place.folder) and str(place.folder) not in sys.path:
@@ -185,65 +168,60 @@ def _found(place: _Place) -> Any:
             f"policy '{place.text}': expected module '{place.module}' from {origin}, got another of that name from "
             f"{module.__file__}; rename '{top}'"
         )
-    found: Any = module
+    target: Any = module
     for part in place.name.split("."):
-        if not hasattr(found, part):
-            names = [name for name in vars(found) if not name.startswith("_")]
+        if not hasattr(target, part):
+            names = [name for name in vars(target) if not name.startswith("_")]
             raise PolicyError(f"policy '{place.text}': expected '{part}', found none{did_you_mean(part, names)}")
-        found = getattr(found, part)
-    if not callable(found):
-        raise PolicyError(f"policy '{place.text}': expected a class or a function, got a {type(found).__name__}")
-    return found
+        target = getattr(target, part)
+    if not callable(target):
+        raise PolicyError(f"policy '{place.text}': expected a class or a function, got a {type(target).__name__}")
+    return target
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
     place = _Place(options)
-    found = _found(place)
-    if _is_plain(found):
-        _check_options(found, place)
-        return FunctionPolicy(partial(found, **place.options), place.name)
+    target = _import(place)
+    if _is_plain(target):
+        try:
+            inspect.signature(target).bind(**dict.fromkeys(PARAMETERS), **place.options)
+        except TypeError as error:
+            raise PolicyError(f"policy '{place.text}': options do not fit the function: {error}") from None
+        return FunctionPolicy(partial(target, **place.options), place.name)
     try:
-        made = found(**place.options)
+        policy: Any = target(**place.options)
     except Exception as error:  # it may raise anything
-        raise PolicyError(f"policy '{place.text}': making it raised {describe(error)}") from None
-    if not hasattr(made, "act") and callable(made) and _is_plain(made):
-        return FunctionPolicy(made, place.name)
+        raise PolicyError(f"policy '{place.text}': building it raised {describe(error)}") from None
+    if not hasattr(policy, "act") and callable(policy) and _is_plain(policy):
+        return FunctionPolicy(policy, place.name)
     for name in ("reset", "act", "finish"):
-        if not callable(getattr(made, name, None)):
+        if not callable(getattr(policy, name, None)):
             raise PolicyError(
                 f"policy '{place.text}': expected a policy with method {name} (see robogauntlet.policies.contract), "
-                f"or a function of {', '.join(PARAMETERS)}; got a {type(made).__name__}"
+                f"or a function of {', '.join(PARAMETERS)}; got a {type(policy).__name__}"
             )
-    if not isinstance(getattr(made, "spec", None), PolicySpec):
+    if not isinstance(getattr(policy, "spec", None), PolicySpec):
         raise PolicyError(
             f"policy '{place.text}': expected attribute spec, a robogauntlet.policies.contract.PolicySpec; got none"
         )
-    policy: Policy = made
     return policy
 
 
-def _is_plain(found: Any) -> bool:
+def _is_plain(target: Any) -> bool:
     """Whether the callable is a plain function of the observation."""
-    if inspect.isclass(found):
+    if inspect.isclass(target):
         return False
     try:
-        parameters = inspect.signature(found).parameters
+        parameters = inspect.signature(target).parameters
     except (TypeError, ValueError):
         return False
     return all(name in parameters for name in PARAMETERS)
 
 
-def _check_options(found: Any, place: _Place) -> None:
-    try:
-        inspect.signature(found).bind(**dict.fromkeys(PARAMETERS), **place.options)
-    except TypeError as error:
-        raise PolicyError(f"policy '{place.text}': options do not fit the function: {error}") from None
-
-
 def _files(options: Mapping[str, Any]) -> PolicyFiles:
     place = _Place(options)
     read = dict.fromkeys((*place.sources(), *place.files))
-    # What is installed is expected on every node.
+    # Installed modules are expected on every node.
     return PolicyFiles({"folder": place.folder}, tuple(path for path in read if path.is_relative_to(place.folder)))
 
 

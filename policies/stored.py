@@ -17,7 +17,7 @@ class Stored:
     """Base of frozen pydantic dataclasses that are stored as JSON."""
 
     what: ClassVar[str]
-    """Begins the message of an error."""
+    """First words of an error message."""
     refusal: ClassVar[type[PolicyError]]
 
     def as_json(self) -> dict[str, Any]:
@@ -27,11 +27,7 @@ class Stored:
 
     @classmethod
     def from_json(cls, plain: Any) -> Self:
-        """Read what `as_json` wrote.
-
-        Raises:
-            PolicyError: Unknown or missing fields, or values of the wrong kind or out of range.
-        """
+        """Read what `as_json` wrote. Raises `refusal` for unknown, missing or invalid fields."""
         try:
             return TypeAdapter(cls).validate_python(plain)
         except ValidationError as error:

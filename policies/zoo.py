@@ -19,11 +19,7 @@ class NotShipped(PolicyError):
 
 @cache
 def zoo_folder() -> Path:
-    """Return the folder of the checkpoints: a clone's own, else that of the distribution `robogauntlet-zoo`.
-
-    Raises:
-        NotShipped: Neither exists.
-    """
+    """Return the folder of the checkpoints: a clone's own, else that of the distribution `robogauntlet-zoo`."""
     in_clone = Path(__file__).resolve().parents[1] / "zoo" / PACKAGE
     if in_clone.is_dir():
         return in_clone
@@ -36,11 +32,8 @@ def zoo_folder() -> Path:
 def shipped(reference: str) -> Path:
     """Return the folder of a reference.
 
-    `zoo:NAME` and `zoo:NAME/PART` are folders of the zoo, independent of the working directory. Any other reference is
-    a path or a hub id, and is returned unchanged.
-
-    Raises:
-        NotShipped: The zoo has no such folder, or is not installed.
+    `zoo:NAME` and `zoo:NAME/PART` are folders of the zoo, independent of the working directory; NotShipped if there is
+    none. Any other reference is a path or a hub id, and is returned unchanged.
     """
     if not reference.startswith(SCHEME):
         return Path(reference)

@@ -1,4 +1,4 @@
-"""A LeRobot checkpoint: its options in a suite, checked against its own configuration."""
+"""A LeRobot checkpoint: its options in a suite, checked against the checkpoint's configuration."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class LeRobotOptions(Convention):
     """Camera to the checkpoint's feature; empty to match them by name."""
     proprioception: Key | None = STATE
     instruction: None = None
-    """LeRobot is given the instruction unchanged."""
+    """LeRobot gets the instruction unchanged."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +60,20 @@ class Checkpoint:
     spec: PolicySpec
 
     def digest(self) -> str:
-        """Hash of the checkpoint's files and of the conversions; not of its folder or device."""
+        """Return the hash of the checkpoint's files and of the conversions; not of its folder or device."""
         conversion = self.options.model_dump(mode="json", exclude={"checkpoint", "device", "python", "timeout_s"})
-        hashes = [_hash(path) for path in files(self.folder)]
+        states = [(path, path.stat()) for path in files(self.folder)]
+        hashes = [
+            [path.name, _content(os.path.realpath(path), state.st_mtime_ns, state.st_size)] for path, state in states
+        ]
         return content_hash({"policy": NAME, "asked": conversion, "files": hashes})
 
 
 def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
     """Read a suite's options and the checkpoint that they name.
 
-    Raises:
-        PolicyError: There is no such checkpoint, or an option is invalid.
-        PolicyMismatch: The options do not fit the checkpoint, or it does not fit our observations and actions.
+    Raises PolicyError if there is no such checkpoint or an option is invalid, PolicyMismatch if the options do not fit
+    the checkpoint, or it does not fit our observations and actions.
     """
     try:
         options = LeRobotOptions.model_validate(dict(suite_options)).resolved()
@@ -87,9 +89,8 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
         features = {**config["input_features"], **config["output_features"]}
         shapes = {name: tuple(map(int, feature["shape"])) for name, feature in features.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise PolicyError(
-            f"policy '{NAME}': {folder / 'config.json'} is no configuration of LeRobot: {error}"
-        ) from None
+        path = folder / "config.json"
+        raise PolicyError(f"policy '{NAME}': expected a configuration of LeRobot in {path}, got: {error}") from None
     state = options.proprioception if options.proprioception in shapes else None
     options = options.model_copy(update={"cameras": options.cameras or _cameras(shapes), "proprioception": state})
     spec = _spec(options, shapes, 1 if observes_every_step(config) else int(config.get("n_action_steps", 1)))
@@ -97,7 +98,7 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
 
 
 def files(folder: Path) -> tuple[Path, ...]:
-    """The files of a checkpoint that are read."""
+    """Return the files of a checkpoint that are read."""
     return tuple(sorted(path for path in folder.iterdir() if path.suffix in (".json", ".safetensors")))
 
 
@@ -115,7 +116,7 @@ def _cameras(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
 
 
 def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], actions: int) -> PolicySpec:
-    """The policy's needs, if the options cover the features that the checkpoint was trained on."""
+    """Return the policy's spec, if the options cover the features that the checkpoint was trained on."""
 
     def mismatch(text: str) -> PolicyMismatch:
         return PolicyMismatch(f"policy '{NAME}': {text}")
@@ -152,11 +153,7 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
 
 
 def _folder(checkpoint: str) -> Path:
-    """The checkpoint's folder. From the hub, JSON files and weights are downloaded.
-
-    Raises:
-        PolicyError: It is neither a folder nor on the hub.
-    """
+    """Return the checkpoint's folder; from the hub, JSON files and weights are downloaded."""
     path = Path(checkpoint).expanduser()
     if path.is_dir():
         return path.resolve()
@@ -173,16 +170,11 @@ def _folder(checkpoint: str) -> Path:
         raise PolicyError(
             f"policy '{NAME}': expected a folder, got '{checkpoint}'; install huggingface_hub to download it"
         ) from None
-    except Exception as error:  # the hub's client raises its own, and those of its transports
+    except Exception as error:  # the hub's client also raises errors of its transports
         raise PolicyError(
             f"policy '{NAME}': no folder {checkpoint}, and the hub does not provide it: {first_line(error)}"
         ) from None
     return Path(downloaded)
-
-
-def _hash(path: Path) -> list[str]:
-    state = path.stat()
-    return [path.name, _content(os.path.realpath(path), state.st_mtime_ns, state.st_size)]
 
 
 @lru_cache(maxsize=256)

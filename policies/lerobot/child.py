@@ -1,4 +1,4 @@
-"""Run by the Python of an environment with LeRobot: loads a checkpoint and answers its parent in lines of JSON.
+"""Runs in a Python environment with LeRobot: loads a checkpoint and answers its parent in lines of JSON.
 
 This file imports nothing of RoboGauntlet, which need not be installed there. The computation is LeRobot's own
 (https://github.com/huggingface/lerobot, Apache 2.0): `lerobot.utils.control_utils.predict_action`, called as in its
@@ -63,18 +63,8 @@ class Loaded:
             self._episodes[episode] = self._copy()
         policy = self._episodes[episode]
         self._torch.manual_seed(seed)
-        rows = [
-            self._predict(
-                dict(observation),
-                policy,
-                self._device,
-                self._before,
-                self._after,
-                bool(self._config.use_amp),
-                task=task,
-            )
-            for _ in range(self.actions)
-        ]
+        arguments = (policy, self._device, self._before, self._after, bool(self._config.use_amp))
+        rows = [self._predict(dict(observation), *arguments, task=task) for _ in range(self.actions)]
         return np.concatenate([row.cpu().numpy() for row in rows])
 
     def forget(self, episodes: list[str]) -> None:
@@ -97,7 +87,7 @@ def observes_every_step(config: dict[str, Any]) -> bool:
 
 
 def torchvision_beside_any_torch(torch: Any) -> None:
-    """Make torchvision importable where its compiled operators are not: PyPI's need CUDA, which torch may lack.
+    """Make torchvision importable without its compiled operators: those of PyPI need CUDA, which torch may lack.
 
     No policy calls these operators; calling them fails.
     """

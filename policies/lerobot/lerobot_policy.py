@@ -17,7 +17,7 @@ from robogauntlet.suites.episode import Episode, content_hash
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 
 LOADING = 10.0
-"""Time limit of loading, as a multiple of an answer's."""
+"""Time limit of loading, as a multiple of the limit of an answer."""
 
 
 class ProcessLost(Exception):
@@ -25,7 +25,7 @@ class ProcessLost(Exception):
 
 
 class LeRobotPolicy:
-    """Asks a child process that holds the checkpoint. If it ended, it is started again with the next episode."""
+    """Queries a child process that holds the checkpoint. If it ended, the next episode starts another."""
 
     def __init__(self, checkpoint: Checkpoint) -> None:
         """Start the process.
@@ -54,7 +54,7 @@ class LeRobotPolicy:
         return [self._decide(query) for query in queries]
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Forget these episodes; the process forgets them with the next query."""
+        """Drop these episodes; the next query reports them to the process."""
         self._finished += [episode.id for episode in episodes if self._process_of.pop(episode.id, None) is not None]
 
     def close(self) -> None:

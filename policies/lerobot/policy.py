@@ -1,4 +1,4 @@
-"""The policy kind `lerobot`. Light: the policy's own module is imported when it is needed."""
+"""The policy kind `lerobot`. Light: the policy's module is imported on first use."""
 
 from __future__ import annotations
 

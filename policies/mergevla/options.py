@@ -26,11 +26,7 @@ ROUTER = "calibrated"
 
 @contextmanager
 def needs_packages(policy: str) -> Iterator[None]:
-    """Turn a failed import within the block into a message.
-
-    Raises:
-        PolicyNotInstalled: A package is missing.
-    """
+    """Turn a ModuleNotFoundError within the block into PolicyNotInstalled, which says what to install."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -41,11 +37,7 @@ def needs_packages(policy: str) -> Iterator[None]:
 
 
 def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: str) -> str:
-    """Return a required text option.
-
-    Raises:
-        PolicyError: It is missing or not text; the message explains it as `meaning`.
-    """
+    """Return a required text option. The PolicyError for another value explains the option as `meaning`."""
     value = options.get(option)
     if not isinstance(value, str) or not value:
         raise PolicyError(f"policy '{policy}': expected option {option}: {meaning}, got {value!r}")
@@ -53,18 +45,14 @@ def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: s
 
 
 def expert_folders(folder: Path) -> dict[str, Path]:
-    """Return the experts in a folder of checkpoints: task to the folder of its expert.
+    """Return the experts in a folder of checkpoints, task to folder. Bases and merged checkpoints are left out.
 
-    Bases and merged checkpoints are left out.
-
-    Raises:
-        PolicyError: There is no expert, two for one task, one that was trained on several tasks, or one that cannot be
-            read.
+    Raises PolicyError without experts, for two of one task, one of several tasks, or one that cannot be read.
     """
     try:
         if not folder.is_dir():
             raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}'")
-        # A glob would leave out what it is not permitted to read.
+        # A glob would silently skip unreadable folders.
         checkpoints = sorted(path for path in folder.iterdir() if (path / METADATA_FILE).is_file())
     except OSError as error:
         raise CheckpointError(f"expected to read '{error.filename or folder}', got: {error.strerror}") from None
@@ -103,11 +91,7 @@ class MergedOptions:
 
 
 def merged_options(options: Mapping[str, Any]) -> MergedOptions:
-    """Read a suite's options.
-
-    Raises:
-        PolicyError: An option is missing or invalid.
-    """
+    """Read a suite's options. Raises PolicyError if one is missing or invalid."""
     checkpoint = text_option(MERGED_NAME, options, "checkpoint", "a folder or hub id")
     router = text_option(MERGED_NAME, {"router": ROUTER, **options}, "router", "a router's name")
     sees = options.get("sees_instruction", True)

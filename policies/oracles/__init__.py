@@ -1,4 +1,4 @@
-"""Scripted oracles: they read the true state, act like any policy, and prove that a task can be solved."""
+"""Scripted oracles: policies that act on the true state and show that a task can be solved."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from typing import Any
-
-import numpy as np
 
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, PolicyKind, PolicySpec, Query
 from robogauntlet.policies.digests import scripted_digest, source_digest
@@ -23,26 +21,26 @@ _SCRIPT_MODULES = ("null", "maniskill", "pybullet", "robosuite", "metaworld", "g
 
 @cache
 def scripts() -> Mapping[str, Callable[[], Script]]:
-    """Full task name to its script, those of plug-ins included. Light: no simulator is imported."""
+    """Return the script of each task (`simulator/task`), including plug-ins. Light: no simulator is imported."""
     return {task: script for source in _sources() for task, script in source.scripts.items()}
 
 
 def _sources() -> list[OraclePlugin]:
-    """Where scripts come from, plug-ins first; the built-in scripts cannot be replaced."""
-    brought = [plugin for name, plugin in load_oracles()[0].items() if name not in _SCRIPT_MODULES]
-    own = [(name, import_module(f"{__name__}.{name}")) for name in _SCRIPT_MODULES]
-    return brought + [OraclePlugin(name, module.SCRIPTS, module.__name__) for name, module in own]
+    """Return plug-ins first, then the built-in scripts, which plug-ins cannot replace."""
+    plugins = [plugin for name, plugin in load_oracles()[0].items() if name not in _SCRIPT_MODULES]
+    built_in = [(name, import_module(f"{__name__}.{name}")) for name in _SCRIPT_MODULES]
+    return plugins + [OraclePlugin(name, module.SCRIPTS, module.__name__) for name, module in built_in]
 
 
 def broken_plugins() -> tuple[BrokenPlugin, ...]:
-    """Entry points that declare no usable scripts."""
-    found, broken = load_oracles()
-    own = sorted(found.keys() & set(_SCRIPT_MODULES))
-    return *broken, *(BrokenPlugin(name, f"'{name}' has oracles of its own, which stay in use") for name in own)
+    """Return the entry points that declare no usable scripts."""
+    plugins, broken = load_oracles()
+    built_in = sorted(plugins.keys() & set(_SCRIPT_MODULES))
+    return *broken, *(BrokenPlugin(name, f"'{name}' has built-in oracles, which stay in use") for name in built_in)
 
 
 class OraclePolicy:
-    """Plays each episode by its task's script, asked before every control step."""
+    """Acts by the script of the episode's task, which is called before every control step."""
 
     spec = PolicySpec(PolicyInput.PRIVILEGED_STATE, chunk_length=1)
 
@@ -50,23 +48,19 @@ class OraclePolicy:
         self._playing: dict[str, Script] = {}
 
     def reset(self, episodes: Sequence[Episode]) -> None:
-        """Start a script for each episode.
-
-        Raises:
-            PolicyError: A task has no script.
-        """
+        """Start a script for each episode. Raises PolicyError if a task has none."""
         for episode in episodes:
             if episode.task not in scripts():
                 raise PolicyError(f"the oracle has no script for '{episode.task}'")
             self._playing[episode.id] = scripts()[episode.task]()
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """A chunk of one action for each query."""
-        return [Decision(self._act(query)) for query in queries]
-
-    def _act(self, query: Query) -> np.ndarray:
-        assert query.privileged_state is not None
-        return self._playing[query.episode.id](query.privileged_state)[None]
+        """Return a chunk of one action for each query."""
+        decisions = []
+        for query in queries:
+            assert query.privileged_state is not None
+            decisions.append(Decision(self._playing[query.episode.id](query.privileged_state)[None]))
+        return decisions
 
     def finish(self, episodes: Sequence[Episode]) -> None:
         """Drop the episodes' scripts."""
@@ -84,13 +78,9 @@ def _digest(options: Mapping[str, Any]) -> str:
 
 
 def digest_of_task(task: str) -> str:
-    """Hash of the script of one task: those of other simulators are not part of it, as they are of the policy's digest.
+    """Return the hash of the scripts of one task's (`simulator/task`) simulator; the policy's digest covers all.
 
-    Args:
-        task: Full name, `simulator/task`.
-
-    Raises:
-        PolicyError: The task has no script.
+    Raises PolicyError if the task has no script.
     """
     for source in _sources():
         if task in source.scripts:

@@ -9,7 +9,7 @@ from robogauntlet.policies.oracles.pybullet import PickAndPlace, Reach
 
 
 class FetchPickAndPlace(PickAndPlace):
-    """As with panda-gym's smaller cube."""
+    """Same as for panda-gym's smaller cube."""
 
     HELD_WIDTH = 0.054
 

@@ -1,4 +1,4 @@
-"""Scripted oracles for LIBERO. Each decides from the state alone what to do next, so it also recovers."""
+"""Scripted oracles for LIBERO. They act on the current state, so they recover from any disturbance."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, move, pointing_down, yaw_of
 
 MAX_STEP, MAX_TURN = 0.0131, 0.118
-"""Longest motion in one step (m, rad): what the controller can do."""
+"""Largest motion in one step (m, rad), the controller's limit."""
 GAIN = 0.262
-"""Share of the remaining way in one step: the most that this controller follows without overshooting."""
+"""Share of the remaining distance in one step, the largest that this controller follows without overshoot."""
 UP = np.array([0.0, 0.0, 1.0])
 POSITION = "_position"
 STILL = 0.002
-"""Fingers that move by less than this in a step have met something (m)."""
+"""Motion of the fingers in one step below which they are blocked or at rest (m)."""
 OVER = 0.15
-"""Height above a grasp (m) at which the open gripper passes over whatever else stands there."""
+"""Height above a grasp (m) at which the open gripper passes over other objects."""
 
 
 @dataclass(frozen=True)
 class Grasp:
-    """How a thing is taken, from above."""
+    """A grasp of an object from above."""
 
     height: float
-    """Of the tool centre point above the thing's own (m). The palm is 2 cm above it, the fingertips 1.3 cm below."""
+    """Height of the tool centre point above the object's centre (m). The palm is 2 cm above the tool centre point, the
+    fingertips are 1.3 cm below."""
     rim: float = 0.0
-    """Distance of what is grasped from the thing's middle (m): a bowl is too wide and is taken by its rim."""
+    """Distance of the grasp from the object's centre (m): a bowl is too wide and is grasped at its rim."""
     narrow: float = 0.002
     wide: float = 0.075
-    """Between which the fingers are apart when they hold it (m)."""
+    """Smallest and largest distance between fingers that hold the object (m)."""
 
 
 BOWL = Grasp(0.01, rim=0.047, wide=0.04)
@@ -52,133 +53,135 @@ GRASPS = {
 
 
 class PickAndPlace:
-    """Takes a thing from above, carries it over others, lowers it and lets go."""
+    """Grasps an object from above, moves it over others, lowers it and releases it."""
 
-    def __init__(self, thing: str, goal: str, *, rest: float, travel: float, near: float = 0.012) -> None:
-        """Say what goes where.
+    def __init__(self, name: str, goal: str, *, rest: float, travel: float, near: float = 0.012) -> None:
+        """Set object and goal.
 
         Args:
-            thing: Name of what is taken.
-            goal: Name of what it is put on, or `goal`.
-            rest: Its height above the goal where it is let go (m).
-            travel: Its height above the goal while it is carried (m).
-            near: How far from the goal's middle it may be let go (m).
+            name: Name of the object.
+            goal: Name of the object that it is put on, or `goal`.
+            rest: Height of the object above the goal when it is released (m).
+            travel: Height of the object above the goal while it is moved (m).
+            near: Largest distance from the goal's centre at which the object is released (m).
         """
-        self._thing, self._goal = thing, goal
-        self._grasp = GRASPS[thing.rpartition("_")[0]]
+        self._object, self._goal = name, goal
+        self._grasp = GRASPS[name.rpartition("_")[0]]
         self._rest, self._travel, self._near = rest, travel, near
         self._side: float | None = None
         self._opening = 0.0
-        """How far the fingers were apart when last asked."""
+        """Distance between the fingers in the previous step."""
 
     def __call__(self, state: State) -> FloatArray:
-        """The next action."""
-        thing = state[self._thing + POSITION]
+        """Return the next action (7,)."""
+        centre = state[self._object + POSITION]
         if self._side is None:
-            self._side = free_side(state, self._thing) if self._grasp.rim else 0.0
+            self._side = free_side(state, self._object) if self._grasp.rim else 0.0
         rotation = pointing_down(self._side)
-        held_at = thing + self._lever(self._side)
-        away = state[self._goal + POSITION] + self._rest * UP - thing
-        aside = float(np.linalg.norm(away[:2]))
+        grasp_point = centre + self._lever(self._side)
+        to_goal = state[self._goal + POSITION] + self._rest * UP - centre
+        lateral = float(np.linalg.norm(to_goal[:2]))
         opening = float(state["finger_positions"].sum())
         still, self._opening = abs(opening - self._opening) < STILL, opening
         tcp = state["tcp_position"]
-        if aside < self._near + 0.01 and away[2] > -0.008:
-            free = opening > 0.07 or np.linalg.norm(tcp - held_at) > 0.05
+        if lateral < self._near + 0.01 and to_goal[2] > -0.008:
+            free = opening > 0.07 or np.linalg.norm(tcp - grasp_point) > 0.05
             return go(state, tcp + (0.05 * UP if free else 0.0), OPEN, rotation)
-        if not (still and self._holds(state, held_at, opening)):
-            return self._take(state, held_at, opening, rotation)
-        return go(state, tcp + carried(away, aside, self._travel - self._rest, self._near), CLOSED, rotation)
+        if not (still and self._holds(state, grasp_point, opening)):
+            return self._approach(state, grasp_point, opening, rotation)
+        return go(state, tcp + transport(to_goal, lateral, self._travel - self._rest, self._near), CLOSED, rotation)
 
     def _lever(self, yaw: float) -> FloatArray:
-        """From the thing's middle to where it is grasped."""
+        """Return the vector from the object's centre to the grasp point."""
         return np.array([-np.sin(yaw) * self._grasp.rim, np.cos(yaw) * self._grasp.rim, self._grasp.height])
 
-    def _holds(self, state: State, held_at: FloatArray, opening: float) -> bool:
-        offset = state["tcp_position"] - held_at
+    def _holds(self, state: State, grasp_point: FloatArray, opening: float) -> bool:
+        offset = state["tcp_position"] - grasp_point
         close = np.linalg.norm(offset[:2]) < 0.025 and abs(offset[2]) < 0.03
         return bool(close and self._grasp.narrow < opening < self._grasp.wide - 0.003)
 
-    def _take(self, state: State, held_at: FloatArray, opening: float, rotation: Rotation) -> FloatArray:
-        """One action of opening, coming down on the thing through a funnel, and closing."""
-        offset = state["tcp_position"] - held_at
-        aside, above = float(np.linalg.norm(offset[:2])), abs(float(offset[2]))
-        askew = (rotation * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude()
-        closing = aside < 0.02 and above < 0.02 and self._grasp.narrow < opening < 0.07
-        if closing or (aside < 0.008 and above < 0.008 and askew < 0.15 and opening > self._grasp.narrow):
-            return go(state, held_at, CLOSED, rotation)
-        shut = 0.08 if opening < 0.07 else 0.0
-        back = min(OVER, max(0.0, 5.0 * (aside - 0.008), 0.4 * (askew - 0.12), shut))
-        return go(state, held_at + back * UP, OPEN, rotation)
+    def _approach(self, state: State, grasp_point: FloatArray, opening: float, rotation: Rotation) -> FloatArray:
+        """Return one action (7,) of a grasp: open, approach from above within a funnel, close."""
+        offset = state["tcp_position"] - grasp_point
+        lateral, above = float(np.linalg.norm(offset[:2])), abs(float(offset[2]))
+        angle_error = (rotation * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude()
+        closing = lateral < 0.02 and above < 0.02 and self._grasp.narrow < opening < 0.07
+        if closing or (lateral < 0.008 and above < 0.008 and angle_error < 0.15 and opening > self._grasp.narrow):
+            return go(state, grasp_point, CLOSED, rotation)
+        until_open = 0.08 if opening < 0.07 else 0.0
+        back = min(OVER, max(0.0, 5.0 * (lateral - 0.008), 0.4 * (angle_error - 0.12), until_open))
+        return go(state, grasp_point + back * UP, OPEN, rotation)
 
 
 class TurnKnob:
-    """Takes the stove's knob by its ridge and turns it."""
+    """Grasps the stove's knob by its ridge and turns it."""
 
     height = 0.032
-    """Of the ridge above the stove (m)."""
+    """Height of the ridge above the stove (m)."""
 
     def __init__(self, knob: str, angle: float) -> None:
-        """Args: knob: name of body and joint; angle: to be reached, rad."""
+        """Turn the body and joint of this name to an angle (rad)."""
         self._knob, self._angle = knob, angle
 
     def __call__(self, state: State) -> FloatArray:
-        """The next action."""
+        """Return the next action (7,)."""
         turned = float(state[self._knob][0])
         ridge = state[self._knob + POSITION] + self.height * UP
         yaw = yaw_of(state[f"{self._knob}_quaternion"]) - np.pi / 2
         rotation = pointing_down(yaw)
         offset = state["tcp_position"] - ridge
-        aside, above = float(np.linalg.norm(offset[:2])), abs(float(offset[2]))
-        askew = (rotation * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude()
+        lateral, above = float(np.linalg.norm(offset[:2])), abs(float(offset[2]))
+        angle_error = (rotation * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude()
         opening = float(state["finger_positions"].sum())
         if turned > self._angle:
             return go(state, state["tcp_position"] + 0.05 * UP, OPEN, rotation)
-        if aside < 0.025 and above < 0.02 and opening < 0.045:
+        if lateral < 0.025 and above < 0.02 and opening < 0.045:
             ahead = pointing_down(yaw + min(0.4, self._angle + 0.1 - turned))
             return go(state, ridge, CLOSED, ahead)
-        if aside < 0.012 and above < 0.012 and askew < 0.2:
+        if lateral < 0.012 and above < 0.012 and angle_error < 0.2:
             return go(state, ridge, CLOSED, rotation)
-        shut = 0.06 if opening < 0.06 else 0.0
-        back = min(OVER, max(0.0, 5.0 * (aside - 0.01), 0.4 * (askew - 0.15), shut))
+        until_open = 0.06 if opening < 0.06 else 0.0
+        back = min(OVER, max(0.0, 5.0 * (lateral - 0.01), 0.4 * (angle_error - 0.15), until_open))
         return go(state, ridge + back * UP, OPEN, rotation)
 
 
 def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> FloatArray:
-    """One action towards a pose, at the pace of these oracles."""
+    """Return one action (7,) towards a pose, within these oracles' limits."""
     return move(state, target, gripper=gripper, max_step=MAX_STEP, gain=GAIN, rotation=rotation, max_turn=MAX_TURN)
 
 
-def carried(away: FloatArray, aside: float, lift: float, near: float) -> FloatArray:
-    """The way (3,) to carry a thing whose goal is `away`: up to `lift` above it first, then across, then down."""
-    way = away.copy()
-    way[2] += min(lift, max(0.0, 4.0 * (aside - near)))
-    if way[2] > 0.01:  # Too low to go far.
-        way[:2] *= float(np.clip(1.0 - (way[2] - 0.01) / 0.03, 0.0, 1.0))
-    return way
+def transport(to_goal: FloatArray, lateral: float, lift: float, near: float) -> FloatArray:
+    """Return the next displacement (3,) of a held object: up to `lift` above the goal, then across, then down."""
+    displacement = to_goal.copy()
+    displacement[2] += min(lift, max(0.0, 4.0 * (lateral - near)))
+    if displacement[2] > 0.01:  # too low to move across
+        displacement[:2] *= float(np.clip(1.0 - (displacement[2] - 0.01) / 0.03, 0.0, 1.0))
+    return displacement
 
 
-def free_side(state: State, thing: str) -> float:
-    """The yaw at which the gripper on a thing's rim is farthest from all else. Its lever points along (-sin, cos)."""
-    middle = state[thing + POSITION]
+def free_side(state: State, name: str) -> float:
+    """Return the yaw (rad) at which a gripper at an object's rim is farthest from other objects.
+
+    The gripper is in direction (-sin, cos) from the object's centre.
+    """
+    centre = state[name + POSITION]
+    ignored = (name + POSITION, "tcp_position", "goal_position")
     others = [
-        where
-        for name, where in state.items()
-        if name.endswith(POSITION)
-        and name not in (thing + POSITION, "tcp_position", "goal_position")
-        and np.shape(where) == (3,)
+        position
+        for key, position in state.items()
+        if key.endswith(POSITION) and key not in ignored and np.shape(position) == (3,)
     ]
 
-    def room(yaw: float) -> float:
-        tip = middle[:2] + 0.1 * np.array([-np.sin(yaw), np.cos(yaw)])
+    def clearance(yaw: float) -> float:
+        tip = centre[:2] + 0.1 * np.array([-np.sin(yaw), np.cos(yaw)])
         nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others), default=1.0)
         return min(nearest, 0.15) - 0.01 * abs(yaw) - 3.0 * max(0.0, float(np.linalg.norm(tip)) - REACH)
 
-    return max(SIDES, key=room)
+    return max(SIDES, key=clearance)
 
 
 REACH = 0.8
-"""From the base (m); farther than this the tool does not point down everywhere."""
+"""Distance from the base (m) beyond which the tool cannot point down everywhere."""
 SIDES: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0]) for sign in (1, -1))]
 
 
@@ -186,9 +189,9 @@ def _on_plate() -> Script:
     return PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15)
 
 
-def _in_basket(thing: str, low: float) -> Callable[[], Script]:
-    """`low`: how far the thing's bottom is below its middle (m). A basket's rim is 7 cm above its own."""
-    return lambda: PickAndPlace(thing, "basket_1", rest=0.0745 + low, travel=0.0995 + low, near=0.02)
+def _in_basket(name: str, low: float) -> Callable[[], Script]:
+    """Put an object, its bottom `low` (m) below its centre, into the basket, whose rim is 7 cm above its centre."""
+    return lambda: PickAndPlace(name, "basket_1", rest=0.0745 + low, travel=0.0995 + low, near=0.02)
 
 
 SPATIAL = (

@@ -1,7 +1,7 @@
-"""Scripted oracles for Meta-World: its own policies, which were written for its observation vector.
+"""Scripted oracles for Meta-World: its own policies, which act on its observation vector.
 
-`metaworld.policies` is imported when an episode begins, in the process that has Meta-World open. The version that
-`constraints.txt` pins is part of what these oracles are; the digest covers this module only.
+`metaworld.policies` is imported when an episode starts, in the process in which Meta-World is open. The digest covers
+this module only, not the version of Meta-World, which `constraints.txt` pins.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.policies.oracles.motion import Script, State
 
 ACTION_SCALE = 0.01
-"""What Meta-World makes of a full command (m)."""
-SHUT = 0.03
-"""Distance between the fingers' bodies when they are shut (m); 0.1 is 1 to Meta-World."""
+"""Translation of a full command in Meta-World (m)."""
+CLOSED_WIDTH = 0.03
+"""Distance between the fingers' bodies when closed (m); Meta-World's opening of 1 is 0.1 m."""
 
 
 class Scripted:
@@ -30,9 +30,9 @@ class Scripted:
         self._policy = importlib.import_module("metaworld.policies").ENV_POLICY_MAP[task]()
 
     def __call__(self, state: State) -> FloatArray:
-        """The next action (7,)."""
+        """Return the next action (7,)."""
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # It says at every step that far goals are clipped.
+            warnings.simplefilter("ignore")  # a warning at every step that far goals are clipped
             command = self._policy.get_action(observation(state)).astype(np.float64)
         action = np.zeros(7)
         action[:3] = np.clip(in_base(command[:3]), -1.0, 1.0) * ACTION_SCALE
@@ -41,34 +41,34 @@ class Scripted:
 
 
 def observation(state: State) -> FloatArray:
-    """Meta-World's observation vector (39,) from a privileged state, with what its policies read.
+    """Return Meta-World's observation vector (39,) for a privileged state, as far as its policies use it.
 
-    Hand and how far the fingers are open, then position and orientation of two things (orientations are 0: nobody reads
-    them), the same once more for the step before (0 likewise), and the goal.
+    Hand position and opening of the fingers, position and orientation of two objects (orientations are unused and 0),
+    the same for the step before (also 0), and the goal.
     """
-    seen = np.zeros(39)
-    seen[0:3] = in_world(state["hand_position"])
-    seen[3] = np.clip((SHUT + state["finger_positions"].sum()) / 0.1, 0.0, 1.0)
-    seen[4:7] = in_world(state["object_position"])
+    vector = np.zeros(39)
+    vector[0:3] = in_world(state["hand_position"])
+    vector[3] = np.clip((CLOSED_WIDTH + state["finger_positions"].sum()) / 0.1, 0.0, 1.0)
+    vector[4:7] = in_world(state["object_position"])
     if "other_position" in state:
-        seen[11:14] = in_world(state["other_position"])
-    seen[36:39] = in_world(state["goal_position"])
-    return seen
+        vector[11:14] = in_world(state["other_position"])
+    vector[36:39] = in_world(state["goal_position"])
+    return vector
 
 
 def in_world(vector: FloatArray) -> FloatArray:
-    """A vector (3,) of the base frame in Meta-World's, whose y is forward and whose x is to the right."""
+    """Transform a vector (3,) from the base frame to Meta-World's, with y forward and x to the right."""
     return np.array([-vector[1], vector[0], vector[2]])
 
 
 def in_base(vector: FloatArray) -> FloatArray:
-    """The way back."""
+    """Transform a vector (3,) from Meta-World's frame to the base frame."""
     return np.array([vector[1], -vector[0], vector[2]])
 
 
 def scripts_of(tasks: Iterable[str]) -> dict[str, Callable[[], Script]]:
-    """Full name of each task, by its name in Meta-World, to its script."""
+    """Return the script of each task of Meta-World by its full name."""
     return {f"metaworld/{task}": partial(Scripted, task) for task in tasks}
 
 
-SCRIPTS = scripts_of(found.tasks if (found := simulators().get("metaworld")) else ())
+SCRIPTS = scripts_of(simulator.tasks if (simulator := simulators().get("metaworld")) else ())

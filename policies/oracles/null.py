@@ -9,10 +9,10 @@ from robogauntlet.policies.oracles.motion import OPEN, Script, State, move
 
 
 class Reach:
-    """Goes straight to the goal."""
+    """Moves straight to the goal."""
 
     def __call__(self, state: State) -> FloatArray:
-        """One step towards the goal."""
+        """Return one step towards the goal (7,)."""
         return move(state, state["goal_position"], gripper=OPEN, max_step=0.05)
 
 

@@ -1,4 +1,4 @@
-"""Scripts that other packages bring for their simulators: entry points of the group `robogauntlet.oracles`."""
+"""Oracle scripts of other packages for their simulators: entry points of the group `robogauntlet.oracles`."""
 
 from __future__ import annotations
 
@@ -16,54 +16,56 @@ GROUP = "robogauntlet.oracles"
 
 @dataclass(frozen=True)
 class OraclePlugin:
-    """What an entry point holds: a mapping such as `{"mysim/Reach": Reach}`, under the name `mysim`."""
+    """The content of an entry point: a mapping such as `{"mysim/Reach": Reach}`, under the name `mysim`."""
 
     name: str
-    """Of the simulator. An entry point speaks for its own only, so no package replaces the oracle of another."""
+    """Name of the simulator. An entry point has scripts for this one only, so no package replaces another's oracle."""
     scripts: Mapping[str, Callable[[], Script]]
-    """Full task name, `simulator/task`, to what makes the script of one episode."""
+    """Full task name, `simulator/task`, to a callable that builds the script of one episode."""
     module: str
-    """That holds the mapping."""
+    """Name of the module with the mapping."""
 
     def modules(self) -> list[ModuleType]:
-        """The modules in which the scripts are written: their source is part of what the oracle is."""
-        names = {self.module} | {getattr(_unwrapped(made), "__module__", self.module) for made in self.scripts.values()}
+        """Return the modules in which the scripts are defined; the oracle's digest covers their source."""
+        names = {self.module} | {getattr(_unwrap(build), "__module__", self.module) for build in self.scripts.values()}
         return [import_module(name) for name in sorted(names)]
 
 
-def _unwrapped(made: Callable[..., object]) -> Callable[..., object]:
-    """What a partial call is of: the partial itself is written in Python's library, another in each version."""
-    return _unwrapped(made.func) if isinstance(made, partial) else made
+def _unwrap(build: Callable[..., object]) -> Callable[..., object]:
+    """Return the function of a partial call, which is itself defined in Python's library."""
+    return _unwrap(build.func) if isinstance(build, partial) else build
 
 
 @cache
 def load_oracles() -> tuple[Mapping[str, OraclePlugin], tuple[BrokenPlugin, ...]]:
-    """The scripts of each entry point, by simulator, and the entry points that are broken."""
-    found: dict[str, OraclePlugin] = {}
+    """Return the scripts of each entry point, by simulator, and the broken entry points."""
+    plugins: dict[str, OraclePlugin] = {}
     broken: list[BrokenPlugin] = []
     for entry in sorted(metadata.entry_points(group=GROUP), key=lambda e: (e.name, e.value)):
         try:
             scripts = entry.load()
-        except Exception as error:  # a plug-in may fail in any way, and must not take the others along
+        except Exception as error:  # a plug-in may fail in any way, without effect on others
             problem: str | None = f"cannot be loaded: {type(error).__name__}: {error}"
         else:
-            problem = _problem(entry.name, scripts, found)
+            problem = _problem(entry.name, scripts, plugins)
         if problem:
             broken.append(BrokenPlugin(entry.name, f"{entry.value} {problem}"))
         else:
-            found[entry.name] = OraclePlugin(entry.name, dict(scripts), entry.module)
-    return found, tuple(broken)
+            plugins[entry.name] = OraclePlugin(entry.name, dict(scripts), entry.module)
+    return plugins, tuple(broken)
 
 
 def _problem(simulator: str, scripts: object, taken: Collection[str]) -> str | None:
-    """What is wrong with the scripts of an entry point, or None."""
+    """Describe the error in the scripts of an entry point, or return None."""
     if simulator in taken:
         return f"is the second entry point named '{simulator}' in {GROUP}; remove one"
     if not isinstance(scripts, Mapping):
-        return f"is a {type(scripts).__name__}, expected a mapping of '{simulator}/TASK' to what makes a script"
+        return (
+            f"is a {type(scripts).__name__}, expected a mapping of '{simulator}/TASK' to callables that build a script"
+        )
     for task, script in scripts.items():
         if not str(task).startswith(f"{simulator}/"):
             return f"has a script for '{task}', expected tasks of its own simulator such as '{simulator}/TASK'"
         if not callable(script):
-            return f"has a {type(script).__name__} for '{task}', expected what makes a script when it is called"
+            return f"has a {type(script).__name__} for '{task}', expected a callable that builds a script"
     return None

@@ -1,4 +1,4 @@
-"""A websocket to a policy server: opened when it is needed, opened again when it is lost."""
+"""A websocket to a policy server: connects on first use, and again after a lost connection."""
 
 from __future__ import annotations
 
@@ -49,28 +49,18 @@ class ServerConnection:
         """Number of connections so far."""
 
     def connect(self) -> None:
-        """Connect if there is no connection yet.
-
-        Raises:
-            PolicyError: The connection failed, for the reason given.
-        """
+        """Connect if there is no connection yet. Raises PolicyError with the reason if that fails."""
         self._retry(self._connected, self._options.connect_timeout_s)
 
     def ask(self, frame: Callable[[], bytes]) -> Mapping[str, Any]:
         """Return the server's answer; after a lost connection, connect and ask again.
 
-        Args:
-            frame: Makes the message once there is a connection, since it may depend on `metadata` and `number`.
-
-        Raises:
-            PolicyError: The answer is late or cannot be read.
-            Exception: Whatever `frame` raises.
+        `frame` builds the message once there is a connection, since it may depend on `metadata` and `number`. Raises
+        PolicyError if the answer is late or cannot be read.
         """
-
-        def exchange(deadline: float) -> Mapping[str, Any]:
-            return self._exchange(self._connected(deadline), frame(), deadline)
-
-        return self._retry(exchange, self._options.timeout_s)
+        return self._retry(
+            lambda deadline: self._exchange(self._connected(deadline), frame(), deadline), self._options.timeout_s
+        )
 
     def close(self) -> None:
         """Close the connection. The next question connects again."""
@@ -204,11 +194,7 @@ class ServerConnection:
 
 
 def packed(message: Mapping[str, Any]) -> bytes:
-    """Return a query's message as bytes.
-
-    Raises:
-        PolicyError: It cannot be sent.
-    """
+    """Return a query's message as bytes. Raises PolicyError if it cannot be sent."""
     try:
         return pack(message)
     except PackingError as error:

@@ -21,11 +21,7 @@ TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down":
 
 
 def encode_observation(convention: Convention, observation: Observation, task: str) -> dict[str, Any]:
-    """Return the observation of a task under the server's keys.
-
-    Raises:
-        PolicyMismatch: The convention does not cover this task.
-    """
+    """Return the observation of a task under the server's keys. PolicyMismatch if the convention lacks the task."""
     message: dict[str, Any] = {
         key: resize_image(convention, turn_image(convention, observation.images[camera]))
         for camera, key in convention.cameras.items()
@@ -67,17 +63,14 @@ def resize_image(convention: Convention, image: Image) -> Image:
 def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArray:
     """Return an answer's chunk, shape (n, 7), in the units of `robogauntlet.adapters.contract`.
 
-    Raises:
-        PolicyMismatch: The chunk is missing, too short or too narrow, or not finite.
+    Raises PolicyMismatch if the chunk is missing, too short or too narrow, or not finite.
     """
     columns = convention.columns or tuple(range(convention.width))
     width = 1 + max((column for column in columns if column is not None), default=0)
     rows = read_chunk(answer, convention.actions, width, exactly=convention.columns is None)
     if convention.execute is not None:
         if len(rows) < convention.execute:
-            raise PolicyMismatch(
-                f"expected {convention.execute} actions or more, as option execute says, got {len(rows)}"
-            )
+            raise PolicyMismatch(f"option execute: expected {convention.execute} actions or more, got {len(rows)}")
         rows = rows[: convention.execute]
     read = np.stack([np.zeros(len(rows)) if column is None else rows[:, column] for column in columns], axis=1)
     rotations = as_axis_angles(convention, read[:, 3:-1])
@@ -96,8 +89,7 @@ def decode_chunk(convention: Convention, answer: Mapping[str, Any]) -> FloatArra
 def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:
     """Convert an answer's rotations, (n, 3) or (n, 4), to axis-angle vectors (n, 3), rad, of angles up to pi.
 
-    Raises:
-        PolicyMismatch: A quaternion's length differs from 1 by more than 0.01; float16 rounding stays below that.
+    Raises PolicyMismatch for a quaternion whose length differs from 1 by more than 0.01, which float16 never does.
     """
     match convention.rotation:
         case "axis-angle":
@@ -114,11 +106,7 @@ def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:
 
 
 def read_chunk(answer: Mapping[str, Any], key: str, width: int, *, exactly: bool) -> FloatArray:
-    """Return the finite array (n, width or more) under a key of an answer, float64.
-
-    Raises:
-        PolicyMismatch: It is missing, of another shape, or not finite.
-    """
+    """Return the finite array (n, width or more) under a key of an answer, float64; else raise PolicyMismatch."""
     if key not in answer:
         keys = ", ".join(sorted(map(str, answer)))[:200] or "nothing"
         raise PolicyMismatch(f"expected '{key}' in the answer, got {keys}; set option actions")

@@ -32,11 +32,7 @@ mirrored."""
 
 
 def base_of(task: str) -> FloatArray:
-    """Return the position of the robot's base in the world of a task (`libero/...`), shape (3,), m.
-
-    Raises:
-        PolicyMismatch: The task is not one of LIBERO's.
-    """
+    """Return the base's position (3,), m, in the world of a task (`libero/...`). PolicyMismatch for another task."""
     simulator, _, name = task.partition("/")
     suite, _, rest = name.partition("-")
     words = rest.split("-")

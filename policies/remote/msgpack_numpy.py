@@ -1,4 +1,4 @@
-"""Messages of openpi's protocol: msgpack with numpy arrays, and nothing that could run code or exhaust memory.
+"""Messages of openpi's protocol: msgpack with numpy arrays, without types that could run code or exhaust memory.
 
 An array is a mapping `{b"__ndarray__": True, b"data": bytes, b"dtype": text, b"shape": [...]}`, a numpy number
 `{b"__npgeneric__": True, b"data": number, b"dtype": text}`, as in `openpi_client.msgpack_numpy` (Apache 2.0,
@@ -28,8 +28,7 @@ class PackingError(Exception):
 def pack(message: Mapping[str, Any]) -> bytes:
     """Return a message as bytes.
 
-    Raises:
-        PackingError: It holds an array of objects, structures or complex numbers, or a value that is not plain.
+    Raises PackingError for an array of objects, structures or complex numbers, or a value that is not plain.
     """
     try:
         packed: bytes = msgpack.packb(message, default=_packed)
@@ -41,8 +40,7 @@ def pack(message: Mapping[str, Any]) -> bytes:
 def unpack(frame: bytes) -> Any:
     """Return the message in a frame. Arrays are new and can be written to.
 
-    Raises:
-        PackingError: It is not msgpack, or holds an array of another type or shape than its bytes.
+    Raises PackingError if the frame is not msgpack, or an array's type and shape do not fit its bytes.
     """
     try:
         return msgpack.unpackb(frame, object_hook=_unpacked, ext_hook=_refuse, strict_map_key=True)

@@ -1,4 +1,4 @@
-"""The policy kind `openpi`. Light: the websocket client is imported when it is needed.
+"""The policy kind `openpi`. Light: the websocket client is imported on first use.
 
 The protocol is that of https://github.com/Physical-Intelligence/openpi (Apache 2.0): the server sends metadata on
 connection, then answers each observation with a chunk, both as msgpack; a text frame is an error.

@@ -1,7 +1,7 @@
 """The additions of RoboGauntlet's client and server to openpi's protocol, in keys that others ignore.
 
-A policy behind RoboGauntlet's server is given what it would be given in the process: the episode that keys its
-randomness, the step and, for oracles, the true state. The episode's record gets the routing evidence.
+A policy behind RoboGauntlet's server gets the same input as in the process: the episode that keys its randomness, the
+step and, for oracles, the true state. The answer includes the routing evidence.
 """
 
 from __future__ import annotations
@@ -64,17 +64,13 @@ def as_metadata(greeting: Greeting) -> dict[str, Any]:
 
 
 def greeting_in(metadata: Mapping[str, Any]) -> Greeting | None:
-    """Return the greeting of a RoboGauntlet server, or None if the server is another.
-
-    Raises:
-        PackingError: It is RoboGauntlet's, of another version.
-    """
+    """Return the greeting of a RoboGauntlet server, PackingError if of another version; None for other servers."""
     greeting = metadata.get("robogauntlet")
     if not isinstance(greeting, Mapping):
         return None
     if greeting.get("version") != VERSION:
         version = str(greeting.get("version"))[:20]
-        raise PackingError(f"expected a RoboGauntlet server that speaks version {VERSION}, got version {version}")
+        raise PackingError(f"expected a RoboGauntlet server of version {VERSION}, got version {version}")
     try:
         return _GREETING.validate_python(dict(greeting))
     except ValidationError as error:
@@ -96,11 +92,7 @@ def as_message(query: Query, finished: Sequence[str]) -> dict[str, Any]:
 
 
 def episode_in(message: Mapping[str, Any]) -> tuple[Episode, int] | None:
-    """Return episode and step of a message, or None if its client is not RoboGauntlet's.
-
-    Raises:
-        PackingError: They are malformed.
-    """
+    """Return episode and step of a message, PackingError if malformed; None if its client is not RoboGauntlet's."""
     if EPISODE not in message:
         return None
     step = message.get(STEP)
@@ -119,11 +111,7 @@ def finished_in(message: Mapping[str, Any]) -> list[str]:
 
 
 def query_in(message: Mapping[str, Any], episode: Episode, step: int, spec: PolicySpec) -> Query:
-    """Return a message as a policy's query.
-
-    Raises:
-        PackingError: An input of the policy is missing or malformed.
-    """
+    """Return a message as a policy's query. Raises PackingError if an input of the policy is missing or malformed."""
     match spec.sees:
         case PolicyInput.OBSERVATION:
             return Query(episode, step, observation=_observation(message, spec))
@@ -176,11 +164,7 @@ def as_answer(decision: Decision) -> dict[str, Any]:
 
 
 def routing_in(message: Mapping[str, Any]) -> Routing | None:
-    """Return the routing evidence of an answer, or None.
-
-    Raises:
-        PackingError: It is malformed.
-    """
+    """Return the routing evidence of an answer, PackingError if malformed; None without."""
     if ROUTING not in message:
         return None
     try:

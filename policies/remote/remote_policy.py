@@ -38,15 +38,15 @@ class RemotePolicy:
             self._connection.connect()
             self._read_greeting()
             self._digest = self.digest()
-        own = self._greeting if self._is_robogauntlet and options.identity is None else None
         execute = options.execute or MAX_ACTIONS
-        self.spec = own.spec if own else PolicySpec(PolicyInput.OBSERVATION, execute, cameras=tuple(options.cameras))
+        self.spec = PolicySpec(PolicyInput.OBSERVATION, execute, cameras=tuple(options.cameras))
+        if options.identity is None and self._greeting is not None and options.is_plain:
+            self.spec = self._greeting.spec
 
     def digest(self) -> str:
-        """Hash of the policy's content, see `docs/remote-policies.md`.
+        """Return the hash of the policy's content, see `docs/remote-policies.md`.
 
-        Raises:
-            PolicyError: Neither the suite nor the server identifies the policy.
+        Raises PolicyError if neither the suite nor the server identifies the policy.
         """
         if self._options.identity is not None:
             return self._options.digest({"identity": self._options.identity})
@@ -75,7 +75,7 @@ class RemotePolicy:
         return [self._decide(query) for query in queries]
 
     def finish(self, episodes: Sequence[Episode]) -> None:
-        """Forget these episodes; a RoboGauntlet server learns of it with the next query."""
+        """Drop these episodes; the next query reports them to a RoboGauntlet server."""
         self._finished += [episode.id for episode in episodes if self._connection_of.pop(episode.id, None) is not None]
 
     def close(self) -> None:
@@ -84,7 +84,7 @@ class RemotePolicy:
 
     @property
     def _is_robogauntlet(self) -> bool:
-        """Whether the server is RoboGauntlet's own, asked without conversions."""
+        """Whether the server is RoboGauntlet's own, without conversions."""
         return self._greeting is not None and self._options.is_plain
 
     def _decide(self, query: Query) -> Decision:
@@ -135,7 +135,7 @@ class RemotePolicy:
 
 
 def _plain(value: Any) -> Any:
-    """Metadata as JSON holds them."""
+    """Return metadata as JSON values."""
     match value:
         case dict():
             return {str(key): _plain(item) for key, item in value.items()}

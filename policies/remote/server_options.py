@@ -1,4 +1,4 @@
-"""The options of a policy behind a server: how an observation is sent and how the answer is read."""
+"""The options of a policy behind a server: the conversion of observations and answers, and the connection."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Size = Annotated[int, Field(strict=True, ge=16, le=1024)]
 
 
 class Convention(BaseModel):
-    """How an observation is sent to an external policy, and how its answer is read.
+    """Conversion of observations for an external policy, and of its answers.
 
-    The fields' docstrings are what users are shown as the options' meaning.
+    The fields' docstrings are shown to users as the options' meaning.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
@@ -140,12 +140,12 @@ class ServerOptions(Convention):
         return not self.model_fields_set - {"address", "identity", *_TRANSPORT}
 
     def declaration(self) -> dict[str, Any]:
-        """The options that decide how the policy acts, as plain values: all but its address and time limits."""
+        """Return the options that decide how the policy acts, all but its address and time limits, as plain values."""
         options = self.model_dump(mode="json", exclude={"address", "identity", *_TRANSPORT})
         return {name: value for name, value in options.items() if (name, value) not in _ADDED_DEFAULTS}
 
     def digest(self, who: object) -> str:
-        """Hash of the policy's content; `who` identifies the policy behind the address, as plain values."""
+        """Return the hash of the policy's content; `who`, plain values, identifies the policy behind the address."""
         return content_hash({"policy": NAME, "card": self.declaration(), "who": who})
 
 
@@ -158,11 +158,7 @@ OPTIONS = {name: field.description or "" for name, field in ServerOptions.model_
 
 
 def read_options(options: Mapping[str, Any]) -> ServerOptions:
-    """Read a suite's options.
-
-    Raises:
-        PolicyError: An option is missing or invalid.
-    """
+    """Read a suite's options. Raises PolicyError if one is missing or invalid."""
     try:
         return ServerOptions.model_validate(dict(options)).resolved()
     except ValidationError as error:

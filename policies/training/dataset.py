@@ -15,7 +15,6 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
-from robogauntlet.policies.training.dataset_writer import spec_of
 from robogauntlet.policies.training.lerobot_format import (
     ACTION,
     CODEBASE_VERSION,
@@ -31,6 +30,7 @@ from robogauntlet.policies.training.lerobot_format import (
     episode_hash,
     image_key,
     numbers,
+    spec_of,
 )
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.errors import first_line
@@ -59,11 +59,7 @@ class Demonstrations:
     """An open dataset. Numbers are in memory; images are read at first use and decoded on demand."""
 
     def __init__(self, folder: Path) -> None:
-        """Open a LeRobot v3 dataset with our state, action and image columns.
-
-        Raises:
-            DatasetError: It is not such a dataset.
-        """
+        """Open a LeRobot v3 dataset with our state, action and image columns. Raises DatasetError for another."""
         self.folder = folder
         info, self.spec = _read_info(folder)
         self._files = sorted((folder / "data").glob("*/*.parquet"))
@@ -74,12 +70,13 @@ class Demonstrations:
         episode = self._column(table, "episode_index", 1)[:, 0]
         index = self._column(table, "index", 1)[:, 0]
         if len(index) != info["total_frames"] or not np.array_equal(index, np.arange(len(index))):
-            hint = "; if it was being collected, give the same command to continue" if self._is_ours else ""
+            is_ours = (folder / JOURNAL_FILE).is_file()
+            hint = "; if it was being collected, give the same command to continue" if is_ours else ""
             raise DatasetError(
                 f"{folder}: expected frames 0 to {info['total_frames'] - 1} in order, got {len(index)}{hint}"
             )
         if not len(index):
-            raise DatasetError(f"{folder}: expected an episode at least, got none")
+            raise DatasetError(f"{folder}: expected at least one episode, got none")
         self.starts = np.flatnonzero(np.diff(episode, prepend=-1))
         """First frame of each episode."""
         self.ends = np.append(self.starts[1:], len(episode))
@@ -109,12 +106,12 @@ class Demonstrations:
 
     @property
     def starts_midway(self) -> bool:
-        """Whether its episodes begin where the oracle took over from a learner, not where the task does."""
+        """Whether its episodes begin where the oracle took over from a learner, not at the task's start."""
         return "learner" in self._source and not self._source.get("whole")
 
     @cached_property
     def _source(self) -> dict[str, Any]:
-        """How we recorded it; empty if we did not."""
+        """How RoboGauntlet recorded the dataset; empty for a dataset of another origin."""
         path = self.folder / JOURNAL_FILE
         try:
             return dict(json.loads(path.read_text(encoding="utf-8"))["source"])
@@ -125,29 +122,27 @@ class Demonstrations:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """Every instruction, in order of its first appearance."""
+        """Every instruction, in order of first appearance."""
         return tuple(self._tasks[number] for number in sorted(self._tasks))
 
     def images(self, camera: str, frames: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Images of a camera, shape (b, size, size, 3).
-
-        Raises:
-            DatasetError: No such camera, or an image is broken.
-        """
+        """Return images of a camera, shape (b, size, size, 3). DatasetError without it, or for a broken image."""
         if camera in self._decoded:
             return self._decoded[camera][frames]
-        encoded = self._encoded(camera)
+        if camera not in self.spec.cameras:
+            raise DatasetError(f"{self.folder}: expected camera {', '.join(self.spec.cameras)}, got {camera}")
+        encoded = self._png.column(image_key(camera))
         return self._stack(camera, [encoded[int(frame)].as_py() for frame in frames])
 
     def preload(self) -> None:
-        """Decode all images now: takes 28 KB per frame and camera at 96 px, saves several hundred microseconds each."""
+        """Decode all images now: needs 28 KB per frame and camera at 96 px, saves several hundred microseconds each."""
         for camera in self.spec.cameras:
             if camera not in self._decoded:
                 self._decoded[camera] = self.images(camera, np.arange(len(self)))
         self.__dict__.pop("_png", None)
 
     def batch(self, frames: NDArray[np.int64], *, chunk_length: int = CHUNK_LENGTH) -> Batch:
-        """These frames, each with the actions from there on."""
+        """Return these frames, each with the actions from there on."""
         ends = self._end_of_frame[frames]
         steps = np.asarray(frames)[:, None] + np.arange(chunk_length)
         mask = steps < ends[:, None]
@@ -164,12 +159,12 @@ class Demonstrations:
 
     @cached_property
     def episode_hashes(self) -> tuple[str, ...]:
-        """Content of each episode (`episode_hash`), computed from the data: decodes every image."""
+        """Hash of each episode (`episode_hash`), computed from the data: decodes every image."""
         return tuple(map(self._hash, range(self.episodes)))
 
     @property
     def content_hash(self) -> str:
-        """Hash of the numbers and pixels, the same however the episodes are ordered and spread over files."""
+        """Hash of the numbers and pixels, independent of the order of the episodes and their files."""
         return pooled_hash([self])
 
     def _hash(self, episode: int) -> str:
@@ -187,19 +182,10 @@ class Demonstrations:
     def _png(self) -> pa.Table:
         return self._read([image_key(camera) for camera in self.spec.cameras])
 
-    def _encoded(self, camera: str) -> pa.ChunkedArray:
-        if camera not in self.spec.cameras:
-            raise DatasetError(f"{self.folder}: expected camera {', '.join(self.spec.cameras)}, got {camera}")
-        return self._png.column(image_key(camera))
-
-    @property
-    def _is_ours(self) -> bool:
-        return (self.folder / JOURNAL_FILE).is_file()
-
     def _stack(self, camera: str, rows: Sequence[Mapping[str, bytes | None] | None]) -> NDArray[np.uint8]:
         size = self.spec.image_size
-        found = np.empty((len(rows), size, size, 3), np.uint8)
-        for place, row in zip(found, rows, strict=True):
+        stacked = np.empty((len(rows), size, size, 3), np.uint8)
+        for place, row in zip(stacked, rows, strict=True):
             png = row["bytes"] if row is not None else None
             if png is None:
                 raise DatasetError(f"{self.folder}: {camera}: expected images within the data files, got none")
@@ -210,18 +196,18 @@ class Demonstrations:
             if image.shape != place.shape:
                 raise DatasetError(f"{self.folder}: {camera}: expected images {place.shape}, got {image.shape}")
             place[:] = image
-        return found
+        return stacked
 
     def _read(self, columns: Sequence[str]) -> pa.Table:
         if not self._files:
-            raise DatasetError(f"{self.folder}: expected data/chunk-000/file-000.parquet, there is nothing")
+            raise DatasetError(f"{self.folder}: expected data/chunk-000/file-000.parquet, got no data file")
         parts: list[pa.Table] = []
         for path in self._files:
             try:
                 file = pq.ParquetFile(path)
                 missing = [name for name in columns if name not in file.schema_arrow.names]
                 if missing:
-                    raise DatasetError(f"{path}: expected a column {missing[0]}, there is none")
+                    raise DatasetError(f"{path}: expected a column {missing[0]}, got none")
                 part = file.read(list(columns))
             except (OSError, pa.ArrowException) as error:
                 raise DatasetError(f"{path}: cannot be read: {first_line(error)}") from None
@@ -236,49 +222,48 @@ class Demonstrations:
     def _column(self, table: pa.Table, name: str, width: int) -> NDArray[Any]:
         try:
             values = numbers(table, name)
-        except ValueError:  # Arrow's, for what is missing within a list
+        except ValueError:  # raised by Arrow for a missing value in a list
             values = np.array([[None]])
         if table.column(name).null_count or values.dtype.kind not in "biuf":
             raise DatasetError(f"{self.folder}: {name}: expected numbers in each frame, got something else")
         if values.shape[1] != width:
-            raise DatasetError(f"{self.folder}: {name}: expected {width} numbers a frame, got {values.shape[1]}")
+            raise DatasetError(f"{self.folder}: {name}: expected {width} numbers per frame, got {values.shape[1]}")
         if not np.isfinite(values).all():
             raise DatasetError(f"{self.folder}: {name}: expected finite numbers, got NaN or infinity")
         return values
 
 
 def pooled_hash(datasets: Sequence[Demonstrations]) -> str:
-    """Hash of the pooled content of several datasets, in any order."""
+    """Return the hash of the content of several datasets, in any order."""
     return content_hash(sorted(value for dataset in datasets for value in dataset.episode_hashes))
 
 
-def find_datasets(folder: Path) -> list[Path]:
-    """Return the datasets in a folder, or the folder itself if it is one.
+def find_datasets(folders: Sequence[Path]) -> list[Path]:
+    """Return the datasets among these folders and in them, each once and sorted.
 
-    Raises:
-        DatasetError: There is no dataset, or a folder cannot be read.
+    Raises DatasetError if there is no dataset for one of them, or it cannot be read.
     """
-    try:
-        if (folder / INFO_FILE).is_file():
-            return [folder]
-        # A glob would leave out what it is not permitted to read.
-        places = sorted(folder.iterdir()) if folder.is_dir() else []
-        found = [place for place in places if (place / INFO_FILE).is_file()]
-    except OSError as error:
-        raise DatasetError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
-    if not found:
-        raise DatasetError(f"{folder}: expected a dataset ({INFO_FILE}) or a folder of them, there is none")
-    return found
+    datasets: dict[Path, Path] = {}
+    for folder in folders:
+        try:
+            # A glob would silently skip unreadable folders.
+            is_dataset = (folder / INFO_FILE).is_file()
+            places = [folder] if is_dataset else sorted(folder.iterdir()) if folder.is_dir() else []
+            found = {place.resolve(): place for place in places if (place / INFO_FILE).is_file()}
+        except OSError as error:
+            raise DatasetError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
+        if not found:
+            raise DatasetError(f"{folder}: expected a dataset ({INFO_FILE}) or a folder of them, got none")
+        datasets |= found
+    return sorted(datasets.values())
 
 
 def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstrations]:
     """Open the datasets of these tasks among all in these folders.
 
-    Raises:
-        DatasetError: A folder without datasets, or datasets that leave a task out.
+    Raises DatasetError for a folder without datasets, or if a task has none.
     """
-    found = sorted({path.resolve(): path for folder in folders for path in find_datasets(folder)}.values())
-    datasets = [dataset for dataset in map(Demonstrations, found) if dataset.task in tasks]
+    datasets = [dataset for dataset in map(Demonstrations, find_datasets(folders)) if dataset.task in tasks]
     missing = [task for task in tasks if task not in {dataset.task for dataset in datasets}]
     if folders and missing:
         raise DatasetError(f"expected demonstrations of each expert's task, got none of {missing[0]}")
@@ -300,7 +285,7 @@ def _read_info(folder: Path) -> tuple[dict[str, Any], DatasetSpec]:
     if version != CODEBASE_VERSION:
         raise DatasetError(f"{path}: expected codebase_version {CODEBASE_VERSION}, got {version}")
     if spec is None:
-        raise DatasetError(f"{path}: expected an image column {image_key('CAMERA')}, there is none")
+        raise DatasetError(f"{path}: expected an image column {image_key('CAMERA')}, got none")
     return {"total_frames": total_frames, "total_episodes": total_episodes}, spec
 
 

@@ -27,8 +27,7 @@ class DatasetMixture:
     def __init__(self, datasets: Sequence[Demonstrations]) -> None:
         """Split each dataset into training and held-out episodes.
 
-        Raises:
-            DatasetError: There is no dataset, or they differ in cameras or image size.
+        Raises DatasetError without datasets, or if they differ in cameras or image size.
         """
         if not datasets:
             raise DatasetError("expected at least one dataset, got none")
@@ -46,20 +45,15 @@ class DatasetMixture:
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> DatasetMixture:
-        """Open the datasets in these folders (datasets or folders of them), with decoded images in memory.
-
-        Raises:
-            DatasetError: There is no dataset, or one is malformed.
-        """
-        found = sorted({path.resolve(): path for folder in folders for path in find_datasets(folder)}.values())
-        mixture = cls([Demonstrations(path) for path in found])
+        """Open the datasets in these folders (datasets or folders of them), with decoded images in memory."""
+        mixture = cls([Demonstrations(path) for path in find_datasets(folders)])
         for dataset in mixture.datasets:
             dataset.preload()
         return mixture
 
     @property
     def tasks(self) -> tuple[str, ...]:
-        """The tasks shown (`simulator/task`), each once."""
+        """The tasks of the datasets (`simulator/task`), each once."""
         return tuple(dict.fromkeys(dataset.task for dataset in self.datasets))
 
     @property
@@ -71,14 +65,14 @@ class DatasetMixture:
     def statistics(self) -> TaskStatistics:
         """Normalisation statistics of each task over its training frames."""
         parts = list(zip(self.datasets, self._train, strict=True))
-        found = {}
+        by_task = {}
         for task in self.tasks:
-            own = [(dataset, frames) for dataset, frames in parts if dataset.task == task]
-            found[task] = Statistics.of(
-                np.concatenate([dataset.actions[frames] for dataset, frames in own]),
-                np.concatenate([dataset.states[frames] for dataset, frames in own]),
+            of_task = [(dataset, frames) for dataset, frames in parts if dataset.task == task]
+            by_task[task] = Statistics.of(
+                np.concatenate([dataset.actions[frames] for dataset, frames in of_task]),
+                np.concatenate([dataset.states[frames] for dataset, frames in of_task]),
             )
-        return TaskStatistics(found)
+        return TaskStatistics(by_task)
 
     @cached_property
     def data_hash(self) -> str:
@@ -120,15 +114,9 @@ class DatasetMixture:
 
 
 def shift(images: Image, offsets: NDArray[np.int64], largest: int) -> Image:
-    """Shift each image and repeat its border: pad and crop (arXiv 2004.13649).
+    """Shift each image (b, h, w, 3) and repeat its border: pad and crop (arXiv 2004.13649).
 
-    Args:
-        images: Shape (b, h, w, 3).
-        offsets: Rows and columns (px) to move down and right, shape (b, 2), within -largest .. largest.
-        largest: Largest offset (px).
-
-    Returns:
-        The moved images, same shape.
+    `offsets` are the rows and columns (px) to move down and right, shape (b, 2), within -largest .. largest.
     """
     if largest == 0:
         return images

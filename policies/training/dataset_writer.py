@@ -1,4 +1,4 @@
-"""Writes a dataset in steps, so that a collection can be stopped at any time and continued later."""
+"""Writes a LeRobot dataset in steps, so that a collection can be stopped at any time and continued later."""
 
 from __future__ import annotations
 
@@ -32,22 +32,23 @@ from robogauntlet.policies.training.lerobot_format import (
     number_statistics,
     numbers,
     pooled_image_statistics,
+    spec_of,
 )
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.files import replacing
 
 SUCCESS_STATUS = "success"
 FLUSH_BYTES = 32 * 2**20
-"""Images of added episodes above which they are committed."""
+"""Size of pending episodes above which they are committed."""
 FLUSH_S = 10.0
-"""Time since the last commit after which added episodes are committed."""
+"""Time since the last commit after which pending episodes are committed."""
 STORAGE: Mapping[str, Any] = {"compression": "none", "use_dictionary": False, "write_statistics": ["episode_index"]}
-"""PNG does not compress again and no two images are equal, so neither is tried."""
+"""PNG cannot be compressed further and no two images are equal, so no compression or dictionary is used."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One seed that was played: its episode is kept if the dataset keeps that status, else it is only counted."""
+    """One played seed. Its episode is stored if the dataset keeps that status, otherwise only counted."""
 
     seed: int
     status: str
@@ -57,11 +58,10 @@ class Attempt:
 
 
 class DatasetWriter:
-    """One dataset in one folder. What is committed survives the process; what is added waits for a commit.
+    """Writes one dataset into one folder. Committed episodes survive the process, pending ones are lost with it.
 
-    A commit rewrites the description of the whole dataset, so episodes that are added one by one share commits.
-    `meta/robogauntlet.json` is written last and lists what is committed; other files are leftovers of a process that
-    was killed, and are overwritten.
+    A commit rewrites the metadata of the whole dataset, so several pending episodes share one. `meta/robogauntlet.json`
+    is written last and lists what is committed; any other files were left by a killed process and are overwritten.
     """
 
     def __init__(
@@ -72,16 +72,13 @@ class DatasetWriter:
         keeps: Collection[str] = (SUCCESS_STATUS,),
         now: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin or continue a dataset.
+        """Create or continue a dataset.
 
         Args:
-            folder: The dataset's; made at the first commit.
-            source: How its episodes are made, as plain JSON. Must be the same to continue.
-            keeps: Statuses whose episodes are kept.
-            now: Seconds, from anywhere.
-
-        Raises:
-            DatasetError: The folder holds something else.
+            folder: Folder of the dataset, created at the first commit. DatasetError if it holds something else.
+            source: How the episodes are produced, as plain JSON. Must be the same to continue.
+            keeps: Statuses whose episodes are stored.
+            now: Returns a time in s, with any origin.
         """
         self.folder = folder
         self.source = json.loads(json.dumps(source))
@@ -102,43 +99,35 @@ class DatasetWriter:
 
     @property
     def episodes(self) -> int:
-        """Episodes committed."""
+        """Number of committed episodes."""
         return len(self._rows)
 
     @property
     def frames(self) -> int:
-        """Frames committed."""
+        """Number of committed frames."""
         return int(self._rows[-1]["dataset_to_index"]) if self._rows else 0
 
     @property
     def content_hash(self) -> str | None:
-        """As `Demonstrations.content_hash`, from the hashes taken when the episodes were recorded."""
+        """Same as `Demonstrations.content_hash`, from the hashes of the recorded episodes; None without episodes."""
         return content_hash(sorted(row["content_hash"] for row in self._rows)) if self._rows else None
 
     def about(self, name: str) -> list[Any]:
-        """Values of this name in `Recording.about` of the committed episodes."""
+        """Return the committed episodes' values of this name in `Recording.about`."""
         return [row.get(name) for row in self._rows]
 
     def add(self, attempt: Attempt, episode: EncodedEpisode | None) -> None:
-        """Add a seed that was played, with its episode if it is kept. It is lost with the process until a commit."""
+        """Add a played seed, with its episode if that is kept, to the pending ones."""
         self._added.append((attempt, episode))
 
     def flush_if_due(self) -> None:
-        """Commit what was added, if it is large or the last commit was long ago.
-
-        Raises:
-            DatasetError, OSError: As `commit`.
-        """
+        """Commit the pending episodes if they are large or the last commit was long ago. Raises as `commit`."""
         size = sum(episode.size for _, episode in self._added if episode is not None)
         if size > FLUSH_BYTES or self._now() - self._committed_at > FLUSH_S:
             self.flush()
 
     def flush(self) -> None:
-        """Commit what was added. If that fails, it is dropped.
-
-        Raises:
-            DatasetError, OSError: As `commit`.
-        """
+        """Commit the pending episodes; they are dropped if that fails. Raises as `commit`."""
         if not self._added:
             return
         added, self._added = self._added, []
@@ -146,21 +135,15 @@ class DatasetWriter:
         self._committed_at = self._now()
 
     def commit(self, attempts: Sequence[Attempt], episodes: Sequence[EncodedEpisode]) -> None:
-        """Add what was played, in order.
-
-        Args:
-            attempts: Every seed that was played.
-            episodes: Those of them that are kept.
+        """Write played seeds and the episodes that are kept of them, in order.
 
         Raises:
-            DatasetError: The two do not fit together, or the episodes do not fit those that are there.
-            OSError: It cannot be written; nothing is committed.
+            DatasetError: The two do not match, or the episodes do not fit those already in the dataset.
+            OSError: A file cannot be written; nothing is committed.
         """
         expected = [attempt.seed for attempt in attempts if attempt.status in self._keeps]
         if expected != [episode.seed for episode in episodes]:
-            raise DatasetError(
-                f"expected an episode for each that is kept {expected}, got {[e.seed for e in episodes]}"
-            )
+            raise DatasetError(f"expected episodes of the kept seeds {expected}, got {[e.seed for e in episodes]}")
         for episode in episodes:
             self.spec = self.spec or episode.spec
             if episode.spec != self.spec:
@@ -199,7 +182,7 @@ class DatasetWriter:
         self._describe()
 
     def _describe(self) -> None:
-        """Write everything under `meta/` but the journal."""
+        """Write all metadata files except the journal."""
         import pandas as pd
 
         assert self.spec is not None
@@ -241,16 +224,15 @@ class DatasetWriter:
         path = self.folder / JOURNAL_FILE
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
-            there = dict(document["source"])
+            stored = dict(document["source"])
             self._files, episodes = int(document["data_files"]), int(document["episodes"])
             self.attempts = [Attempt(**attempt) for attempt in document["attempts"]]
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: expected a record of attempts: {type(error).__name__}: {error}") from None
-        differing = [key for key in {**there, **self.source} if there.get(key) != self.source.get(key)]
-        if differing:
-            key = differing[0]
-            what = f"{key} {json.dumps(there.get(key))}, now {json.dumps(self.source.get(key))}"
-            raise DatasetError(f"{self.folder}: it was begun with {what}; give another folder with --out")
+        for key in {**stored, **self.source}:
+            before, now = json.dumps(stored.get(key)), json.dumps(self.source.get(key))
+            if before != now:
+                raise DatasetError(f"{self.folder}: it was begun with {key} {before}, now {now}; choose another --out")
         if not episodes:
             return
         try:
@@ -260,28 +242,20 @@ class DatasetWriter:
                 data = pq.ParquetFile(self.folder / DATA_FILE.format(chunk_index=chunk, file_index=file))
                 names = [field.name for field in data.schema_arrow if not pa.types.is_struct(field.type)]
                 self._numbers.append(data.read(names))
-            info = json.loads((self.folder / INFO_FILE).read_text(encoding="utf-8"))
-            self.spec = spec_of(info)
+            self.spec = spec_of(json.loads((self.folder / INFO_FILE).read_text(encoding="utf-8")))
         except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
             raise DatasetError(f"{self.folder}: it cannot be continued: {type(error).__name__}: {error}") from None
         for row in self._rows:
             self._tasks.setdefault(row["tasks"][0], len(self._tasks))
 
 
-def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
-    """The spec that `meta/info.json` declares."""
-    prefix = image_key("")
-    images = {name.removeprefix(prefix): f for name, f in info["features"].items() if name.startswith(prefix)}
-    return DatasetSpec(int(info["fps"]), tuple(images), int(next(iter(images.values()))["shape"][0]))
-
-
 def _row(
     episode: EncodedEpisode, table: pa.Table, episode_index: int, first_index: int, chunk: int, file: int
 ) -> dict[str, Any]:
-    """An episode's row under `meta/episodes`; `seed`, `content_hash` and `about` are not part of LeRobot's format."""
+    """Return an episode's row under `meta/episodes`. LeRobot's format has no `seed`, `content_hash` and `about`."""
     plain = _without_images(table)
     statistics = {name: number_statistics(numbers(plain, name)) for name in plain.column_names}
-    statistics |= {image_key(camera): dict(found) for camera, found in episode.image_statistics.items()}
+    statistics |= {image_key(camera): dict(values) for camera, values in episode.image_statistics.items()}
     return {
         "episode_index": episode_index,
         "tasks": [episode.instruction],
@@ -295,7 +269,7 @@ def _row(
         "seed": episode.seed,
         "content_hash": episode.content_hash,
         **episode.about,
-        **{f"stats/{key}/{name}": value for key, found in statistics.items() for name, value in found.items()},
+        **{f"stats/{key}/{name}": value for key, values in statistics.items() for name, value in values.items()},
     }
 
 

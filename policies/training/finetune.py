@@ -135,24 +135,24 @@ def pretrain(
     *,
     action_steps: int | None = None,
     prepare: Callable[[MergeVLA], None] | None = None,
-    listener: Listener | None = None,
-    stop: Stop | None = None,
+    listener: Listener = lambda status: None,
+    stop: Stop = lambda: False,
 ) -> TrainingResult:
-    """Train the base that experts start from, all its weights, and save it to `out`.
+    """Train all weights of the base that experts start from, and save it to `out`.
 
     Args:
         mixture: Demonstrations of all tasks, each normalised by its own statistics: otherwise the task with the widest
             motions would dominate the loss.
-        architecture: Of the network.
+        architecture: Architecture of the network.
         out: Folder of the checkpoint. A training that was stopped there is continued.
-        settings: How to train.
-        action_steps: See `CheckpointMetadata.action_steps`; it decides nothing about the training.
+        settings: Training settings.
+        action_steps: See `CheckpointMetadata.action_steps`; it does not affect the training.
         prepare: Loads pretrained weights into the new network.
         listener: See `Listener`.
         stop: See `Stop`.
 
     Raises:
-        PolicyError: Data of other images than the architecture's, or a folder that holds something else.
+        PolicyError: Images that do not fit the architecture, or a folder that holds something else.
     """
     check_action_steps(action_steps, architecture)
     check_images(mixture, architecture)
@@ -173,27 +173,27 @@ def finetune(
     *,
     lora: LoraSettings,
     action_steps: int | None = None,
-    listener: Listener | None = None,
-    stop: Stop | None = None,
+    listener: Listener = lambda status: None,
+    stop: Stop = lambda: False,
 ) -> TrainingResult:
-    """Train an expert from a base: adapters on the backbone, all of the rest; save it to `out`.
+    """Train an expert from a base, adapters on the backbone and all other weights, and save it to `out`.
 
     Args:
         mixture: Demonstrations of the expert's task; its own statistics normalise, as in the paper.
-        base: The base's folder or hub id; it must stay where it is.
-        out: Folder of the checkpoint. A training that was stopped there is continued.
-        settings: How to train.
-        lora: The adapters.
-        action_steps: See `CheckpointMetadata.action_steps`; it decides nothing about the training.
+        base: The base's folder or hub id; it must stay in place.
+        out: See `pretrain`, as for the other arguments.
+        settings: Training settings.
+        lora: Settings of the adapters.
+        action_steps: See `CheckpointMetadata.action_steps`.
         listener: See `Listener`.
         stop: See `Stop`.
 
     Raises:
-        PolicyError: A base that is none, data of other images than its own, or a folder that holds something else.
+        PolicyError: A base that is an expert, images that do not fit it, or a folder that holds something else.
     """
     start = load_checkpoint(base)
     if start.metadata.base is not None or start.metadata.lora is not None:
-        raise TrainingError(f"expected a base that stands alone, got '{base}', an expert")
+        raise TrainingError(f"expected a base, got '{base}', an expert")
     if isinstance(base, Path) and base.resolve() == out.resolve():
         raise TrainingError(f"expected another folder than the base's for the expert, got '{out}'")
     check_images(mixture, start.model.architecture)
@@ -211,11 +211,7 @@ def finetune(
 
 
 def check_images(mixture: DatasetMixture, architecture: Architecture) -> None:
-    """Refuse data whose images are not what the network sees.
-
-    Raises:
-        TrainingError: A camera is missing, or the images have another size.
-    """
+    """Raise TrainingError if a camera is missing in the data, or its images have another size."""
     missing = [camera for camera in architecture.cameras if camera not in mixture.cameras]
     if missing:
         raise TrainingError(f"expected images of camera {missing[0]}, the data has {', '.join(mixture.cameras)}")
@@ -233,8 +229,8 @@ def _train(
     mixture: DatasetMixture,
     out: Path,
     settings: Settings,
-    listener: Listener | None,
-    stop: Stop | None,
+    listener: Listener,
+    stop: Stop,
 ) -> TrainingResult:
     if (out / METADATA_FILE).exists():
         raise TrainingError(f"expected a folder without a checkpoint, '{out}' holds a finished one")
@@ -256,12 +252,11 @@ def _train(
         history.losses.append(_step(model, batch_loss, mixture, weights, optimiser, settings, history.step))
         history.step += 1
         if history.step % settings.evaluate_every == 0 or history.step == settings.steps:
-            _look_at_held_out(model, batch_loss, mixture, settings, history)
+            _evaluate(model, batch_loss, mixture, settings, history)
         now = time.monotonic()
         history.seconds = seconds_before + now - began
-        if listener is not None:
-            listener(_pace(history, settings, history.step - before, now - began))
-        stopping = stop is not None and stop() and history.step < settings.steps
+        listener(_pace(history, settings, history.step - before, now - began))
+        stopping = stop() and history.step < settings.steps
         if stopping or now - saved >= settings.save_s:
             save_state(out / STATE_FILE, weights, optimiser, history)
             saved = now
@@ -307,7 +302,7 @@ def _step(
 
 
 @torch.no_grad()
-def _look_at_held_out(
+def _evaluate(
     model: MergeVLA, batch_loss: BatchLoss, mixture: DatasetMixture, settings: Settings, history: History
 ) -> None:
     model.eval()

@@ -22,7 +22,7 @@ LAMBDAS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """Candidates for each task."""
 BATCH = 64
 Progress = Callable[[str], None]
-"""Called with the candidate that is being tried."""
+"""Called with the value that is evaluated next."""
 
 
 @torch.no_grad()
@@ -32,18 +32,11 @@ def held_out_l1(
     mixture: DatasetMixture,
     tasks: Sequence[str] | None = None,
 ) -> dict[str, float]:
-    """Mean L1 over the held-out episodes of each task.
+    """Compute the mean L1 over the held-out episodes of each task, by default of all tasks in the mixture.
 
-    Args:
-        model_of: Gives the network that acts in a task.
-        statistics: Of each task.
-        mixture: Demonstrations; images are read as they are needed.
-        tasks: Of the pool, by default all.
-
-    Raises:
-        TrainingError: No episode of a task is held out.
+    `model_of` returns the network that acts in a task. Raises TrainingError if no episode of a task is held out.
     """
-    found: dict[str, float] = {}
+    losses: dict[str, float] = {}
     for task in tasks or mixture.tasks:
         model = model_of(task)
         batch_loss = BatchLoss(
@@ -53,20 +46,20 @@ def held_out_l1(
         if not batches:
             raise TrainingError(f"expected held-out episodes of {task}, got none: ten episodes give one")
         weights = [int(batch.mask.sum()) for batch in batches]
-        found[task] = float(np.average([float(batch_loss.loss(model, batch)) for batch in batches], weights=weights))
-    return found
+        losses[task] = float(np.average([float(batch_loss.loss(model, batch)) for batch in batches], weights=weights))
+    return losses
 
 
 def experts_l1(
     experts: Experts, mixture: DatasetMixture, instructions: Mapping[str, str] | None = None
 ) -> dict[str, float]:
-    """Mean L1 of the unmerged experts on their held-out episodes: the lower bound for merging."""
-    alone = {task: replace(experts, by_task={task: expert}) for task, expert in experts.by_task.items()}
+    """Compute the mean L1 of the unmerged experts on their held-out episodes: the lower bound for merging."""
     recipe = Recipe(backbone=BackboneRule.SELECT, trunk=TrunkRule.MEAN)
-    return {
-        task: held_out_l1(MergedModel(parts).model, parts.statistics, mixture, [task])[task]
-        for task, parts in ((task, merge_parts(one, recipe, instructions)) for task, one in alone.items())
-    }
+    losses: dict[str, float] = {}
+    for task, expert in experts.by_task.items():
+        parts = merge_parts(replace(experts, by_task={task: expert}), recipe, instructions)
+        losses |= held_out_l1(MergedModel(parts).model, parts.statistics, mixture, [task])
+    return losses
 
 
 def choose_lambdas(
@@ -78,23 +71,15 @@ def choose_lambdas(
     among: Sequence[float] = LAMBDAS,
     progress: Progress | None = None,
 ) -> tuple[Recipe, dict[str, dict[float, float]]]:
-    """Give each task the lambda with which it does best on its held-out demonstrations.
+    """Choose for each task the lambda, out of `among`, with the smallest loss on its held-out demonstrations.
 
-    A task's weights depend on the merged task vector and its own mask alone, so the tasks are chosen for one by one.
-
-    Args:
-        experts: To be merged.
-        recipe: How; with task masks.
-        mixture: Demonstrations of each expert's task.
-        instructions: As for `merge_experts`.
-        among: Values of lambda.
-        progress: See `Progress`.
+    A task's weights depend on the merged task vector and its own mask alone, so each task is treated separately.
 
     Returns:
         The recipe with a lambda per expert, and expert to lambda to held-out L1.
 
     Raises:
-        TrainingError: The recipe has no lambda.
+        TrainingError: The recipe has no task masks, hence no lambda.
     """
     if recipe.masks is not MaskRule.TASK:
         raise TrainingError(f"expected task masks, whose lambda can be chosen, got masks '{recipe.masks}'")

@@ -1,9 +1,9 @@
-"""The LeRobot v3 dataset layout: names, columns, and how an episode becomes rows of them.
+"""The LeRobot v3 dataset layout: file names, columns, and the encoding of episodes.
 
 The layout is that of `lerobot` 0.4 (codebase version v3.0): `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet`,
 `meta/episodes/chunk-000/file-000.parquet` and `data/chunk-000/file-000.parquet`. Images are embedded in the data files
-as PNG, without loss, as `datasets.Image` stores them; there is no video. A dataset has one control rate, so there is
-one dataset per task. LeRobot does not read `meta/robogauntlet.json`.
+as lossless PNG, as `datasets.Image` stores them; there is no video. A dataset has one control rate, so there is one
+dataset per task. LeRobot ignores `meta/robogauntlet.json`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Floats = NDArray[np.float32]
 
 
 class DatasetError(PolicyError):
-    """A dataset cannot be read or written; the message says what was expected and what was given."""
+    """A dataset that cannot be read or written."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,15 @@ class Recording:
     images: Mapping[str, Sequence[Image]]
     """Camera name to n images (size, size, 3)."""
     about: Mapping[str, str | int | float | bool] = field(default_factory=dict)
-    """Further facts about the episode: additional columns of its row under `meta/episodes`."""
+    """Additional columns of the episode's row under `meta/episodes`."""
 
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """What the episodes of one dataset have in common."""
+    """Properties that all episodes of one dataset share."""
 
     fps: int
-    """Control steps per second: each is a frame."""
+    """Control steps per second; each step is one frame."""
     cameras: tuple[str, ...]
     image_size: int
     """Height and width (px)."""
@@ -73,7 +73,7 @@ class DatasetSpec:
 
 @dataclass(frozen=True)
 class EncodedEpisode:
-    """A recording as it is stored."""
+    """A recording in its stored form."""
 
     seed: int
     instruction: str
@@ -95,20 +95,26 @@ class EncodedEpisode:
 
     @property
     def size(self) -> int:
-        """Bytes of its images: nearly all of it."""
+        """Size of the images (bytes), nearly all of the episode."""
         return sum(len(png) for camera in self.images.values() for png in camera)
 
 
 def image_key(camera: str) -> str:
-    """The column that holds a camera's images."""
+    """Return the column of a camera's images."""
     return f"observation.images.{camera}"
+
+
+def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
+    """Return the spec in the content of `meta/info.json`."""
+    prefix = image_key("")
+    images = {name.removeprefix(prefix): f for name, f in info["features"].items() if name.startswith(prefix)}
+    return DatasetSpec(int(info["fps"]), tuple(images), int(next(iter(images.values()))["shape"][0]))
 
 
 def encode_episode(recording: Recording) -> EncodedEpisode:
     """Compress a recording's images and hash its content.
 
-    Raises:
-        DatasetError: Shapes disagree, a number is not finite, or the control rate is not a whole number.
+    Raises DatasetError if shapes disagree, a number is not finite, or the control rate is not a whole number.
     """
     n = len(recording.actions)
     fps = round(recording.control_hz)
@@ -149,7 +155,7 @@ def episode_hash(
     success: NDArray[np.bool_],
     images: Mapping[str, NDArray[np.uint8]],
 ) -> str:
-    """SHA-256 of an episode's numbers and pixels, 16 hexadecimal digits. Does not depend on how they are stored."""
+    """Return the SHA-256 of an episode's numbers and pixels, 16 hexadecimal digits, independent of their storage."""
     head = {"instruction": instruction, "fps": fps, "cameras": sorted(images), "shape": [len(actions)]}
     digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())
     for values, kind in ((states, "<f4"), (actions, "<f4"), (success, "u1")):
@@ -160,7 +166,7 @@ def episode_hash(
 
 
 def encode_png(image: Image) -> bytes:
-    """An RGB image (h, w, 3) as PNG."""
+    """Encode an RGB image (h, w, 3) as PNG."""
     from PIL import Image as Pillow
 
     buffer = io.BytesIO()
@@ -169,22 +175,18 @@ def encode_png(image: Image) -> bytes:
 
 
 def decode_png(png: bytes) -> Image:
-    """The RGB image (h, w, 3) of a PNG.
-
-    Raises:
-        DatasetError: It is not a PNG.
-    """
+    """Decode a PNG to an RGB image (h, w, 3). Raises DatasetError for another format."""
     from PIL import Image as Pillow
 
     try:
         with Pillow.open(io.BytesIO(png), formats=("PNG",)) as image:
             return np.asarray(image.convert("RGB"))
     except (OSError, ValueError, SyntaxError):
-        raise DatasetError(f"expected a PNG image, got {len(png)} bytes that are none") from None
+        raise DatasetError(f"expected a PNG image, got {len(png)} bytes of another format") from None
 
 
 def features(spec: DatasetSpec) -> dict[str, dict[str, Any]]:
-    """The columns as `meta/info.json` declares them."""
+    """Return the columns in the form of `meta/info.json`."""
     shape = [spec.image_size, spec.image_size, 3]
     names = ["height", "width", "channels"]
     return {
@@ -201,7 +203,7 @@ def features(spec: DatasetSpec) -> dict[str, dict[str, Any]]:
 
 
 def schema(spec: DatasetSpec) -> pa.Schema:
-    """The Arrow schema of the data files, with the metadata by which the `datasets` package decodes the images."""
+    """Return the Arrow schema of the data files, with the metadata from which `datasets` decodes the images."""
     scalars = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
     fields: list[pa.Field] = []
     hints: dict[str, Any] = {}
@@ -218,14 +220,7 @@ def schema(spec: DatasetSpec) -> pa.Schema:
 
 
 def episode_table(episode: EncodedEpisode, *, episode_index: int, first_index: int, task_index: int) -> pa.Table:
-    """An episode's rows.
-
-    Args:
-        episode: What to store.
-        episode_index: Its number in the dataset.
-        first_index: Number of its first frame in the dataset.
-        task_index: Number of its instruction in the dataset.
-    """
+    """Return an episode's rows, given the numbers of episode, first frame and instruction in the dataset."""
     n = len(episode)
     frame = np.arange(n)
     columns: dict[str, Any] = {
@@ -246,7 +241,7 @@ def episode_table(episode: EncodedEpisode, *, episode_index: int, first_index: i
 
 
 def numbers(table: pa.Table, name: str) -> NDArray[Any]:
-    """A column of numbers, shape (n, d)."""
+    """Return a column of numbers, shape (n, d)."""
     column = table.column(name).combine_chunks()
     if pa.types.is_fixed_size_list(column.type):
         return column.flatten().to_numpy().reshape(len(column), column.type.list_size)
@@ -254,7 +249,7 @@ def numbers(table: pa.Table, name: str) -> NDArray[Any]:
 
 
 def number_statistics(values: NDArray[Any]) -> dict[str, Any]:
-    """Statistics of each column of (n, d) as LeRobot keeps them: plain lists of length d, and the count."""
+    """Return LeRobot's statistics of each column of (n, d): plain lists of length d, and the count."""
     values = values.astype(np.float64)
     return {
         "min": values.min(axis=0).tolist(),
@@ -267,7 +262,7 @@ def number_statistics(values: NDArray[Any]) -> dict[str, Any]:
 
 
 def pooled_image_statistics(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Image statistics of several episodes taken together: exact, since all images are of one size."""
+    """Pool the image statistics of several episodes: exact, since all images are of one size."""
     counts = np.array([part["count"][0] for part in parts], dtype=np.float64)
     shares = (counts / counts.sum())[:, None, None, None]
     means = np.array([part["mean"] for part in parts])
@@ -284,8 +279,8 @@ def pooled_image_statistics(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any
 
 def _image_statistics(frames: NDArray[np.uint8]) -> dict[str, Any]:
     scaled = frames.reshape(-1, 3) / 255.0
-    found = {"min": scaled.min(0), "max": scaled.max(0), "mean": scaled.mean(0), "std": scaled.std(0)}
-    return {**{name: values.reshape(3, 1, 1).tolist() for name, values in found.items()}, "count": [len(frames)]}
+    statistics = {"min": scaled.min(0), "max": scaled.max(0), "mean": scaled.mean(0), "std": scaled.std(0)}
+    return {**{name: values.reshape(3, 1, 1).tolist() for name, values in statistics.items()}, "count": [len(frames)]}
 
 
 def _check_shape(name: str, values: NDArray[Any], expected: tuple[int, ...]) -> None:

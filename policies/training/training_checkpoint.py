@@ -39,11 +39,7 @@ class History:
 
 
 def save_state(path: Path, weights: Mapping[str, nn.Parameter], optimiser: torch.optim.AdamW, history: History) -> None:
-    """Write trained weights, AdamW's moments and the history. The file appears only once it is complete.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write trained weights, AdamW's moments and the history. The file appears only once it is complete."""
     tensors = {f"weight/{name}": weight.detach().cpu().contiguous() for name, weight in weights.items()}
     for name, weight in weights.items():
         moments = optimiser.state[weight]
@@ -58,8 +54,7 @@ def load_state(
 ) -> History | None:
     """Restore weights and moments from the file if it exists.
 
-    Raises:
-        TrainingError: The file is malformed, or of another training than `identity`'s.
+    Raises TrainingError if the file is malformed, or of another training than `identity`'s.
     """
     if not path.is_file():
         return None

@@ -59,7 +59,7 @@ def measure() -> list[dict[str, object]]:
 
     torch.set_num_threads(1)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
-    pool = DatasetMixture([Demonstrations(path) for path in find_datasets(folder)])
+    pool = DatasetMixture([Demonstrations(path) for path in find_datasets([folder])])
     experts = read_experts(expert_folders(shipped("zoo:experts")).values())
     base = load_checkpoint(shipped("zoo:base"))
     scores = {

@@ -1,33 +1,38 @@
 """Plays scripted oracles for their tests."""
 
-from collections.abc import Callable
+from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robogauntlet.adapters.contract import Simulation
-from robogauntlet.suites.episode import SUCCESS_HOLD
+from robogauntlet.adapters.contract import Simulator
+from robogauntlet.policies.oracles import scripts
+from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
 
-Script = Callable[..., NDArray[np.float64]]
+FAST = View(image_size=32, render_profile=RenderProfile.FAST)
 
 
-def steps_to_success(simulation: Simulation, script: Script, seed: int, horizon: int, noise: float = 0.0) -> int | None:
-    """Control steps until success has held for long enough, or None.
+def steps_to_success(
+    simulator: Simulator, task: str, seeds: Iterable[int], *, noise: float = 0.0, horizons: int = 1
+) -> list[int | None]:
+    """Return the control steps until success has held for long enough, or None, for each seed.
 
-    Args:
-        simulation: Of the script's task.
-        script: A new one.
-        seed: Of the start and of the noise.
-        horizon: Control steps at most.
-        noise: Deviation of the executed motion, as a share of the largest in one step.
+    The oracle of a task (by its name in the simulator) plays for this number of `horizons` at most. `noise` is the
+    deviation of the executed motion, as a share of the largest in one step.
     """
-    spec, generator, held = simulation.action_spec, np.random.default_rng(seed), 0
-    simulation.reset(seed)
-    for step in range(horizon):
-        action = script(simulation.privileged_state())
-        assert (abs(action) <= spec.high + 1e-12).all()
-        action[:6] += noise * spec.high[:6] * generator.standard_normal(6)
-        held = held + 1 if simulation.step(np.clip(action, spec.low, spec.high)).success else 0
-        if held == SUCCESS_HOLD:
-            return step + 1
-    return None
+    simulation = simulator.open(task, FAST)
+    steps = []
+    for seed in seeds:
+        script = scripts()[f"{simulator.name}/{task}"]()
+        spec, generator, held, success = simulation.action_spec, np.random.default_rng(seed), 0, None
+        simulation.reset(seed)
+        for step in range(horizons * simulator.tasks[task].horizon):
+            action = script(simulation.privileged_state())
+            assert (abs(action) <= spec.high + 1e-12).all()
+            action[:6] += noise * spec.high[:6] * generator.standard_normal(6)
+            held = held + 1 if simulation.step(np.clip(action, spec.low, spec.high)).success else 0
+            if held == SUCCESS_HOLD:
+                success = step + 1
+                break
+        steps.append(success)
+    simulation.close()
+    return steps

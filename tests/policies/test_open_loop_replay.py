@@ -1,4 +1,4 @@
-"""Open-loop replay: a recorded demonstration, whatever is there."""
+"""Open-loop replay of a recorded demonstration."""
 
 import json
 

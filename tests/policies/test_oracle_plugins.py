@@ -1,4 +1,4 @@
-"""Packages bring oracles for their simulators, and only for theirs; what they bring is part of what the oracle is."""
+"""Packages provide oracles for their own simulators only, and the oracle's digest covers them."""
 
 import sys
 from importlib.metadata import EntryPoint
@@ -22,13 +22,13 @@ NO_SCRIPT = {{"mysim/Reach": 5}}
 
 @pytest.fixture
 def declared(monkeypatch, tmp_path):
-    """Declares entry points of a module whose one script gives back a value."""
+    """Declares entry points of a module whose only script returns a value."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def declare(entries, value=1):
-        (tmp_path / "brought.py").write_text(MODULE.format(value=value))
-        sys.modules.pop("brought", None)
-        points = [EntryPoint(name, f"brought{what}", GROUP) for name, what in entries]
+        (tmp_path / "plugin_module.py").write_text(MODULE.format(value=value))
+        sys.modules.pop("plugin_module", None)
+        points = [EntryPoint(name, f"plugin_module{suffix}", GROUP) for name, suffix in entries]
         found = oracles.plugins.metadata.entry_points
         monkeypatch.setattr(
             "robogauntlet.policies.oracles.plugins.metadata.entry_points",
@@ -37,7 +37,7 @@ def declared(monkeypatch, tmp_path):
         forget()
 
     yield declare
-    sys.modules.pop("brought", None)
+    sys.modules.pop("plugin_module", None)
     monkeypatch.undo()
     forget()
 
@@ -47,14 +47,14 @@ def forget():
     oracles.scripts.cache_clear()
 
 
-def test_a_script_that_a_package_brings_is_played_for_its_task(declared):
+def test_a_script_of_another_package_plays_its_task(declared):
     declared([("mysim", ":GOOD")], value=7)
     assert oracles.scripts()["mysim/Reach"]()({}) == 7
     assert "robosuite/Lift" in oracles.scripts()
     assert "mysim/Reach" in catalog.find("oracle").tasks()
 
 
-def test_the_oracles_digest_covers_what_packages_bring(declared):
+def test_the_oracles_digest_covers_scripts_of_other_packages(declared):
     alone = catalog.digest("oracle", {})
     declared([("mysim", ":GOOD")], value=1)
     first = catalog.digest("oracle", {})
@@ -73,10 +73,12 @@ def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
 
 def test_a_tasks_digest_covers_the_module_that_its_script_is_borrowed_from(monkeypatch):
     before = oracles.digest_of_task("gymnasium/FetchReach-v4")
-    told = oracles.source_digest
-    monkeypatch.setattr(
-        oracles, "source_digest", lambda *modules: told(*(m for m in modules if not m.__name__.endswith("pybullet")))
-    )
+    original = oracles.source_digest
+
+    def without_pybullet(*modules):
+        return original(*(module for module in modules if not module.__name__.endswith("pybullet")))
+
+    monkeypatch.setattr(oracles, "source_digest", without_pybullet)
     assert oracles.digest_of_task("gymnasium/FetchReach-v4") != before
 
 
@@ -93,15 +95,18 @@ def test_a_task_without_a_script_has_no_digest():
 @pytest.mark.parametrize(
     ("entries", "reason"),
     [
-        ([("mysim", ":GONE")], "brought:GONE cannot be loaded: AttributeError"),
-        ([("mysim", "")], "brought is a module, expected a mapping of 'mysim/TASK' to what makes a script"),
+        ([("mysim", ":GONE")], "plugin_module:GONE cannot be loaded: AttributeError"),
+        (
+            [("mysim", "")],
+            "plugin_module is a module, expected a mapping of 'mysim/TASK' to callables that build a script",
+        ),
         ([("mysim", ":FOREIGN")], "has a script for 'robosuite/Lift', expected tasks of its own simulator"),
         ([("mysim", ":NO_SCRIPT")], "has a int for 'mysim/Reach'"),
         ([("mysim", ":GOOD"), ("mysim", ":GOOD")], "is the second entry point named 'mysim'"),
-        ([("robosuite", ":FOREIGN")], "'robosuite' has oracles of its own, which stay in use"),
+        ([("robosuite", ":FOREIGN")], "'robosuite' has built-in oracles, which stay in use"),
     ],
 )
-def test_what_is_broken_is_told_and_takes_nothing_along(declared, entries, reason):
+def test_a_broken_entry_point_is_reported_and_affects_no_other(declared, entries, reason):
     own = oracles.scripts()["robosuite/Lift"]
     declared(entries)
     (broken,) = oracles.broken_plugins()

@@ -1,4 +1,4 @@
-"""Any Python callable as a policy: found by name, hashed by source, told in one line what is wrong."""
+"""Any Python callable as a policy: found by name, hashed by source, with errors of one line."""
 
 import re
 import sys
@@ -121,7 +121,7 @@ def test_the_content_is_source_and_options_and_files(package):
     weights.write_bytes(b"2")
     seen.append(catalog.digest("python", options))
     assert len(set(seen)) == 5
-    assert "robot_brains" not in sys.modules, "hashing must not run what it hashes"
+    assert "robot_brains" not in sys.modules, "hashing must not import the policy"
 
 
 def test_a_copy_on_another_node_is_the_same_policy(package, tmp_path):
@@ -136,7 +136,7 @@ def test_a_copy_on_another_node_is_the_same_policy(package, tmp_path):
     assert catalog.digest("python", there) == catalog.digest("python", options)
 
 
-def test_what_is_not_found_is_one_line(module, package):
+def test_a_missing_module_or_name_is_one_line(module, package):
     options = module(FUNCTION)
     refused({}, "expected option callable: module:Name, got None")
     refused({"callable": "os.system"}, "expected option callable: module:Name, got 'os.system'")
@@ -152,7 +152,7 @@ def test_what_is_not_found_is_one_line(module, package):
     refused(options("toward"), "expected 'toward', found none; did you mean 'towards'")
     refused(options("np.pi"), "expected a class or a function, got a float")
     refused(options("towards", options={"sped": 1}), "options do not fit the function: got an unexpected keyword")
-    refused(options("Caller", options={"sped": 1}), "making it raised TypeError")
+    refused(options("Caller", options={"sped": 1}), "building it raised TypeError")
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ def test_an_answer_that_is_no_chunk_is_an_error_and_the_run_goes_on(module, retu
         assert "\n" not in row.error
 
 
-def test_a_module_of_the_same_name_elsewhere_is_not_taken_for_it(package, tmp_path):
+def test_another_module_of_the_same_name_is_refused(package, tmp_path):
     options = {"callable": "robot_brains.still:Still", "folder": str(package.parent)}
     catalog.load("python", options)
     other = tmp_path / "other" / "robot_brains"

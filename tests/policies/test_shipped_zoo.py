@@ -68,7 +68,7 @@ def test_there_is_an_expert_for_each_task_and_all_are_verified_by_hash():
     digest_of(str(shipped("zoo:base")))
 
 
-def test_the_merged_model_was_made_of_these_experts_and_its_routers_are_fitted():
+def test_the_merged_model_has_these_experts_and_fitted_routers():
     metadata = MergedMetadata.verified(shipped("zoo:merged"))
     folders = expert_folders(shipped("zoo:experts"))
     assert metadata.expert_digests == {task: digest_of(str(folder)) for task, folder in folders.items()}

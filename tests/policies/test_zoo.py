@@ -1,4 +1,4 @@
-"""References to checkpoints: what the repository ships is found from anywhere."""
+"""References to shipped checkpoints, from any working directory."""
 
 import subprocess
 import sys
@@ -19,19 +19,19 @@ def merged(tmp_path, monkeypatch):
     return folder
 
 
-def test_a_shipped_name_is_found_whatever_the_working_directory(merged, tmp_path, monkeypatch):
+def test_a_shipped_name_is_found_in_any_working_directory(merged, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert shipped("zoo:merged") == merged.resolve()
     assert shipped("zoo:merged/base") == (merged / "base").resolve()
 
 
 @pytest.mark.parametrize("reference", ["runs/mine", "/somewhere/else", "owner/name@v1"])
-def test_any_other_reference_is_left_as_it_is(reference):
+def test_any_other_reference_is_unchanged(reference):
     assert str(shipped(reference)) == reference
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../elsewhere", "/etc", "merged/nothing"])
-def test_a_name_that_is_none_of_the_zoos_is_refused(merged, name):
+def test_a_name_that_is_not_in_the_zoo_is_refused(merged, name):
     with pytest.raises(NotShipped, match="expected the name of a shipped checkpoint after 'zoo:'"):
         shipped(f"zoo:{name}")
 

@@ -50,11 +50,8 @@ def save_checkpoint(
     Args:
         folder: Folder of the checkpoint, created if necessary.
         model: Network to save; its adapters stay factors.
-        metadata: Its metadata; hashes and the base's name are filled in.
+        metadata: Its metadata; returned with hashes and the base's name filled in.
         base: Folder or hub id of the base, which must stay in place: tensors equal to the base's are left out.
-
-    Returns:
-        The metadata as written.
 
     Raises:
         CheckpointError: NaN or infinite weights, or metadata of another network.
@@ -69,7 +66,7 @@ def save_checkpoint(
         shared, base_metadata = load_tensors(base)
         if base_metadata.base is not None:
             raise CheckpointError(
-                f"expected a base that stands alone, got '{base}', which builds on {base_metadata.base}"
+                f"expected a base without a base of its own, got '{base}', which has {base_metadata.base}"
             )
         tensors = {n: t for n, t in tensors.items() if n not in shared or not torch.equal(t, shared[n])}
         metadata = replace(metadata, base=name_of_base(folder, base), base_hash=base_metadata.tensor_hash)
@@ -77,13 +74,9 @@ def save_checkpoint(
 
 
 def write_folder(folder: Path, tensors: Mapping[str, Tensor], metadata: AnyMetadata) -> AnyMetadata:
-    """Write tensors and metadata into an existing folder; each file appears only once it is complete.
+    """Write tensors and metadata into an existing folder and return the metadata with the tensors' hash.
 
-    Returns:
-        The metadata with the tensors' hash.
-
-    Raises:
-        OSError: The files cannot be written.
+    Each file appears only once it is complete. Raises OSError if the files cannot be written.
     """
     with replacing(folder / WEIGHTS) as partial:
         write_tensors(tensors, partial)
@@ -103,7 +96,10 @@ def load_checkpoint(reference: str | Path) -> Checkpoint:
     """
     folder = locate(str(reference))
     tensors, metadata = load_tensors(folder)
-    model = empty_model(metadata)
+    with torch.random.fork_rng(devices=[]):  # leaves the global generator unchanged
+        model = MergeVLA(metadata.architecture)
+    if metadata.lora is not None:
+        add_lora(model, metadata.lora, seed=0)
     state = model.state_dict()
     names = {plain_name(name): name for name in state}
     for name in sorted(names.keys() | tensors.keys()):
@@ -118,10 +114,7 @@ def load_checkpoint(reference: str | Path) -> Checkpoint:
 def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMetadata]:
     """Return a checkpoint's tensors, including its base's, by their names in the plain network, and its metadata.
 
-    Factors are named `<layer>.lora_A` and `<layer>.lora_B`.
-
-    Raises:
-        PolicyError: See `load_checkpoint`.
+    Factors are named `<layer>.lora_A` and `<layer>.lora_B`. Raises PolicyError as `load_checkpoint` does.
     """
     folder = locate(str(reference))
     metadata = CheckpointMetadata.verified(folder)
@@ -136,11 +129,7 @@ def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMe
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Read the tensors of a file, onto the CPU.
-
-    Raises:
-        CheckpointError: It violates the format or cannot be read.
-    """
+    """Read the tensors of a file onto the CPU. Raises CheckpointError if it violates the format or cannot be read."""
     try:
         return load_file(path)
     except (OSError, SafetensorError) as error:
@@ -148,11 +137,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
 
 
 def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[str, str] | None = None) -> None:
-    """Write tensors, or no file. The library's own error, such as for a full disk, becomes the system's.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write tensors, or no file. Raises OSError also where the library has its own error, such as for a full disk."""
     try:
         save_file(dict(tensors), path, metadata=dict(metadata) if metadata else None)
     except SafetensorError as error:
@@ -167,15 +152,6 @@ def write_tensors(tensors: Mapping[str, Tensor], path: Path, metadata: Mapping[s
 def tensors_of(model: MergeVLA) -> dict[str, Tensor]:
     """Return all tensors, on the CPU, by their names in the plain network."""
     return {plain_name(name): tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
-
-
-def empty_model(metadata: CheckpointMetadata) -> MergeVLA:
-    """Return the network that the metadata describes, with arbitrary weights; the global generator is unchanged."""
-    with torch.random.fork_rng(devices=[]):
-        model = MergeVLA(metadata.architecture)
-    if metadata.lora is not None:
-        add_lora(model, metadata.lora, seed=0)
-    return model
 
 
 def name_of_base(folder: Path, base: str | Path) -> str:

@@ -1,8 +1,8 @@
-"""From expert checkpoints to a merged model: what is read, what is refused, and which weight goes where."""
+"""Merges expert checkpoints into one model: reads and checks the experts, and assigns every weight to a part."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,11 +15,10 @@ from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeight
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata, base_folder, locate
 from robogauntlet.policies.mergevla.merging.diagnostics import MergeReport, report
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError
-from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, merge
-from robogauntlet.policies.mergevla.merging.operators import find_operator
+from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, find_operator, merge
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVectors, Weights, check_same_base, task_vector
-from robogauntlet.policies.mergevla.merging.trunk import TrunkSplit, mean_trunk, split_trunk
+from robogauntlet.policies.mergevla.merging.trunk import mean_trunk, split_trunk
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors, lora_factors
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 
@@ -35,7 +34,7 @@ class Expert:
     factors: Mapping[str, Factors]
     """Weight of the backbone to its adapter."""
     weights: Weights
-    """All else that was trained: action queries, proprioception, action expert."""
+    """All other trained weights: action queries, proprioception, action expert."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +58,12 @@ class Merging:
 
 
 def read_experts(references: Iterable[str | Path]) -> Experts:
-    """Read the experts that are to be merged.
+    """Read the experts to merge, each a folder or a hub id.
 
-    Args:
-        references: Folders or hub ids.
-
-    Raises:
-        PolicyError: A checkpoint that cannot be used, is no expert of one task, or is of another base than the first.
+    Raises PolicyError for a checkpoint that cannot be used, is no expert of one task, or has another base than the
+    first.
     """
-    found: dict[str, Expert] = {}
+    by_task: dict[str, Expert] = {}
     base: Path | str = ""
     base_weights: Weights = {}
     for reference in references:
@@ -75,57 +71,76 @@ def read_experts(references: Iterable[str | Path]) -> Experts:
         checkpoint = load_checkpoint(folder)
         metadata = checkpoint.metadata
         if metadata.base is None or metadata.base_hash is None or metadata.lora is None:
-            raise MergeError(f"'{reference}': expected an expert with adapters on a base, got one that stands alone")
+            raise MergeError(f"'{reference}': expected an expert with adapters on a base, got none")
         if len(metadata.tasks) != 1:
             raise MergeError(f"'{reference}': expected an expert for one task, got {', '.join(metadata.tasks)}")
         task = metadata.tasks[0]
-        if task in found:
+        if task in by_task:
             raise MergeError(f"'{reference}': expected one expert per task, got a second one for {task}")
-        if not found:
-            base = _found_base(folder, metadata.base)
+        if not by_task:
+            # A hub id is valid on any machine.
+            base = base_folder(folder, metadata.base) if (folder / metadata.base).is_dir() else metadata.base
             base_weights, _ = load_tensors(base)
-        check_same_base({e.task: _short(e.metadata) for e in found.values()} | {task: _short(metadata)})
-        tensors = {name: tensor for name, tensor in tensors_of(checkpoint.model).items() if ".lora_" not in name}
-        _check_frozen(task, tensors, base_weights)
-        own = {name: tensor for name, tensor in tensors.items() if not name.startswith(BACKBONE)}
-        found[task] = Expert(task, metadata, lora_factors(checkpoint.model), own)
-    if not found:
+        hashes = {e.task: e.metadata.base_hash or "" for e in by_task.values()} | {task: metadata.base_hash}
+        check_same_base({name: base_hash[:16] for name, base_hash in hashes.items()})
+        weights: dict[str, Tensor] = {}
+        for name, tensor in tensors_of(checkpoint.model).items():
+            if ".lora_" in name:
+                continue
+            if not name.startswith(BACKBONE):
+                weights[name] = tensor
+            elif not torch.equal(tensor, base_weights[name]):
+                raise ExpertsDiffer(f"expert {task}: expected a backbone tuned by adapters alone, got another {name}")
+        by_task[task] = Expert(task, metadata, lora_factors(checkpoint.model), weights)
+    if not by_task:
         raise MergeError("expected at least one expert to merge, got none")
-    return Experts(base, base_weights, found)
+    return Experts(base, base_weights, by_task)
 
 
 def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> Merging:
-    """Merge experts.
+    """Merge experts and report on the merge.
 
     Args:
         experts: See `read_experts`.
-        recipe: How.
+        recipe: Recipe of the merge.
         instructions: Task to instruction; by default the simulators' own.
 
     Raises:
         PolicyError: The experts do not fit each other or the recipe, or a task has no instruction.
     """
     parts = merge_parts(experts, recipe, instructions)
-    kept = {task: {**head, **_stored(parts.adapters.get(task, {}))} for task, head in parts.heads.items()}
+    kept = {task: dict(head) for task, head in parts.heads.items()}
+    for task, adapters in parts.adapters.items():
+        kept[task] |= {f"{name}.{side}": getattr(f, side) for name, f in adapters.items() for side in ("a", "b")}
     first = next(iter(experts.by_task.values())).metadata
     assert first.lora is not None
-    made = report(
-        _task_vectors(experts, _splits(experts, recipe), recipe),
+    diagnostics = report(
+        _task_vectors(experts, _splits(experts, recipe)[0], recipe),
         parts.merged,
         generator=torch.Generator().manual_seed(0),
         heads=kept,
         lora_rank=first.lora.rank,
         weights={task: expert.weights for task, expert in experts.by_task.items()},
     )
-    return Merging(parts, made, experts.base)
+    return Merging(parts, diagnostics, experts.base)
 
 
 def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> MergedWeights:
-    """Merge experts without reporting on it; see `merge_experts`."""
+    """Merge experts without a report; see `merge_experts`."""
     find_operator(recipe.operator)
-    splits = _splits(experts, recipe)
-    task_vectors = _task_vectors(experts, splits, recipe)
-    trunks = {task: split.shared for task, split in splits.items()}
+    known = {task: description.instruction for task, description in task_descriptions().items()}
+    known |= dict(instructions or {})
+    for task in experts.by_task:
+        if task not in known:
+            raise MergeError(f"expected an instruction for {task}: no simulator here has the task, and none was given")
+    trunks, heads = _splits(experts, recipe)
+    task_vectors = _task_vectors(experts, trunks, recipe)
+    if any(task_vectors.values()):
+        merged = merge(task_vectors, recipe)
+    else:
+        merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
+    if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
+        heads = {task: {name: weight.bfloat16() for name, weight in head.items()} for task, head in heads.items()}
     selects = recipe.backbone is BackboneRule.SELECT
     first = next(iter(experts.by_task.values()))
     return MergedWeights(
@@ -133,13 +148,13 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         statistics=TaskStatistics(
             {task: expert.metadata.statistics.of(task) for task, expert in experts.by_task.items()}
         ),
-        instructions=_instructions(tuple(experts.by_task), instructions),
+        instructions={task: known[task] for task in experts.by_task},
         recipe=recipe,
         base=experts.base_weights,
-        merged=_merged(task_vectors, recipe),
+        merged=merged,
         trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
         adapters={task: expert.factors for task, expert in experts.by_task.items()} if selects else {},
-        heads={task: _head(split.kept, recipe) for task, split in splits.items()},
+        heads=heads,
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
         expert_digests={task: expert.metadata.digest for task, expert in experts.by_task.items()},
         action_steps={
@@ -148,30 +163,15 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
     )
 
 
-def _splits(experts: Experts, recipe: Recipe) -> dict[str, TrunkSplit]:
-    return {
-        task: split_trunk(expert.weights, recipe.kept_blocks, merge_output=recipe.merge_output)
-        for task, expert in experts.by_task.items()
-    }
+def _splits(experts: Experts, recipe: Recipe) -> tuple[dict[str, Weights], dict[str, Weights]]:
+    """Return the trunk and the head of each task."""
+    trunks, heads = {}, {}
+    for task, expert in experts.by_task.items():
+        trunks[task], heads[task] = split_trunk(expert.weights, recipe.kept_blocks, merge_output=recipe.merge_output)
+    return trunks, heads
 
 
-def _head(kept: Weights, recipe: Recipe) -> Weights:
-    """What a task keeps for itself; under signs in bf16, as all that is stored there."""
-    return {name: weight.bfloat16() for name, weight in kept.items()} if recipe.masks is MaskRule.SIGNS else kept
-
-
-def _found_base(folder: Path, base: str) -> Path | str:
-    """Return the base's folder if it is local, else its hub id, which is valid on any machine."""
-    return base_folder(folder, base) if (folder / base).is_dir() else base
-
-
-def _check_frozen(task: str, tensors: Weights, base: Weights) -> None:
-    for name, tensor in tensors.items():
-        if name.startswith(BACKBONE) and not torch.equal(tensor, base[name]):
-            raise ExpertsDiffer(f"expert {task}: expected a backbone tuned by adapters alone, got another {name}")
-
-
-def _task_vectors(experts: Experts, splits: Mapping[str, TrunkSplit], recipe: Recipe) -> TaskVectors:
+def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recipe) -> TaskVectors:
     """Return the task vectors of the parts that the recipe merges by its operator: backbone, trunk or both.
 
     A weight that another expert has adapted and this one has not has a task vector of zeros.
@@ -186,36 +186,13 @@ def _task_vectors(experts: Experts, splits: Mapping[str, TrunkSplit], recipe: Re
                 if name in adapted
             }
         if recipe.trunk is TrunkRule.VECTORS:
-            shared = splits[task].shared
-            task_vectors[task] |= task_vector(shared, {name: experts.base_weights[name] for name in shared})
+            trunk = trunks[task]
+            task_vectors[task] |= task_vector(trunk, {name: experts.base_weights[name] for name in trunk})
     return task_vectors
 
 
-def _merged(task_vectors: TaskVectors, recipe: Recipe) -> MergedTaskVectors:
-    if not any(task_vectors.values()):
-        return MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
-    return merge(task_vectors, recipe)
-
-
-def _instructions(tasks: Sequence[str], given: Mapping[str, str] | None) -> dict[str, str]:
-    known = {task: description.instruction for task, description in task_descriptions().items()} | dict(given or {})
-    for task in tasks:
-        if task not in known:
-            raise MergeError(f"expected an instruction for {task}: no simulator here has the task, and none was given")
-    return {task: known[task] for task in tasks}
-
-
 def _subspaces(expert: Expert, recipe: Recipe) -> tuple[Tensor, Tensor]:
-    """Of block L - k - 1 from 0, the last that is merged; of the first if all blocks are kept."""
+    """Subspaces of block L - k - 1 from 0, the last that is merged; of the first if all blocks are kept."""
     block = max(expert.metadata.architecture.language.layers - recipe.kept_blocks - 1, 0)
     adapter, task = (leading(expert.weights[VALUES.format(block=block, path=path)]) for path in ("v_adapter", "v_task"))
     return adapter, task
-
-
-def _stored(factors: Mapping[str, Factors]) -> dict[str, Tensor]:
-    """Adapters as weights, for counting bytes."""
-    return {f"{name}.{part}": getattr(f, part) for name, f in factors.items() for part in ("a", "b")}
-
-
-def _short(metadata: CheckpointMetadata) -> str:
-    return (metadata.base_hash or "")[:16]

@@ -1,4 +1,4 @@
-"""Saving and loading merged models as folders of the same layout as those of one network."""
+"""Saving and loading merged models, in folders of the same layout as those of one network."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = 
     "subspace",
     "router",
 )
-"""First words of the tensors' names. What belongs to an expert follows its number; the metadata names the experts."""
+"""First parts of the tensors' names. An expert's tensors have its number next; the metadata names the experts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,22 +54,26 @@ class MergedCheckpoint:
 
 
 def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -> MergedMetadata:
-    """Write a merged checkpoint; the base stays in place.
+    """Write a merged checkpoint and return its metadata; the base stays in place.
 
     Args:
         folder: Folder of the checkpoint, created if necessary.
         merging: Result of the merge.
         fitted: Tensors of the fitted routers, see `MergedCheckpoint`.
 
-    Returns:
-        The metadata as written.
-
     Raises:
         CheckpointError: NaN or infinite weights.
         OSError: The files cannot be written.
     """
     parts = merging.parts
-    tensors = _tensors(parts) | _under(ROUTER, fitted or {})
+    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk) | _under(ROUTER, fitted or {})
+    for number, expert in enumerate(parts.statistics.tasks):
+        tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
+        for weight, factors in parts.adapters.get(expert, {}).items():
+            scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
+            tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
+        v_adapter, v_task = parts.subspaces[expert]
+        tensors |= _under(f"{SUBSPACE}/{number}", {"v_adapter": v_adapter, "v_task": v_task})
     check_finite(tensors, folder)
     _, base_metadata = load_tensors(merging.base)
     folder.mkdir(parents=True, exist_ok=True)
@@ -105,8 +109,8 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     tensors = read_tensors(folder / WEIGHTS)
     check_finite(tensors, folder)
     sections = {name.partition("/")[0] for name in tensors}
-    if odd := sorted(sections - set(SECTIONS)):
-        raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {odd[0]}")
+    if unknown := sorted(sections - set(SECTIONS)):
+        raise CheckpointError(f"'{folder}': expected the tensors of a merged model, got {unknown[0]}")
     try:
         parts = _parts(metadata, tensors, base)
     except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
@@ -114,25 +118,11 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     return MergedCheckpoint(parts, metadata, _section(tensors, ROUTER))
 
 
-def _tensors(parts: MergedWeights) -> dict[str, Tensor]:
-    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk)
-    for number, expert in enumerate(parts.statistics.tasks):
-        tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
-        for weight, factors in parts.adapters.get(expert, {}).items():
-            scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
-            tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
-        adapter, task = parts.subspaces[expert]
-        tensors |= {f"{SUBSPACE}/{number}/v_adapter": adapter, f"{SUBSPACE}/{number}/v_task": task}
-    return tensors
-
-
 def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
-    halved = (
-        {name: delta.bfloat16() for name, delta in merged.vector.items()}
-        if merged.recipe.masks is MaskRule.SIGNS
-        else None
-    )
-    tensors = _under(TAU, halved or merged.vector)
+    vector = merged.vector
+    if merged.recipe.masks is MaskRule.SIGNS:
+        vector = {name: delta.bfloat16() for name, delta in vector.items()}
+    tensors = _under(TAU, vector)
     for number, expert in enumerate(merged.experts):
         if merged.masks:
             tensors |= _under(f"{MASK}/{number}", pack_mask(merged.masks[expert]))
@@ -141,24 +131,24 @@ def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
 
 
 def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights) -> MergedTaskVectors:
-    numbered = {expert: str(number) for number, expert in enumerate(metadata.experts)}
     vector = {name: delta.float() for name, delta in _section(tensors, TAU).items()}
     if not vector:
         return MergedTaskVectors(metadata.experts, replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.EMR and set(metadata.rescalers) != set(metadata.experts):
         raise CheckpointError(f"expected a rescaler of each merged expert, got {dict(metadata.rescalers)}")
-    is_masked, is_signed = recipe.masks is not MaskRule.NONE, recipe.masks is MaskRule.SIGNS
-    return MergedTaskVectors(
-        experts=metadata.experts,
-        recipe=recipe,
-        vector=vector,
-        masks={expert: _mask(tensors, n, vector) for expert, n in numbered.items()} if is_masked else {},
-        rescalers=metadata.rescalers,
-        row_scales={expert: _row_scales(tensors, n, vector) for expert, n in numbered.items()} if is_signed else {},
-        residual=_merged(metadata, replace(recipe, rounds=recipe.rounds - 1), _section(tensors, RESIDUAL))
-        if recipe.rounds > 1
-        else None,
-    )
+    masks: dict[str, Mask] = {}
+    row_scales: dict[str, Weights] = {}
+    for number, expert in enumerate(metadata.experts):
+        if recipe.masks is not MaskRule.NONE:
+            masks[expert] = unpack_mask(_section(tensors, f"{MASK}/{number}"))
+            check_mask(masks[expert], vector)
+        if recipe.masks is MaskRule.SIGNS:
+            row_scales[expert] = _section(tensors, f"{SCALE}/{number}")
+            check_row_scales(row_scales[expert], vector)
+    residual = None
+    if recipe.rounds > 1:
+        residual = _merged(metadata, replace(recipe, rounds=recipe.rounds - 1), _section(tensors, RESIDUAL))
+    return MergedTaskVectors(metadata.experts, recipe, vector, masks, metadata.rescalers, row_scales, residual)
 
 
 def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedWeights:
@@ -184,21 +174,9 @@ def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedW
     )
 
 
-def _mask(tensors: Weights, number: str, vector: Weights) -> Mask:
-    mask = unpack_mask(_section(tensors, f"{MASK}/{number}"))
-    check_mask(mask, vector)
-    return mask
-
-
-def _row_scales(tensors: Weights, number: str, vector: Weights) -> dict[str, Tensor]:
-    scales = _section(tensors, f"{SCALE}/{number}")
-    check_row_scales(scales, vector)
-    return scales
-
-
 def _adapters(tensors: Weights, number: str, base: Weights) -> dict[str, Factors]:
     section = _section(tensors, f"{ADAPTER}/{number}")
-    found = {}
+    adapters = {}
     for weight in sorted({name.rpartition("/")[0] for name in section}):
         if weight not in base or not {f"{weight}/a", f"{weight}/b"} <= section.keys():
             raise ExpertsDiffer(f"expected both factors of a weight of the base, got {weight}")
@@ -207,8 +185,8 @@ def _adapters(tensors: Weights, number: str, base: Weights) -> dict[str, Factors
             raise ExpertsDiffer(
                 f"expected factors of shape {tuple(shape)} for {weight}, got {(*b.shape,)}, {(*a.shape,)}"
             )
-        found[weight] = Factors(a, b, 1.0, shape)
-    return found
+        adapters[weight] = Factors(a, b, 1.0, shape)
+    return adapters
 
 
 def _subspaces(tensors: Weights, number: str) -> tuple[Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""Metadata of a merged checkpoint. Light, as those of one network: a run can be planned without torch."""
+"""Metadata of a merged checkpoint. Light: a run can be planned without torch."""
 
 from __future__ import annotations
 
@@ -89,11 +89,7 @@ class MergedMetadata(StoredMetadata):
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Self:
-        """Read what `as_json` wrote, its statistics in the experts' order.
-
-        Raises:
-            PolicyError: It is malformed, or its statistics are missing.
-        """
+        """Read what `as_json` wrote, its statistics in the experts' order. Raises PolicyError if it is malformed."""
         if plain.get("kind") == KIND:
             fields = dict(plain)
             experts, statistics = fields.pop("experts", None), fields.get("statistics")
@@ -106,9 +102,5 @@ class MergedMetadata(StoredMetadata):
 
 
 def merged_digest_of(reference: str) -> str:
-    """Hash of a merged checkpoint's content, verified.
-
-    Raises:
-        PolicyError: The checkpoint cannot be used.
-    """
+    """Return the hash of a merged checkpoint's content. Raises PolicyError if the checkpoint cannot be used."""
     return MergedMetadata.verified(locate(reference)).digest

@@ -13,7 +13,7 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors
 from robogauntlet.policies.mergevla.merging.recipe import Recipe
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, Weights, difference
+from robogauntlet.policies.mergevla.merging.task_vectors import Weights, difference
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors
@@ -29,18 +29,18 @@ SUBSPACE = 8
 
 @dataclass(frozen=True, eq=False)
 class MergedWeights:
-    """Everything that a merged model is made of. Names are those of the plain network."""
+    """All weights and settings of a merged model. Names are those of the plain network."""
 
     architecture: Architecture
     statistics: TaskStatistics
-    """Of each expert's task, in the experts' order."""
+    """Normalisation statistics of each expert's task, in the experts' order."""
     instructions: Mapping[str, str]
     """Expert to the instruction of its task."""
     recipe: Recipe
     base: Weights
     """Theta_0: all weights of the base."""
     merged: MergedTaskVectors
-    """Of the backbone, and of the trunk under `TrunkRule.VECTORS`."""
+    """Merged task vectors of the backbone, and of the trunk under `TrunkRule.VECTORS`."""
     trunk: Weights
     """The mean of the trunks under `TrunkRule.MEAN`, else empty."""
     adapters: Mapping[str, Mapping[str, Factors]]
@@ -48,7 +48,7 @@ class MergedWeights:
     heads: Mapping[str, Weights]
     """Expert to the weights that it keeps: the last k blocks, and the output layer unless that is merged."""
     subspaces: Mapping[str, tuple[Tensor, Tensor]]
-    """Expert to what `leading` leaves of its own value projections (v_adapter, v_task) in the last merged block."""
+    """Expert to the `leading` parts of its own value projections (v_adapter, v_task) in the last merged block."""
     expert_digests: Mapping[str, str] = field(default_factory=dict)
     """Expert to the digest of the checkpoint that was merged."""
     action_steps: Mapping[str, int] = field(default_factory=dict)
@@ -56,12 +56,11 @@ class MergedWeights:
 
     def __post_init__(self) -> None:
         experts = self.statistics.tasks
-        found = (self.merged.experts, self.heads, self.subspaces, self.instructions, self.adapters or experts)
-        for names in found:
+        for names in (self.merged.experts, self.heads, self.subspaces, self.instructions, self.adapters or experts):
             if set(names) != set(experts):
                 raise ExpertsDiffer(f"expected the experts {', '.join(experts)} in all parts, got {', '.join(names)}")
-        for own in (self.merged.vector, self.trunk, *self.heads.values()):
-            if problem := difference({name: self.base[name] for name in own if name in self.base}, own):
+        for weights in (self.merged.vector, self.trunk, *self.heads.values()):
+            if problem := difference({name: self.base[name] for name in weights if name in self.base}, weights):
                 raise ExpertsDiffer(f"expected weights of the base's names and shapes: {problem}")
         trained = {name for name in self.base if not name.startswith(BACKBONE)}
         for expert, head in self.heads.items():
@@ -70,13 +69,9 @@ class MergedWeights:
 
 
 class MergedModel:
-    """A merged model: the network of each expert, made when it is first asked for.
-
-    This is what routers see of it, too (`robogauntlet.policies.mergevla.routing.contract.Candidates`).
-    """
+    """A merged model: builds the network of each expert on first use. An unknown expert raises ExpertsDiffer."""
 
     def __init__(self, parts: MergedWeights, *, device: torch.device | None = None) -> None:
-        """Args: parts: what it is made of; device: where networks run, the CPU by default."""
         self.parts = parts
         self.architecture = parts.architecture
         self.experts = parts.statistics.tasks
@@ -87,26 +82,22 @@ class MergedModel:
         self._models: OrderedDict[str | None, MergeVLA] = OrderedDict()
 
     def weights(self, expert: str | None) -> dict[str, Tensor]:
-        """All weights with which an expert runs, of the base's types; None for those of the base.
-
-        Raises:
-            PolicyError: It is no expert of this model.
-        """
+        """Return the weights of an expert's network, of the base's types; None for those of the base."""
         parts = self.parts
         if expert is None:
             return dict(parts.base)
         self._check(expert)
-        deltas: dict[str, Tensor] = {**parts.merged.of(expert)}
+        deltas = parts.merged.of(expert)
         deltas |= {name: factors.delta() for name, factors in parts.adapters.get(expert, {}).items()}
-        replaced = {**parts.trunk, **parts.heads[expert]}
-        return {name: _tuned(name, weight, deltas, replaced) for name, weight in parts.base.items()}
+        weights = dict(parts.base)
+        for name, delta in deltas.items():  # summed in fp32, rounded once
+            weights[name] = (weights[name].float() + delta).to(weights[name].dtype)
+        for name, weight in {**parts.trunk, **parts.heads[expert]}.items():
+            weights[name] = weight.to(weights[name].dtype)
+        return weights
 
     def model(self, expert: str | None) -> MergeVLA:
-        """The network of an expert, to be evaluated; None for the base.
-
-        Raises:
-            PolicyError: It is no expert of this model.
-        """
+        """Return the network of an expert in evaluation mode; None for the base."""
         if expert not in self._models:
             with torch.inference_mode(False), torch.random.fork_rng(devices=[]):
                 model = MergeVLA(self.architecture)
@@ -119,15 +110,10 @@ class MergedModel:
 
     @torch.inference_mode()
     def hidden_states(self, expert: str | None, images: Tensor, instructions: Sequence[str]) -> HiddenStates:
-        """What an expert's backbone sees: (h_T, h_A) of every layer; None for the base's.
+        """Compute (h_T, h_A) of every layer of an expert's backbone; None for the base's.
 
-        Args:
-            expert: Its name, or None.
-            images: Shape (B, cameras, 3, H, W), in [0, 1].
-            instructions: B of them.
-
-        Raises:
-            PolicyError: It is no expert of this model, or a shape is not the architecture's.
+        Images are of shape (B, cameras, 3, H, W), in [0, 1], with B instructions, empty where it is hidden. Raises
+        PolicyError if a shape is not the architecture's.
         """
         if len(images) != len(instructions):
             raise PolicyError(f"expected an instruction for each of {len(images)} images, got {len(instructions)}")
@@ -135,22 +121,15 @@ class MergedModel:
         return self.model(expert).hidden_states(images.to(self.device), prompts)
 
     def value_weights(self, expert: str) -> tuple[tuple[Tensor, Tensor], ...]:
-        """(v_adapter, v_task) of each block as that expert runs it, each of shape (width, width).
-
-        Raises:
-            PolicyError: It is no expert of this model.
-        """
+        """Return (v_adapter, v_task) of each block of an expert's network after merging, each (width, width)."""
         blocks = self.model(self._check(expert)).action_expert.blocks
         return tuple((block.v_adapter.weight, block.v_task.weight) for block in blocks)
 
     def own_value_weights(self, expert: str) -> tuple[Tensor, Tensor]:
-        """(v_adapter, v_task) of the expert's own last merged block, L - k - 1 from 0, before it was merged.
+        """Return (v_adapter, v_task) of the expert's last merged block, L - k - 1 from 0, before it was merged.
 
         Each of shape (SUBSPACE or the width, width): with the leading singular values and right singular vectors of the
         whole projection, since nothing else of it is stored.
-
-        Raises:
-            PolicyError: It is no expert of this model.
         """
         adapter, task = self.parts.subspaces[self._check(expert)]
         return adapter.to(self.device), task.to(self.device)
@@ -162,13 +141,6 @@ class MergedModel:
 
 
 def leading(projection: Tensor) -> Tensor:
-    """diag(s) V^T of the leading singular triplets, shape (at most SUBSPACE, inputs), fp32."""
+    """Return diag(s) V^T of the leading singular triplets, shape (at most SUBSPACE, inputs), fp32."""
     _, values, vectors = torch.linalg.svd(projection.detach().float(), full_matrices=False)
     return (values[:SUBSPACE, None] * vectors[:SUBSPACE]).contiguous()
-
-
-def _tuned(name: str, weight: Tensor, deltas: TaskVector, replaced: Weights) -> Tensor:
-    """One weight of an expert; summed in fp32, rounded once."""
-    if name in replaced:
-        return replaced[name].to(weight.dtype)
-    return (weight.float() + deltas[name]).to(weight.dtype) if name in deltas else weight

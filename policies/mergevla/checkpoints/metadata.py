@@ -32,7 +32,7 @@ LARGEST_HEADER = 100_000_000
 
 
 class CheckpointError(PolicyError):
-    """A checkpoint that cannot be used; the message says what was expected and what was given."""
+    """A checkpoint that cannot be used."""
 
 
 class StoredMetadata(Stored):
@@ -47,16 +47,12 @@ class StoredMetadata(Stored):
     tensor_hash: str
 
     def as_json(self) -> dict[str, Any]:
-        """As plain JSON; `from_json` is the inverse."""
+        """Return the metadata as plain JSON; `from_json` is the inverse."""
         return {"format": FORMAT} | ({"kind": self.kind} if self.kind else {}) | super().as_json()
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Self:
-        """Read what `as_json` wrote.
-
-        Raises:
-            PolicyError: It is of another kind or format, or malformed.
-        """
+        """Read what `as_json` wrote. Raises PolicyError if it is of another kind or format, or malformed."""
         fields = dict(plain)
         if (kind := fields.pop("kind", None)) != cls.kind:
             raise CheckpointError(f"expected {_described(cls.kind)}, got {_described(kind)}")
@@ -66,11 +62,7 @@ class StoredMetadata(Stored):
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read the metadata of the checkpoint in `folder`.
-
-        Raises:
-            PolicyError: The file is missing or malformed.
-        """
+        """Read the metadata of the checkpoint in `folder`. Raises PolicyError if they are missing or malformed."""
         plain = read_metadata_file(folder)
         try:
             return cls.from_json(plain)
@@ -90,7 +82,7 @@ class StoredMetadata(Stored):
             base = base_folder(folder, metadata.base)
             base_metadata = CheckpointMetadata.read(base)
             if base_metadata.base is not None:
-                raise CheckpointError(f"expected a base that stands alone, got '{base}', which builds on another")
+                raise CheckpointError(f"expected a base without a base of its own, got '{base}'")
             _check_hash(base, metadata.base_hash or "")
             _check_hash(base, base_metadata.tensor_hash)
         return metadata
@@ -169,11 +161,7 @@ def locate(reference: str) -> Path:
 
 
 def read_metadata_file(folder: Path) -> dict[str, Any]:
-    """Read the JSON object in the metadata file of `folder`.
-
-    Raises:
-        CheckpointError: The file is missing or holds no JSON object.
-    """
+    """Read the metadata file of `folder`. Raises CheckpointError if it is missing or holds no JSON object."""
     try:
         plain = json.loads((folder / METADATA_FILE).read_text())
     except FileNotFoundError:
@@ -196,10 +184,9 @@ def check_action_steps(steps: int | None, architecture: Architecture) -> None:
 
 
 def base_folder(folder: Path, base: str) -> Path:
-    """The folder of the checkpoint that the one in `folder` builds on and calls `base`.
+    """Return the folder of the base that the metadata in `folder` name.
 
-    Raises:
-        CheckpointError: It is neither a folder nor on a hub.
+    Raises CheckpointError if it is neither a folder nor on a hub.
     """
     beside = folder / base
     try:
@@ -209,20 +196,12 @@ def base_folder(folder: Path, base: str) -> Path:
 
 
 def digest_of(reference: str) -> str:
-    """Hash of a checkpoint's content, verified.
-
-    Raises:
-        PolicyError: The checkpoint cannot be used.
-    """
+    """Return the hash of a checkpoint's content. Raises PolicyError if the checkpoint cannot be used."""
     return CheckpointMetadata.verified(locate(reference)).digest
 
 
 def checkpoint_files(reference: str | Path) -> tuple[Path, tuple[Path, ...]]:
-    """Return a checkpoint's folder, and its files with those of a local base. A base on a hub is left out.
-
-    Raises:
-        PolicyError: There is no such checkpoint.
-    """
+    """Return a checkpoint's folder, and its files with those of a local base. A base on a hub is left out."""
     folder = locate(str(reference)).resolve()
     folders = [folder]
     base = read_metadata_file(folder).get("base")
@@ -232,19 +211,14 @@ def checkpoint_files(reference: str | Path) -> tuple[Path, tuple[Path, ...]]:
 
 
 def all_files(references: Iterable[str | Path]) -> tuple[Path, ...]:
-    """Return the files of several checkpoints, each once.
-
-    Raises:
-        PolicyError: One of the checkpoints does not exist.
-    """
+    """Return the files of several checkpoints, each once."""
     return tuple(dict.fromkeys(file for reference in references for file in checkpoint_files(reference)[1]))
 
 
 def hash_tensors(path: Path) -> str:
     """Return the SHA-256 over name, type, shape and bytes of each tensor of a safetensors file, ordered by name.
 
-    Raises:
-        CheckpointError: The file is missing, truncated, or of another format.
+    Raises CheckpointError if the file is missing, truncated, or of another format.
     """
     if not path.is_file():
         raise CheckpointError(f"expected {path.name} in '{path.parent}', got a folder without it")
@@ -313,7 +287,7 @@ def _from_hub(reference: str) -> Path:
     name, _, revision = reference.partition("@")
     try:
         return Path(snapshot_download(name, revision=revision or None, allow_patterns=[WEIGHTS, METADATA_FILE]))
-    except Exception as error:  # the hub's client raises its own, its transport's and the system's errors
+    except Exception as error:  # the hub's client also raises errors of its transport and of the system
         raise CheckpointError(
             f"expected a folder or hub id, got '{reference}', which is no folder: {first_line(error)}"
         ) from None

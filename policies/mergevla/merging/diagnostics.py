@@ -1,4 +1,4 @@
-"""What a merge did to its experts: rates of its masks against chance, distances, and bytes."""
+"""Diagnostics of a merge: rates of its masks compared with chance, distances between experts, and storage."""
 
 from __future__ import annotations
 
@@ -31,39 +31,39 @@ class MaskStatistics:
     selfish: float
     """Share of entries kept by exactly one mask (arXiv 2511.18810 figure 3)."""
     cosine: Mapping[str, float]
-    """Expert name to cos(what it reads of the merged vector, its own vector); 0 if either is zero."""
+    """Expert name to the cosine between its delta after merging and its own task vector; 0 if either is zero."""
 
 
 @dataclass(frozen=True)
 class BytesPerTask:
-    """What one more task costs in storage."""
+    """Storage of one task (bytes) in addition to the shared weights."""
 
     mask: int
     """Its mask, bit-packed, and row scales if it has any."""
     head: int
     """Its own blocks and output projection."""
     lora: int | None
-    """The alternative: a LoRA adapter, in fp32, for each masked matrix; None if no rank was given."""
+    """For comparison: a LoRA adapter, in fp32, for each masked matrix; None if no rank was given."""
 
 
 @dataclass(frozen=True)
 class MergeReport:
-    """All that is known of a merge without running it."""
+    """Diagnostics of a merge that need no run of the model."""
 
     experts: tuple[str, ...]
     entries: int
-    """Weights' entries that were merged."""
+    """Number of entries of the merged weights."""
     observed: MaskStatistics
     null: MaskStatistics
-    """The same for independent Gaussian task vectors with the experts' root mean squares: what chance gives."""
+    """The same for independent Gaussian task vectors with the experts' root mean squares: the result of chance."""
     scales: Mapping[str, float]
     """Expert name to the root mean square of its task vector."""
     bytes_per_task: Mapping[str, BytesPerTask] = field(default_factory=dict)
     block_distances: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    """Part of the model, such as `action_expert`, to the distance of its experts block by block."""
+    """Part of the model, such as `action_expert`, to the distance between experts in each of its blocks."""
 
     def to_json(self) -> str:
-        """The report as JSON, keys sorted."""
+        """Return the report as JSON with sorted keys."""
         return json.dumps(asdict(self), sort_keys=True, indent=2, allow_nan=False)
 
 
@@ -74,11 +74,7 @@ def keep_rate(mask: Mask) -> float:
 
 
 def selfish_rate(masks: Sequence[Mask]) -> float:
-    """Share of entries kept by exactly one mask, mean_i 1[sum_m S_m,i = 1] (arXiv 2511.18810); 0 without entries.
-
-    Args:
-        masks: At least one, all of the same names and shapes.
-    """
+    """Share of entries kept by exactly one mask, mean_i 1[sum_m S_m,i = 1] (arXiv 2511.18810); 0 without entries."""
     entries = selfish = 0
     for name in masks[0]:
         keepers = torch.stack([mask[name] for mask in masks]).sum(dim=0)
@@ -100,10 +96,9 @@ def cosine(a: TaskVector, b: TaskVector) -> float:
 
 
 def mask_statistics(task_vectors: TaskVectors, merged: MergedTaskVectors) -> MaskStatistics:
-    """Keep rates, selfish rate and cosines of a merge. Without masks, and with signs, every task keeps everything.
+    """Compute keep rates, selfish rate and cosines. Without masks, and with signs, every task keeps everything.
 
-    Raises:
-        ExpertsDiffer: These are not the experts that were merged.
+    Raises ExpertsDiffer if the task vectors are not of the merged experts.
     """
     if task_vectors.keys() != set(merged.experts):
         raise ExpertsDiffer(f"expected the merged experts {', '.join(merged.experts)}, got {', '.join(task_vectors)}")
@@ -117,31 +112,26 @@ def mask_statistics(task_vectors: TaskVectors, merged: MergedTaskVectors) -> Mas
 def gaussian_null(
     scales: Mapping[str, float], recipe: Recipe, *, generator: torch.Generator, shape: tuple[int, ...] = NULL_SHAPE
 ) -> MaskStatistics:
-    """The statistics that independent Gaussian task vectors would give under the same merge: the null of any claim.
+    """Compute the statistics of independent Gaussian task vectors under the same merge: the null hypothesis.
 
-    Masks from TIES of four unrelated updates are 73 % selfish; only what differs from this says something about tasks.
+    Masks from TIES of four unrelated updates are 73 % selfish; only a difference from this says something about tasks.
 
     Args:
         scales: Expert name to the standard deviation of its entries.
-        recipe: How they are merged.
-        generator: Of the draws, on the CPU.
-        shape: Of the one weight that is simulated.
+        recipe: Recipe of the merge.
+        generator: Source of the draws, on the CPU.
+        shape: Shape of the one weight that is simulated.
     """
     drawn = {expert: {"w": torch.randn(shape, generator=generator) * scale} for expert, scale in scales.items()}
     return mask_statistics(drawn, merge(drawn, recipe))
 
 
 def block_distances(experts: Mapping[str, Weights]) -> tuple[float, ...]:
-    """How far experts are apart, block by block: mean over all pairs of 2 ||a - b|| / (||a|| + ||b||).
+    """Compute the distance between experts (name to weights) in each block: the mean of 2 ||a - b|| / (||a|| + ||b||).
 
-    0 for equal blocks, sqrt 2 for unrelated ones of equal norm, at most 2. Weights in no block are left out. Compare
-    with the distance of the untrained experts: with independent initialisations that is nearly all of it.
-
-    Args:
-        experts: Expert name to its weights.
-
-    Returns:
-        One distance per block; zeros for a single expert.
+    The mean is over all pairs; zeros for a single expert. 0 for equal blocks, sqrt 2 for unrelated ones of equal norm,
+    at most 2. Weights in no block are left out. Compare with the distance of the untrained experts: with independent
+    initialisations that is nearly all of it.
     """
     first = next(iter(experts.values()))
     names: list[list[str]] = [[] for _ in range(depth_of(first))]
@@ -164,33 +154,27 @@ def _relative_distance(a: Weights, b: Weights, names: Sequence[str]) -> float:
 
 
 def bytes_per_task(
-    vector: TaskVector,
-    head: Weights,
-    *,
-    masks: int = 1,
-    row_scales: Weights | None = None,
-    lora_rank: int | None = None,
+    vector: TaskVector, head: Weights, *, masks: int = 1, row_scales: int = 0, lora_rank: int | None = None
 ) -> BytesPerTask:
-    """What a task costs beside the shared weights.
+    """Compute a task's storage in addition to the shared weights.
 
     Args:
         vector: Any task vector of the masked weights, for their shapes.
         head: The task's own weights, as they are stored.
-        masks: How many the task has.
-        row_scales: Of the task, of all rounds, if it has any.
-        lora_rank: Of the alternative, one adapter of rank * (outputs + inputs) numbers per matrix.
+        masks: Number of masks of the task.
+        row_scales: Size of the task's row scales (bytes).
+        lora_rank: Rank of the adapters for comparison, each of rank * (outputs + inputs) numbers.
     """
-    mask = masks * sum(packed_bytes(delta.numel()) for delta in vector.values())
-    mask += _bytes(row_scales or {})
+    mask = masks * sum(packed_bytes(delta.numel()) for delta in vector.values()) + row_scales
     matrices = [delta.shape for delta in vector.values() if delta.ndim == 2]
     lora = None if lora_rank is None else _FLOAT_BYTES * lora_rank * sum(sum(shape) for shape in matrices)
     return BytesPerTask(mask, _bytes(head), lora)
 
 
-def _row_scales(merged: MergedTaskVectors, expert: str) -> dict[str, torch.Tensor]:
-    more = _row_scales(merged.residual, expert) if merged.residual else {}
-    own = merged.row_scales.get(expert, {})
-    return dict(own) | {f"{merged.recipe.rounds}/{name}": scales for name, scales in more.items()}
+def _row_scale_bytes(merged: MergedTaskVectors, expert: str) -> int:
+    """Size of an expert's row scales in all rounds."""
+    more = _row_scale_bytes(merged.residual, expert) if merged.residual else 0
+    return _bytes(merged.row_scales.get(expert, {})) + more
 
 
 def _bytes(weights: Weights) -> int:
@@ -206,18 +190,15 @@ def report(
     lora_rank: int | None = None,
     weights: Mapping[str, Weights] | None = None,
 ) -> MergeReport:
-    """Everything above for one merge.
+    """Compute all of the above for one merge.
 
     Args:
-        task_vectors: The experts' task vectors.
-        merged: What `merged.merge` made of them.
-        generator: For the null, on the CPU.
-        heads: Expert name to the weights that it keeps for itself.
-        lora_rank: Of the LoRA alternative in the bytes.
-        weights: Expert name to its weights, for the distances of blocks.
-
-    Raises:
-        MergeError: The experts are not those that were merged.
+        task_vectors: The experts' task vectors; ExpertsDiffer if they are not of the merged experts.
+        merged: Result of `merge.merge`.
+        generator: Source of the null's draws, on the CPU.
+        heads: Expert name to the weights that it keeps.
+        lora_rank: See `bytes_per_task`.
+        weights: Expert name to its weights, for `block_distances`.
     """
     observed = mask_statistics(task_vectors, merged)
     scales = {expert: rms(vector) for expert, vector in task_vectors.items()}
@@ -234,7 +215,7 @@ def report(
                 vector,
                 heads.get(expert, {}),
                 masks=merged.recipe.rounds if merged.masks else 0,
-                row_scales=_row_scales(merged, expert),
+                row_scales=_row_scale_bytes(merged, expert),
                 lora_rank=lora_rank,
             )
             for expert, vector in task_vectors.items()

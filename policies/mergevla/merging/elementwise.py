@@ -1,25 +1,18 @@
 """Operators that treat each entry on its own: mean, TA, TIES, DARE, EMR.
 
 Each takes the experts' task vectors and returns tau_merge in fp32, before alpha. Sums are taken in float64 and do not
-depend on the order of the experts.
+depend on the order of the experts. Options out of range raise OutOfRange.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import torch
 
 from robogauntlet.policies.mergevla.merging.errors import check_range
-from robogauntlet.policies.mergevla.merging.task_vectors import (
-    TaskVector,
-    TaskVectors,
-    names_of,
-    order_free_sum,
-    stack,
-)
+from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, names_of, order_free_sum, stack
 
 
 def mean(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
@@ -41,12 +34,8 @@ def ties(task_vectors: TaskVectors, *, trim: float = 0.0) -> dict[str, torch.Ten
     sign is that of the sum. Where the sum is exactly zero, it is the sign that the majority of the whole task vector's
     entries elected (positive in a tie).
 
-    Args:
-        task_vectors: The experts' task vectors.
-        trim: Share of each expert's entries, the smallest by magnitude over all weights, set to zero first, in [0, 1).
-
-    Raises:
-        OutOfRange: `trim` is outside [0, 1).
+    `trim`, in [0, 1), is the share of each expert's entries, the smallest by magnitude over all weights, that is set to
+    zero first.
     """
     check_range("trim", trim, 0, 1, closed="[)")
     trimmed = {expert: _trimmed(vector, trim) for expert, vector in task_vectors.items()} if trim else task_vectors
@@ -71,13 +60,7 @@ def dare(task_vectors: TaskVectors, *, drop: float = 0.9, seed: int = 0) -> dict
     The dropped entries depend only on the seed and the names of expert and weight, not on other experts or the machine.
     The expectation is that of `task_arithmetic`.
 
-    Args:
-        task_vectors: The experts' task vectors.
-        drop: Probability with which an entry is dropped, in [0, 1).
-        seed: Seed of the draws, at least 0.
-
-    Raises:
-        OutOfRange: `drop` is outside [0, 1), or `seed` is not a whole number of 0 or more.
+    `drop`, in [0, 1), is the probability with which an entry is dropped; `seed` is that of the draws, at least 0.
     """
     check_range("drop", drop, 0, 1, closed="[)")
     check_range("seed", seed, 0, float("inf"), closed="[)", whole=True)
@@ -91,7 +74,7 @@ def dare(task_vectors: TaskVectors, *, drop: float = 0.9, seed: int = 0) -> dict
 def emr(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
     """Elect the sign of the sum and take the greatest magnitude among the deltas that agree (arXiv 2405.17461).
 
-    Where the sum is exactly zero, the result is zero (sgn 0 = 0). `emr_modulators` gives each task's mask and rescaler.
+    Where the sum is exactly zero, the result is zero (sgn 0 = 0). `emr_modulators` computes masks and rescalers.
     """
     merged = {}
     for name in names_of(task_vectors):
@@ -101,32 +84,22 @@ def emr(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
     return merged
 
 
-@dataclass(frozen=True, eq=False)
-class EmrModulator:
-    """How one task reads EMR's unified task vector: rescaler * mask * tau_merge."""
+def emr_modulators(
+    task_vectors: TaskVectors, merged: TaskVector
+) -> tuple[dict[str, dict[str, torch.Tensor]], dict[str, float]]:
+    """EMR's mask and rescaler of each task (arXiv 2405.17461, the rescaler as MergeVLA's code computes it).
 
-    mask: Mapping[str, torch.Tensor]
-    """True where the task's own delta has the unified sign."""
-    rescaler: float
-
-
-def emr_modulators(task_vectors: TaskVectors, merged: TaskVector) -> dict[str, EmrModulator]:
-    """EMR's masks and rescalers (arXiv 2405.17461, the rescaler as MergeVLA's code computes it).
-
-    The mask of task m is 1[tau_m * tau_merge > 0]; its rescaler is the mean of |tau_m| over that of
-    |mask * tau_merge|, each summed over the weights; 1 if nothing is kept.
-
-    Args:
-        task_vectors: The experts' task vectors.
-        merged: Result of `emr`, times any positive alpha (which the rescalers undo).
+    The delta of task m is rescaler * mask * tau_merge. The mask is 1[tau_m * tau_merge > 0]; the rescaler is the mean
+    of |tau_m| over that of |mask * tau_merge|, each summed over the weights; 1 if nothing is kept. `merged` is the
+    result of `emr`, times any positive alpha (which the rescalers undo).
     """
-    modulators = {}
+    masks, rescalers = {}, {}
     for expert, vector in task_vectors.items():
         mask = {name: vector[name] * merged[name].sign() > 0 for name in merged}
         own = sum(_mean_magnitude(vector[name]) for name in merged)
         unified = sum(_mean_magnitude(merged[name] * mask[name]) for name in merged)
-        modulators[expert] = EmrModulator(mask, own / unified if unified else 1.0)
-    return modulators
+        masks[expert], rescalers[expert] = mask, own / unified if unified else 1.0
+    return masks, rescalers
 
 
 def _mean_magnitude(delta: torch.Tensor) -> float:

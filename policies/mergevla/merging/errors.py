@@ -24,18 +24,9 @@ class OutOfRange(MergeError):
 def check_range(
     option: str, value: object, low: float, high: float, *, closed: str = "()", whole: bool = False
 ) -> None:
-    """Refuse a number outside an interval.
+    """Raise OutOfRange, which names `option`, unless `value` is a number in the interval.
 
-    Args:
-        option: Name of the number in the message.
-        value: The number.
-        low: Lower end.
-        high: Upper end.
-        closed: Brackets of the interval: `()`, `[)`, `(]` or `[]`.
-        whole: Whether it has to be an integer.
-
-    Raises:
-        OutOfRange: It is outside the interval, or not a number.
+    `closed` holds the brackets of the interval: `()`, `[)`, `(]` or `[]`. With `whole`, only integers are accepted.
     """
     kinds = (int,) if whole else (int, float)
     if isinstance(value, kinds) and not isinstance(value, bool):

@@ -23,14 +23,8 @@ class MaskMismatch(MergeError):
 def task_mask(vector: TaskVector, merged: TaskVector, lambda_: float = LAMBDA) -> dict[str, torch.Tensor]:
     """S_m = 1[|tau_m| > lambda * |tau_merge - tau_m|], entry by entry (arXiv 2511.18810 equation 3).
 
-    Args:
-        vector: The task's own vector.
-        merged: tau_merge.
-        lambda_: In (0, 2]; the greater, the fewer entries are kept.
-
-    Raises:
-        OutOfRange: lambda is outside (0, 2].
-        ExpertsDiffer: The two vectors have other names or shapes.
+    `vector` is the task's own, `merged` is tau_merge. The greater lambda, in (0, 2], the fewer entries are kept. Raises
+    OutOfRange for another lambda, ExpertsDiffer if names or shapes of the two vectors differ.
     """
     check_lambda(lambda_)
     if problem := difference(merged, vector):
@@ -41,27 +35,15 @@ def task_mask(vector: TaskVector, merged: TaskVector, lambda_: float = LAMBDA) -
 def task_masks(
     task_vectors: TaskVectors, merged: TaskVector, lambdas: float | Mapping[str, float] = LAMBDA
 ) -> dict[str, dict[str, torch.Tensor]]:
-    """The mask of each task.
-
-    Args:
-        task_vectors: The experts' task vectors.
-        merged: tau_merge.
-        lambdas: One for all, or expert name to its own.
-
-    Raises:
-        OutOfRange: A lambda is outside (0, 2].
-        ExpertsDiffer: An expert has no lambda, or its vector does not fit the merged one.
-    """
+    """Return the mask of each task, see `task_mask` and `lambdas_of`."""
     chosen = lambdas_of(task_vectors, lambdas)
     return {expert: task_mask(vector, merged, chosen[expert]) for expert, vector in task_vectors.items()}
 
 
 def lambdas_of(task_vectors: TaskVectors, lambdas: float | Mapping[str, float]) -> dict[str, float]:
-    """Expert name to lambda.
+    """Return the lambda of each expert from one for all, or from a mapping by expert name.
 
-    Raises:
-        OutOfRange: A lambda is outside (0, 2].
-        ExpertsDiffer: The lambdas are not those of these experts.
+    Raises OutOfRange for a lambda outside (0, 2], ExpertsDiffer if the lambdas are those of other experts.
     """
     chosen = dict(lambdas) if isinstance(lambdas, Mapping) else dict.fromkeys(task_vectors, lambdas)
     if chosen.keys() != task_vectors.keys():
@@ -73,11 +55,7 @@ def lambdas_of(task_vectors: TaskVectors, lambdas: float | Mapping[str, float]) 
 
 
 def check_mask(mask: Mask, weights: Weights) -> None:
-    """Refuse a mask for another model.
-
-    Raises:
-        MaskMismatch: Names or shapes differ, or an entry is not boolean.
-    """
+    """Raise MaskMismatch if the mask's names or shapes are not those of the weights, or an entry is not boolean."""
     if problem := difference(weights, mask):
         raise MaskMismatch(f"the mask is for another model: {problem}")
     for name, kept in mask.items():
@@ -86,17 +64,13 @@ def check_mask(mask: Mask, weights: Weights) -> None:
 
 
 def masked(merged: TaskVector, mask: Mask) -> dict[str, torch.Tensor]:
-    """S_m * tau_merge.
-
-    Raises:
-        MaskMismatch: The mask is for another model.
-    """
+    """S_m * tau_merge. Raises MaskMismatch if the mask is for another model."""
     check_mask(mask, merged)
     return {name: torch.where(mask[name], delta, 0.0) for name, delta in merged.items()}
 
 
 def pack_mask(mask: Mask) -> dict[str, torch.Tensor]:
-    """A mask as tensors that safetensors can store: eight entries a byte, and the shapes.
+    """Return a mask as tensors that safetensors can store: eight entries per byte, and the shapes.
 
     Returns:
         `bits/<weight>`: uint8, ceil(entries / 8) bytes, first entry in the highest bit, padded with zeros;
@@ -110,10 +84,9 @@ def pack_mask(mask: Mask) -> dict[str, torch.Tensor]:
 
 
 def unpack_mask(packed: Weights) -> dict[str, torch.Tensor]:
-    """The mask that `pack_mask` packed.
+    """Return the mask that `pack_mask` packed.
 
-    Raises:
-        MaskMismatch: Damaged: a part is missing, has another type or length, or its padding is not zero.
+    Raises MaskMismatch if a part is missing, has another type or length, or if padding is not zero.
     """
     stray = sorted(name for name in packed if not name.startswith((_BITS, _SHAPE)))
     if stray:
@@ -141,5 +114,5 @@ def _unpacked(name: str, bits: torch.Tensor, shape: torch.Tensor) -> torch.Tenso
 
 
 def packed_bytes(entries: int) -> int:
-    """Bytes that a packed mask of so many entries takes."""
+    """Size in bytes of a packed mask with this number of entries."""
     return -(-entries // 8)

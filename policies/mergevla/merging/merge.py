@@ -1,24 +1,84 @@
-"""Merging task vectors and masking the result in one call."""
+"""Merging task vectors by an operator, and masking the result for each task."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
 
 import torch
 
-from robogauntlet.policies.mergevla.merging.elementwise import emr_modulators
-from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
+from robogauntlet.policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
+from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError, check_range
 from robogauntlet.policies.mergevla.merging.masks import Mask, lambdas_of, masked, task_masks
-from robogauntlet.policies.mergevla.merging.operators import merge_task_vectors
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
-from robogauntlet.policies.mergevla.merging.signs import read_signs, sign_readings
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors
+from robogauntlet.policies.mergevla.merging.signs import apply_signs, fit_signs, flat, magnitude
+from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors, wudi
+from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, check_task_vectors
+from robogauntlet.suites.plugins import did_you_mean
+
+Operator = Callable[..., dict[str, torch.Tensor]]
+"""Takes the experts' task vectors, checked by `check_task_vectors`, and its options as keyword-only arguments. Returns
+tau_merge in fp32."""
+OPERATORS: Mapping[str, Operator] = MappingProxyType(
+    {
+        "mean": mean,
+        "ta": task_arithmetic,
+        "ties": ties,
+        "dare": dare,
+        "tsv": task_singular_vectors,
+        "knots": knots,
+        "wudi": wudi,
+        "emr": emr,
+        "magnitude": magnitude,
+        "flat": flat,
+    }
+)
+"""Every merge operator by name. The functions' docstrings name the papers."""
+
+
+class UnknownOperator(MergeError):
+    """Unknown merge operator, or unknown option of one."""
+
+
+def find_operator(name: str, options: Iterable[str] = ()) -> Operator:
+    """Return the operator of that name. Raises UnknownOperator if it, or an option of it, is unknown."""
+    if name not in OPERATORS:
+        raise UnknownOperator(f"unknown merge operator '{name}'{did_you_mean(name, OPERATORS)}")
+    known = inspect.getfullargspec(OPERATORS[name]).kwonlyargs
+    for option in options:
+        if option not in known:
+            raise UnknownOperator(f"operator '{name}' has no option '{option}'; it has: {', '.join(known) or 'none'}")
+    return OPERATORS[name]
+
+
+def merge_task_vectors(
+    operator: str, task_vectors: TaskVectors, *, alpha: float = 1.0, options: Mapping[str, Any] | None = None
+) -> dict[str, torch.Tensor]:
+    """tau_merge = alpha * R({tau_m}) (arXiv 2511.18810 equation 2).
+
+    Args:
+        operator: Name of R in `OPERATORS`.
+        task_vectors: The experts' task vectors.
+        alpha: Scale of the merged task vector, greater than 0; the paper's is 1.
+        options: Options of the operator.
+
+    Raises:
+        UnknownOperator: Unknown operator or option.
+        OutOfRange: alpha or an option is out of range.
+        ExpertsDiffer: The task vectors do not fit each other.
+    """
+    chosen = find_operator(operator, options or {})
+    check_range("alpha", alpha, 0, float("inf"))
+    check_task_vectors(task_vectors)
+    return {name: delta * alpha for name, delta in chosen(task_vectors, **(options or {})).items()}
 
 
 @dataclass(frozen=True, eq=False)
 class MergedTaskVectors:
-    """One task vector for all experts, with the masks and scales by which each task reads it."""
+    """One task vector for all experts, with the masks and scales that turn it into each expert's own delta."""
 
     experts: tuple[str, ...]
     recipe: Recipe
@@ -37,29 +97,23 @@ class MergedTaskVectors:
     def of(self, expert: str) -> dict[str, torch.Tensor]:
         """Return the expert's delta to the base: rescaler * S_m * tau_merge, or r_m * s_m * |tau_merge| of all rounds.
 
-        Raises:
-            ExpertsDiffer: The expert was not merged.
+        Raises ExpertsDiffer if the expert was not merged.
         """
         if expert not in self.experts:
             raise ExpertsDiffer(f"expected one of the merged experts {', '.join(self.experts)}, got {expert}")
         if self.recipe.masks is MaskRule.SIGNS:
-            read = read_signs(self.vector, self.masks[expert], self.row_scales[expert])
+            deltas = apply_signs(self.vector, self.masks[expert], self.row_scales[expert])
             more = self.residual.of(expert) if self.residual else {}
-            return {name: delta + more[name] if name in more else delta for name, delta in read.items()}
+            return {name: delta + more[name] if name in more else delta for name, delta in deltas.items()}
         kept = masked(self.vector, self.masks[expert]) if self.masks else dict(self.vector)
         rescaler = self.rescalers.get(expert, 1.0)
         return {name: delta * rescaler for name, delta in kept.items()} if rescaler != 1.0 else kept
 
 
 def merge(task_vectors: TaskVectors, recipe: Recipe) -> MergedTaskVectors:
-    """Merge task vectors and mask the result for each task.
+    """Merge task vectors and mask the result for each task, as the recipe says.
 
-    Args:
-        task_vectors: The experts' task vectors.
-        recipe: Operator with options, alpha, masks with lambda, and rounds.
-
-    Raises:
-        MergeError: Unknown operator or option, values out of range, or experts that do not fit each other.
+    Raises MergeError for an unknown operator or option, values out of range, or experts that do not fit each other.
     """
     rule = recipe.masks
     lambdas = lambdas_of(task_vectors, recipe.lambda_) if rule is MaskRule.TASK else {}
@@ -70,20 +124,16 @@ def merge(task_vectors: TaskVectors, recipe: Recipe) -> MergedTaskVectors:
     if rule is MaskRule.TASK:
         masks = task_masks(task_vectors, vector, lambdas)
     elif rule is MaskRule.EMR:
-        modulators = emr_modulators(task_vectors, vector)
-        masks = {expert: modulator.mask for expert, modulator in modulators.items()}
-        rescalers = {expert: modulator.rescaler for expert, modulator in modulators.items()}
+        masks, rescalers = emr_modulators(task_vectors, vector)
     elif rule is MaskRule.SIGNS:
         # bf16 halves the storage: one bit per entry has a far larger error than this rounding.
         vector = {name: delta.bfloat16().float() for name, delta in vector.items()}
-        readings = sign_readings(task_vectors, vector)
-        masks = {expert: reading.signs for expert, reading in readings.items()}
-        row_scales = {expert: reading.row_scales for expert, reading in readings.items()}
+        masks, row_scales = fit_signs(task_vectors, vector)
     merged = MergedTaskVectors(tuple(task_vectors), recipe, vector, masks, rescalers, row_scales)
     if recipe.rounds == 1:
         return merged
     residuals: dict[str, TaskVector] = {}
     for expert, deltas in task_vectors.items():
-        read = merged.of(expert)
-        residuals[expert] = {name: delta - read[name] for name, delta in deltas.items()}
+        stored = merged.of(expert)
+        residuals[expert] = {name: delta - stored[name] for name, delta in deltas.items()}
     return replace(merged, residual=merge(residuals, replace(recipe, rounds=recipe.rounds - 1)))

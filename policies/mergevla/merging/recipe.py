@@ -1,4 +1,4 @@
-"""How experts are to be merged. Light: no torch, so that a checkpoint's metadata can be read without it."""
+"""The recipe of a merge. Light: no torch, so that a checkpoint's metadata can be read without it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from robogauntlet.policies.stored import STRICT, Stored
 
 LAMBDA = 0.6
 """The paper's lambda in all benchmarks."""
-MAX_LAMBDA = 2.0
 Number = StrictInt | StrictFloat
 """Kept as it is given, since recipes are hashed: 1 stays 1."""
 
@@ -32,17 +31,17 @@ class MaskRule(StrEnum):
     EMR = "emr"
     """Agreement in sign and one rescaler, see `elementwise.emr_modulators` (arXiv 2405.17461)."""
     SIGNS = "signs"
-    """All magnitudes, with signs and row scales of its own, see `signs`."""
+    """All magnitudes, with the task's own signs and row scales, see `signs`."""
 
 
 MASKS_OF: Mapping[str, MaskRule] = MappingProxyType(
     {"emr": MaskRule.EMR, "magnitude": MaskRule.SIGNS, "flat": MaskRule.SIGNS}
 )
-"""Operator to the masks that were made for it; task masks go with all others."""
+"""Operator to the masks that were designed for it; all others use task masks."""
 
 
 class TrunkRule(StrEnum):
-    """How what comes before the kept blocks is shared: action queries, proprioception and action expert."""
+    """How the trunk is shared: action queries, proprioception and the action expert before the kept blocks."""
 
     MEAN = "mean"
     """Uniform mean, for trunks of any initialisation (arXiv 2511.18810)."""
@@ -51,17 +50,17 @@ class TrunkRule(StrEnum):
 
 
 class BackboneRule(StrEnum):
-    """What each task's backbone is."""
+    """The backbone of each task."""
 
     MERGED = "merged"
-    """The base plus what the task reads of the merged task vector."""
+    """The base plus the task's delta from the merged task vector."""
     SELECT = "select"
-    """The base plus the expert's own adapter: the baseline that merges no backbone at all."""
+    """The base plus the expert's own adapter: the baseline without merging of the backbone."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class Recipe(Stored):
-    """One way of merging."""
+    """Every option of a merge."""
 
     what: ClassVar = "recipe for merging"
     refusal: ClassVar = OutOfRange
@@ -72,7 +71,7 @@ class Recipe(Stored):
     """Scale of the merged task vector."""
     masks: MaskRule = MaskRule.TASK
     lambda_: Number | Mapping[str, Number] = LAMBDA
-    """Of the task masks: one for all, or expert name to its own."""
+    """Lambda of the task masks: one for all, or expert name to its own."""
     trunk: TrunkRule = TrunkRule.VECTORS
     kept_blocks: StrictInt = 1
     """k, the last blocks of the action expert, which each task keeps with the output layer."""
@@ -80,9 +79,9 @@ class Recipe(Stored):
     """Merge the output layer with the trunk. With k = 0 and no masks, this is naive merging of everything."""
     backbone: BackboneRule = BackboneRule.MERGED
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Of the operator."""
+    """Options of the operator."""
     rounds: StrictInt = 1
-    """Bits that a task spends on each entry under `MaskRule.SIGNS`: each round reads what those before left over."""
+    """Bits per entry of a task under `MaskRule.SIGNS`: each round approximates the residual of those before."""
 
     def __post_init__(self) -> None:
         check_range("alpha", self.alpha, 0, math.inf)
@@ -95,9 +94,5 @@ class Recipe(Stored):
 
 
 def check_lambda(value: float) -> None:
-    """Refuse a lambda outside (0, 2].
-
-    Raises:
-        OutOfRange: It is outside, or not a number.
-    """
-    check_range("lambda", value, 0, MAX_LAMBDA, closed="(]")
+    """Raise OutOfRange unless lambda is a number in (0, 2]."""
+    check_range("lambda", value, 0, 2, closed="(]")

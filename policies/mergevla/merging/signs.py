@@ -1,14 +1,13 @@
 """Signs: each task keeps a sign for every entry and a scale for every row; only magnitudes are shared.
 
 A task mask spends one bit per entry on whether the merged value is kept; the other entries fall back to the base. The
-same bit spent on the sign keeps every entry: tau_m is read as r_m * s_m * |tau_merge|, with s_m the signs of tau_m and
-r_m one scale per row (output), the least-squares fit. This combines EMR's rescaled masks (arXiv 2405.17461) with
-one-bit deltas (BitDelta, arXiv 2402.10193, which shares nothing: operator `flat`). It needs neither lambda nor data.
+same bit spent on the sign keeps every entry: tau_m is approximated by r_m * s_m * |tau_merge|, with s_m the signs of
+tau_m and r_m one scale per row (output), the least-squares fit. This combines EMR's rescaled masks (arXiv 2405.17461)
+with one-bit deltas (BitDelta, arXiv 2402.10193, which shares nothing: operator `flat`). It needs neither lambda nor
+data.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import torch
 
@@ -22,16 +21,6 @@ from robogauntlet.policies.mergevla.merging.task_vectors import (
     order_free_sum,
     stack,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class SignReading:
-    """How one task reads shared magnitudes."""
-
-    signs: Mask
-    """True where the task's own delta is not negative."""
-    row_scales: TaskVector
-    """Weight name to one scale per row, fp32, of shape (rows,); weights that are no matrices have one row."""
 
 
 def magnitude(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
@@ -52,53 +41,39 @@ def flat(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
     return {name: _flat(stack(task_vectors, name)) for name in names_of(task_vectors)}
 
 
-def sign_readings(task_vectors: TaskVectors, merged: TaskVector) -> dict[str, SignReading]:
-    """Signs and row scales of each task.
+def fit_signs(task_vectors: TaskVectors, merged: TaskVector) -> tuple[dict[str, Mask], dict[str, TaskVector]]:
+    """Return the signs and the row scales of each task; of `merged`, tau_merge, only magnitudes are used.
 
-    Args:
-        task_vectors: The experts' task vectors.
-        merged: tau_merge, of which only magnitudes are read.
-
-    Raises:
-        ExpertsDiffer: A task vector does not fit the merged one.
+    Signs are True where the task's own delta is not negative. Row scales are fp32, of shape (rows,); a weight that is
+    no matrix is one row. Raises ExpertsDiffer if a task vector does not fit the merged one.
     """
     for vector in task_vectors.values():
         if problem := difference(merged, vector):
             raise ExpertsDiffer(f"the task vector does not fit the merged one: {problem}")
-    return {
-        expert: SignReading(
-            {name: delta >= 0 for name, delta in vector.items()},
-            {name: _row_scales(delta, merged[name]) for name, delta in vector.items()},
-        )
-        for expert, vector in task_vectors.items()
-    }
+    signs: dict[str, Mask] = {}
+    row_scales: dict[str, TaskVector] = {}
+    for expert, vector in task_vectors.items():
+        signs[expert] = {name: delta >= 0 for name, delta in vector.items()}
+        row_scales[expert] = {name: _row_scales(delta, merged[name]) for name, delta in vector.items()}
+    return signs, row_scales
 
 
 def check_row_scales(row_scales: TaskVector, merged: TaskVector) -> None:
-    """Refuse row scales for another model.
-
-    Raises:
-        ExpertsDiffer: Names differ, or there is not one scale for each row.
-    """
+    """Raise ExpertsDiffer unless there is one scale for each row of each merged weight."""
     expected = {name: delta.new_empty(len(_rows(delta))) for name, delta in merged.items()}
     if problem := difference(expected, row_scales):
         raise ExpertsDiffer(f"the row scales are for another model: {problem}")
 
 
-def read_signs(merged: TaskVector, signs: Mask, row_scales: TaskVector) -> dict[str, torch.Tensor]:
-    """r_m * s_m * |tau_merge|.
-
-    Raises:
-        MaskMismatch: The signs are for another model.
-        ExpertsDiffer: The row scales are.
-    """
+def apply_signs(merged: TaskVector, signs: Mask, row_scales: TaskVector) -> dict[str, torch.Tensor]:
+    """r_m * s_m * |tau_merge|. Raises MaskMismatch or ExpertsDiffer if signs or row scales are for another model."""
     check_mask(signs, merged)
     check_row_scales(row_scales, merged)
-    read = {}
+    deltas = {}
     for name, delta in merged.items():
         signed = torch.where(signs[name], delta.abs(), -delta.abs())
-        read[name] = (_rows(signed) * row_scales[name][:, None]).reshape(delta.shape)
-    return read
+        deltas[name] = (_rows(signed) * row_scales[name][:, None]).reshape(delta.shape)
+    return deltas
 
 
 def _rows(delta: torch.Tensor) -> torch.Tensor:

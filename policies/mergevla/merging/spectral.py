@@ -1,6 +1,7 @@
 """Operators that treat a weight matrix as a whole: TSV, KnOTS, WUDI.
 
 Each takes the experts' task vectors and returns tau_merge in fp32, before alpha. Decompositions are in float64.
+Options out of range raise OutOfRange.
 """
 
 from __future__ import annotations
@@ -11,12 +12,7 @@ import torch
 
 from robogauntlet.policies.mergevla.merging.elementwise import elect_and_sum
 from robogauntlet.policies.mergevla.merging.errors import OutOfRange, check_range
-from robogauntlet.policies.mergevla.merging.task_vectors import (
-    TaskVectors,
-    names_of,
-    order_free_sum,
-    stack,
-)
+from robogauntlet.policies.mergevla.merging.task_vectors import TaskVectors, names_of, order_free_sum, stack
 
 
 def _is_matrix(deltas: torch.Tensor) -> bool:
@@ -72,13 +68,8 @@ def knots(
     TIES. MergeVLA's code sums them, and U S sum_m V_m^T = sum_m tau_m is task arithmetic except for the cut-off.
     Weights that are not matrices are merged unchanged, together with the rest.
 
-    Args:
-        task_vectors: The experts' task vectors.
-        aligned: How the aligned parts are merged: `ties` (published) or `sum` (MergeVLA's code).
-        cutoff: Largest singular value (absolute) that is left out; at least 0.
-
-    Raises:
-        OutOfRange: `aligned` or `cutoff` is none of these.
+    `aligned` is how the aligned parts are merged: `ties` (published) or `sum` (MergeVLA's code). `cutoff`, at least 0,
+    is the largest singular value (absolute) that is left out.
     """
     check_range("cutoff", cutoff, 0, float("inf"), closed="[)")
     if aligned not in ("ties", "sum"):
@@ -108,15 +99,8 @@ def wudi(task_vectors: TaskVectors, *, steps: int = 300, learning_rate: float = 
 
     For each matrix, starting at the sum, Adam minimises sum_m ||(tau - tau_m) tau_m^T||_F^2 / ||tau_m||_F^2. Its
     gradient is 2 sum_m (tau - tau_m) G_m with G_m = tau_m^T tau_m / ||tau_m||_F^2. Experts that did not change the
-    matrix are left out. Weights that are not matrices are averaged.
-
-    Args:
-        task_vectors: The experts' task vectors.
-        steps: Adam's number of steps, at least 0.
-        learning_rate: Adam's learning rate, greater than 0.
-
-    Raises:
-        OutOfRange: `steps` or `learning_rate` is none of these.
+    matrix are left out. Weights that are not matrices are averaged. `steps`, at least 0, and `learning_rate`, greater
+    than 0, are Adam's.
     """
     check_range("steps", steps, 0, float("inf"), closed="[)", whole=True)
     check_range("learning_rate", learning_rate, 0, float("inf"))

@@ -18,7 +18,7 @@ TaskVectors = Mapping[str, TaskVector]
 
 
 def difference(ours: Weights, theirs: Weights) -> str | None:
-    """The first thing in which two sets of weights differ in name or shape, in words, or None."""
+    """Describe the first difference in names or shapes between two sets of weights; None if there is none."""
     for name in sorted(ours.keys() | theirs.keys()):
         if name not in theirs:
             return f"weight {name} is missing"
@@ -30,11 +30,7 @@ def difference(ours: Weights, theirs: Weights) -> str | None:
 
 
 def check_task_vectors(task_vectors: TaskVectors) -> None:
-    """Refuse task vectors that cannot be merged.
-
-    Raises:
-        ExpertsDiffer: There is no expert; names or shapes differ; a tensor is not fp32, or holds NaN or infinity.
-    """
+    """Raise ExpertsDiffer without experts, if names or shapes differ, or a tensor is not fp32 or not finite."""
     if not task_vectors:
         raise ExpertsDiffer("expected at least one expert to merge, got none")
     first, reference = next(iter(task_vectors.items()))
@@ -51,11 +47,8 @@ def check_task_vectors(task_vectors: TaskVectors) -> None:
 def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
     """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32.
 
-    Differences of weights that were rounded to bf16 lose the small deltas; take
-    `robogauntlet.policies.mergevla.network.lora.lora_deltas` where LoRA did the tuning.
-
-    Raises:
-        ExpertsDiffer: Names or shapes differ.
+    Raises ExpertsDiffer if names or shapes differ. Differences of weights that were rounded to bf16 lose small deltas:
+    use `robogauntlet.policies.mergevla.network.lora.lora_deltas` for weights that were tuned by LoRA.
     """
     if problem := difference(base, tuned):
         raise ExpertsDiffer(f"the fine-tuned weights do not fit the base: {problem}")
@@ -63,14 +56,7 @@ def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
 
 
 def check_same_base(hashes: Mapping[str, str]) -> None:
-    """Refuse experts of different bases.
-
-    Args:
-        hashes: Expert name to the hash of the base that it was fine-tuned from.
-
-    Raises:
-        DifferentBases: They are not all equal.
-    """
+    """Raise DifferentBases unless all experts (name to hash of its base) were fine-tuned from one base."""
     first, expected = next(iter(hashes.items()), ("", ""))
     for expert, found in hashes.items():
         if found != expected:
@@ -78,19 +64,19 @@ def check_same_base(hashes: Mapping[str, str]) -> None:
 
 
 def stack(task_vectors: TaskVectors, name: str) -> torch.Tensor:
-    """All experts' deltas of one weight, shape (experts, *shape)."""
+    """Return all experts' deltas of one weight, shape (experts, *shape)."""
     return torch.stack([vector[name] for vector in task_vectors.values()])
 
 
 def names_of(task_vectors: TaskVectors) -> tuple[str, ...]:
-    """The weights' names, sorted."""
+    """Return the weights' names, sorted."""
     return tuple(sorted(next(iter(task_vectors.values()))))
 
 
 def order_free_sum(values: torch.Tensor) -> torch.Tensor:
-    """Sum over the first axis in float64, the same to the last bit in whatever order the experts come.
+    """Sum over the first axis in float64, bit-identical for any order of the experts.
 
-    Sorting first costs little and makes sign elections, which turn on the last bit, repeatable.
+    Sorting first costs little and makes sign elections, which depend on the last bit, repeatable.
     """
     return values.sort(dim=0).values.to(torch.float64).sum(dim=0)
 

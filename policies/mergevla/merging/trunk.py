@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import torch
 
@@ -19,16 +18,6 @@ from robogauntlet.policies.mergevla.merging.task_vectors import Weights, check_t
 BLOCKS = re.compile(r"action_expert\.blocks\.(\d+)\.")
 OUTPUT = "action_expert.output"
 """The action expert's last LayerNorm and its output projection, not a block's own output projection."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrunkSplit:
-    """The weights of an action expert in two parts."""
-
-    shared: Weights
-    """Everything before the last k blocks, which is merged."""
-    kept: Weights
-    """The last k blocks and the output: one set for each task."""
 
 
 def block_of(name: str) -> int | None:
@@ -42,16 +31,13 @@ def depth_of(names: Iterable[str]) -> int:
     return 1 + max((index for name in names if (index := block_of(name)) is not None), default=-1)
 
 
-def split_trunk(weights: Weights, k: int, *, merge_output: bool = False) -> TrunkSplit:
-    """Split off the last k blocks. No tensor is copied.
+def split_trunk(weights: Weights, k: int, *, merge_output: bool = False) -> tuple[Weights, Weights]:
+    """Split weights into the trunk, which is merged, and the last k blocks and the output, which each task keeps.
 
     Args:
-        weights: Weights of the action expert, action queries and proprioception.
-        k: Number of blocks to keep per task, from 0 to all of them.
+        weights: Weights of the action expert, action queries and proprioception. No tensor is copied.
+        k: Number of blocks to keep per task, from 0 to all of them; OutOfRange otherwise.
         merge_output: Whether the output layer belongs to the trunk; otherwise each task keeps it, for any k.
-
-    Raises:
-        OutOfRange: k is not a whole number from 0 to the number of blocks.
     """
     depth = depth_of(weights)
     check_kept_blocks(k, depth)
@@ -61,7 +47,7 @@ def split_trunk(weights: Weights, k: int, *, merge_output: bool = False) -> Trun
         index = block_of(name)
         is_own = index >= depth - k if index is not None else name.startswith(OUTPUT) and not merge_output
         (kept if is_own else shared)[name] = weight
-    return TrunkSplit(shared, kept)
+    return shared, kept
 
 
 def check_kept_blocks(k: int, depth: int) -> None:
@@ -72,8 +58,7 @@ def check_kept_blocks(k: int, depth: int) -> None:
 def mean_trunk(trunks: Mapping[str, Weights]) -> dict[str, torch.Tensor]:
     """Return the uniform mean of the trunks (expert name to weights), in fp32: the paper's rule for any initialisation.
 
-    Raises:
-        ExpertsDiffer: Names or shapes differ, or a weight is not finite.
+    Raises ExpertsDiffer if names or shapes differ, or a weight is not finite.
     """
     converted = {expert: {name: w.to(torch.float32) for name, w in trunk.items()} for expert, trunk in trunks.items()}
     check_task_vectors(converted)

@@ -1,4 +1,4 @@
-"""The action expert: cross-attention from a chunk's steps to the hidden states of every decoder layer (section 1.3)."""
+"""The action expert: cross-attention from a chunk's steps to the hidden states of every decoder layer."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from robogauntlet.policies.mergevla.network.config import Architecture
 NOISE_STD = 0.02
 ROPE_BASE = 10000.0
 STEP_BASE = 100.0
-"""Longest wavelength of the steps' code over 2 pi: chunks are short, so most of the code varies from step to step."""
+"""Longest wavelength of the step encoding over 2 pi: chunks are short, so most of it varies from step to step."""
 
 
 def rotate(states: Tensor, *, interleaved: bool = False) -> Tensor:
-    """Rotary position embedding (arXiv 2104.09864) of (..., n, dim) at positions 0 .. n - 1.
+    """Apply rotary position embedding (arXiv 2104.09864) to (..., n, dim) at positions 0 .. n - 1.
 
     Angles and pairs are both half-split: number i is paired with number i + dim / 2. With `interleaved`, the pairs are
-    neighbours while the angles stay half-split, as in the paper's code; that is no rotation.
+    neighbours but the angles stay half-split, as in the paper's code; this is not a rotation.
     """
     count, dim = states.shape[-2:]
     frequencies = ROPE_BASE ** (-torch.arange(0, dim, 2, device=states.device, dtype=torch.float32) / dim)
@@ -35,8 +35,8 @@ def rotate(states: Tensor, *, interleaved: bool = False) -> Tensor:
     return states * angles.cos().to(states.dtype) + turned * angles.sin().to(states.dtype)
 
 
-def step_code(steps: int, width: int) -> Tensor:
-    """Sinusoidal code of a chunk's steps (arXiv 1706.03762), shape (steps, width)."""
+def step_encoding(steps: int, width: int) -> Tensor:
+    """Return the sinusoidal encoding of a chunk's steps (arXiv 1706.03762), shape (steps, width)."""
     frequencies = STEP_BASE ** (-torch.arange(0, width, 2, dtype=torch.float32) / width)
     angles = torch.arange(steps, dtype=torch.float32)[:, None] * frequencies
     return torch.stack([angles.sin(), angles.cos()], dim=-1).flatten(1)[:, :width]
@@ -61,15 +61,12 @@ class Block(nn.Module):
         self.feed_forward = nn.Linear(width, width)
 
     def forward(self, steps: Tensor, action: Tensor, task: Tensor) -> Tensor:
-        """One block.
+        """Return the chunk's next tokens, shape (B, chunk, width).
 
         Args:
             steps: The chunk's tokens x, shape (B, chunk, width).
             action: h_A with the proprioception's token appended, shape (B, queries + 1, width).
             task: h_T, shape (B, patches, width).
-
-        Returns:
-            The chunk's next tokens, shape (B, chunk, width).
         """
         gate = torch.tanh(self.gate) if self.options.gates_by_tanh else torch.sigmoid(self.gate)
         query = self._rotated(self.q_adapter, steps)
@@ -110,14 +107,11 @@ class ActionExpert(nn.Module):
         self.output = nn.Linear(width, architecture.action_dim)
 
     def forward(self, hidden: HiddenStates, proprioception: Tensor) -> Tensor:
-        """Act.
+        """Return the normalised action chunk, shape (B, chunk, action_dim).
 
         Args:
             hidden: The backbone's hidden states; block i (from 1) reads index i.
             proprioception: The proprioception's token p, shape (B, width).
-
-        Returns:
-            The normalised action chunk, shape (B, chunk, action_dim).
         """
         steps = functional.relu(self.input(self.input_norm(self._initial_tokens(proprioception))))
         for block, action, task in zip(self.blocks, hidden.action[1:], hidden.task[1:], strict=True):
@@ -125,8 +119,8 @@ class ActionExpert(nn.Module):
         return self.output(self.output_norm(steps))
 
     def _initial_tokens(self, like: Tensor) -> Tensor:
-        """Tokens before the first layer, shape (B, chunk, action_dim * width), without parameters."""
+        """Return the tokens before the first layer, shape (B, chunk, action_dim * width). They have no parameters."""
         shape = (like.shape[0], self.architecture.chunk_length, self.input.in_features)
         if not self.architecture.quirks.training_noise:
-            return step_code(*shape[1:]).to(like).expand(shape)
+            return step_encoding(*shape[1:]).to(like).expand(shape)
         return torch.randn(shape).to(like) * NOISE_STD if self.training else torch.zeros(shape).to(like)

@@ -1,4 +1,4 @@
-"""The vision-language model: vision features, projector and a Qwen2 decoder whose every layer can be read."""
+"""The vision-language model: vision features, a projector, and a Qwen2 decoder that returns every layer."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 @dataclass(frozen=True)
 class HiddenStates:
-    """What the action expert and a router read: per layer, index 0 the embeddings, the last after the final norm."""
+    """Input of the action expert and of routers: one tensor per layer, first the embeddings, last after the norm."""
 
     task: tuple[Tensor, ...]
-    """h_T, the positions of the patches, each of shape (B, patches, width)."""
+    """h_T, at the positions of the patches, each of shape (B, patches, width)."""
     action: tuple[Tensor, ...]
-    """h_A, the positions of the action queries, each of shape (B, queries, width)."""
+    """h_A, at the positions of the action queries, each of shape (B, queries, width)."""
 
 
 @dataclass(frozen=True)
 class Pretrained:
-    """Where pretrained weights come from, each a local folder or a hub id. Only safetensors are read."""
+    """Sources of pretrained weights, each a local folder or a hub id. Only safetensors are read."""
 
     language: str = "Qwen/Qwen2.5-0.5B"
     dinov2: str = "facebook/dinov2-with-registers-large"
@@ -80,7 +80,7 @@ class DualTowers(nn.Module):
 
 
 class Backbone(nn.Module):
-    """Images, prompt and action queries in one sequence; the hidden states of every layer out."""
+    """Decodes images, prompt and action queries as one sequence into the hidden states of every layer."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -91,19 +91,19 @@ class Backbone(nn.Module):
             if isinstance(vision, ConvStem)
             else DualTowers(vision)
         )
-        self.projector = _projector((vision.width, *architecture.projector, architecture.width))
+        layers: list[nn.Module] = []
+        for before, after in pairwise((vision.width, *architecture.projector, architecture.width)):
+            layers += [nn.Linear(before, after), nn.GELU()]
+        self.projector = nn.Sequential(*layers[:-1])
         self.language = Qwen2Model(_qwen_config(architecture.language))
 
     def forward(self, images: Tensor, prompts: Prompts, queries: Tensor) -> HiddenStates:
-        """Read the scene.
+        """Compute the hidden states.
 
         Args:
-            images: Shape (B, cameras, 3, H, W), in [0, 1].
+            images: Shape (B, cameras, 3, H, W), in [0, 1]; PolicyError for another shape than the architecture's.
             prompts: The instructions, batch B.
             queries: The action queries, shape (queries, width).
-
-        Raises:
-            PolicyError: The images' shape is not the architecture's.
         """
         architecture, quirks = self.architecture, self.architecture.quirks
         size = architecture.image_size
@@ -113,12 +113,12 @@ class Backbone(nn.Module):
         patches = self.projector(self.vision(images))
         words = self.language.embed_tokens(prompts.ids)
         batch, count = patches.shape[:2]
-        seen = torch.ones(batch, count, dtype=torch.bool, device=patches.device)
-        asked = torch.ones(batch, len(queries), dtype=torch.bool, device=patches.device)
+        all_patches = prompts.present.new_ones(batch, count)
+        all_queries = prompts.present.new_ones(batch, len(queries))
         # The paper's order is prompt start, patches, prompt; the repaired one has the whole prompt before the patches.
         ahead = 1 if quirks.language_blind else words.shape[1]
         sequence = torch.cat([words[:, :ahead], patches, words[:, ahead:], queries.expand(batch, -1, -1)], dim=1)
-        present = torch.cat([prompts.present[:, :ahead], seen, prompts.present[:, ahead:], asked], dim=1)
+        present = torch.cat([prompts.present[:, :ahead], all_patches, prompts.present[:, ahead:], all_queries], dim=1)
         layers = self._decode(sequence, present)
         shift = 1 if quirks.shifted_slices else 0
         first, last = ahead - shift, sequence.shape[1] - shift
@@ -128,7 +128,7 @@ class Backbone(nn.Module):
         )
 
     def _decode(self, sequence: Tensor, present: Tensor) -> list[Tensor]:
-        """Hidden states of all layers. Positions count present tokens only, so padding leaves no trace."""
+        """Return the hidden states of all layers. Positions count present tokens only, so padding has no effect."""
         language, length = self.language, sequence.shape[1]
         positions = (present.long().cumsum(1) - 1).clamp(min=0)
         allowed = present[:, None, None, :]
@@ -144,10 +144,9 @@ class Backbone(nn.Module):
 
 
 def load_pretrained(backbone: Backbone, source: Pretrained) -> None:
-    """Fill the decoder, and the towers if there are any, with pretrained weights. The projector is not among them.
+    """Fill the decoder, and the towers if there are any, with pretrained weights; not the projector.
 
-    Raises:
-        PolicyError: Weights that cannot be read as safetensors, or that are of another architecture.
+    Raises PolicyError for weights that cannot be read as safetensors, or are of another architecture.
     """
     _fill(backbone.language, Qwen2Model, source.language)
     if isinstance(backbone.vision, DualTowers):
@@ -160,12 +159,12 @@ def _fill(module: nn.Module, kind: Callable[..., Any], source: str) -> None:
         weights = kind.from_pretrained(source, use_safetensors=True).state_dict()  # type: ignore[attr-defined]
     except (OSError, ValueError, RuntimeError) as error:
         raise PolicyError(f"expected pretrained safetensors at '{source}', got: {first_line(error)}") from None
-    own = module.state_dict()
-    for name, tensor in own.items():
+    state = module.state_dict()
+    for name, tensor in state.items():
         if name not in weights or weights[name].shape != tensor.shape:
             shape = tuple(weights[name].shape) if name in weights else "nothing"
             raise PolicyError(f"{source}: expected {name} of shape {tuple(tensor.shape)}, got {shape}")
-    module.load_state_dict({name: weights[name] for name in own})
+    module.load_state_dict({name: weights[name] for name in state})
 
 
 def _stem(config: ConvStem) -> nn.Sequential:
@@ -173,13 +172,6 @@ def _stem(config: ConvStem) -> nn.Sequential:
     for before, after in pairwise((3, *config.channels)):
         layers += [nn.Conv2d(before, after, 3, stride=2, padding=1), nn.GroupNorm(config.groups, after), nn.GELU()]
     return nn.Sequential(*layers)
-
-
-def _projector(widths: tuple[int, ...]) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for before, after in pairwise(widths):
-        layers += [nn.Linear(before, after), nn.GELU()]
-    return nn.Sequential(*layers[:-1])
 
 
 def _qwen_config(config: LanguageModel) -> Qwen2Config:

@@ -1,4 +1,4 @@
-"""What a MergeVLA network is made of (arXiv 2511.18810). Frozen values; no torch."""
+"""Architectures of MergeVLA networks (arXiv 2511.18810). Frozen values; no torch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robogauntlet.suites.episode import CAMERAS
 
 
 class ArchitectureError(PolicyError):
-    """An architecture that cannot be built, or that is not the one expected."""
+    """An architecture that cannot be built."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -24,8 +24,8 @@ class ConvStem:
 
     channels: tuple[int, ...] = (16, 32, 64, 128)
     groups: int = 4
-    """Groups of channels that are normalised together after each convolution (arXiv 1803.08494). Without, training from
-    nothing is slower: a held-out L1 of .122 instead of .103 after 450 steps on PandaPickAndPlace."""
+    """Groups of channels that are normalised together after each convolution (arXiv 1803.08494). Without them, training
+    from scratch is slower: a held-out L1 of .122 instead of .103 after 450 steps on PandaPickAndPlace."""
     kind: Literal["ConvStem"] = "ConvStem"
 
     def __post_init__(self) -> None:
@@ -78,7 +78,7 @@ class Towers:
 
 @dataclass(frozen=True, config=STRICT)
 class LanguageModel:
-    """A Qwen2 decoder, its sizes as transformers names them."""
+    """Sizes of a Qwen2 decoder."""
 
     width: int
     layers: int
@@ -88,8 +88,8 @@ class LanguageModel:
     vocabulary: int
     rope_theta: float = 1e6
     bidirectional: bool = False
-    """Attend to the whole sequence instead of what came before. For decoders that are trained from nothing here: a
-    pretrained one knows causal attention only."""
+    """Attend to the whole sequence, not only to earlier tokens. For decoders that are trained from scratch; a
+    pretrained one was trained with causal attention."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -101,7 +101,7 @@ class ExpertConfig:
     """VLA-Adapter's block, the paper's negative control: the chunk's steps attend to each other too, one query
     projection serves all keys, and the gate is a tanh."""
     tanh_gate: bool | None = None
-    """Gate by tanh instead of sigmoid; None for what the variant has, so that each change can be studied alone."""
+    """Gate by tanh instead of sigmoid; None for the variant's own, so that each change can be studied separately."""
 
     @property
     def gates_by_tanh(self) -> bool:
@@ -111,22 +111,22 @@ class ExpertConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class PaperCodeQuirks:
-    """Oddities of the paper's released code, each to be switched on alone. All False is the repaired network."""
+    """Errors of the paper's released code, each with its own switch. All False is the repaired network."""
 
     interleaved_rope: bool = False
-    """Rotate neighbouring pairs by angles laid out for half-split pairs, which is no rotation."""
+    """Combine neighbouring pairs with angles laid out for half-split pairs, which is not a rotation."""
     ffn_without_skip: bool = False
     """No skip connection around a block's feed-forward layer."""
     training_noise: bool = False
-    """Initial action tokens are zeros, with N(0, 0.02) noise in training only, instead of a code of their step."""
+    """Initial action tokens are zeros, with N(0, 0.02) noise in training only, instead of a step encoding."""
     shifted_slices: bool = False
-    """Read the hidden states of patches and action queries one position too early."""
+    """Take the hidden states of patches and action queries one position too early."""
     language_blind: bool = False
-    """Put the instruction behind the images under causal attention, so that no patch ever sees it."""
+    """Put the instruction after the images under causal attention, so that no patch attends to it."""
 
     @classmethod
     def paper(cls) -> PaperCodeQuirks:
-        """All of them: the network as released."""
+        """Return the network as released, with all of them."""
         return cls(**{quirk.name: True for quirk in fields(cls)})
 
 
@@ -182,14 +182,14 @@ class Architecture(Stored):
 
 @dataclass(frozen=True, config=STRICT)
 class LoraSettings(Stored):
-    """Which adapters the backbone carries."""
+    """The backbone's adapters."""
 
     what: ClassVar = "LoRA settings"
     refusal: ClassVar = ArchitectureError
 
     rank: StrictInt = 32
     convolutions: bool = False
-    """Adapt convolutions too, not only linear layers."""
+    """Adapt convolutions in addition to linear layers."""
 
     def __post_init__(self) -> None:
         if self.rank < 1:
@@ -214,8 +214,8 @@ TINY = Architecture(
     tokenizer="words",
     prompt_tokens=16,
 )
-"""Trained here from nothing, on a CPU: 1.94 M parameters. Five strides leave 9 patches per camera: with 36 a step of
-training takes twice as long."""
+"""Trained from scratch on a CPU: 1.94 M parameters. Five strides leave 9 patches per camera: with 36, a training step
+takes twice as long."""
 
 QWEN = Architecture(
     name="qwen2.5-0.5b",
@@ -228,7 +228,7 @@ QWEN = Architecture(
     tokenizer="Qwen/Qwen2.5-0.5B",
     prompt_tokens=64,
 )
-"""The paper's: Qwen2.5-0.5B with DINOv2-L/14-reg4 and SigLIP-so400m/14."""
+"""The paper's architecture: Qwen2.5-0.5B with DINOv2-L/14-reg4 and SigLIP-so400m/14."""
 
 SIZES = {architecture.name: architecture for architecture in (TINY, QWEN)}
 """Architectures by name."""

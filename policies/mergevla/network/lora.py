@@ -1,4 +1,4 @@
-"""Low-rank adapters on the backbone (arXiv 2106.09685, through `peft`), and what they add to each weight."""
+"""Low-rank adapters on the backbone (arXiv 2106.09685, through `peft`), and their deltas to the weights."""
 
 from __future__ import annotations
 
@@ -35,18 +35,16 @@ class Factors:
     """Shape of the weight."""
 
     def delta(self) -> Tensor:
-        """What it adds, in fp32: differences of rounded weights would lose small entries."""
+        """Return scale * B A in fp32: differences of rounded weights would lose small entries."""
         a, b = self.a.detach().float().flatten(1), self.b.detach().float().flatten(1)
         return (self.scale * (b @ a)).reshape(self.shape)
 
 
 def add_lora(model: MergeVLA, settings: LoraSettings, seed: int) -> None:
-    """Freeze the backbone and put adapters on its layers; all else stays trainable.
+    """Freeze the backbone and add adapters to its layers; all other weights stay trainable.
 
-    A is drawn from a Gaussian that depends on `seed` alone, B is zero: the network computes what it did before.
-
-    Raises:
-        LoraError: There are adapters already, or the rank is larger than the network is wide.
+    A is drawn from a Gaussian that depends on `seed` alone, B is zero: the network computes the same as before. Raises
+    LoraError if there are adapters already, or the rank exceeds the network's width.
     """
     if has_lora(model):
         raise LoraError("expected a model without LoRA, got one that has it: fold it first")
@@ -67,33 +65,33 @@ def add_lora(model: MergeVLA, settings: LoraSettings, seed: int) -> None:
 
 
 def has_lora(model: MergeVLA) -> bool:
-    """Whether there are adapters."""
+    """Return whether the backbone has adapters."""
     return any(isinstance(module, LoraLayer) for module in model.backbone.modules())
 
 
 def lora_factors(model: MergeVLA) -> dict[str, Factors]:
-    """Name of the weight in the plain network to its adapter."""
-    found = {}
+    """Return the adapters by the names of their weights in the plain network."""
+    factors = {}
     for name, module in model.backbone.named_modules():
         if isinstance(module, LoraLayer):
             a, b = module.lora_A[ADAPTER].weight, module.lora_B[ADAPTER].weight
             shape = module.get_base_layer().weight.shape
-            found[f"{BACKBONE}{name}.weight"] = Factors(a, b, module.scaling[ADAPTER], shape)
-    return found
+            factors[f"{BACKBONE}{name}.weight"] = Factors(a, b, module.scaling[ADAPTER], shape)
+    return factors
 
 
 def lora_deltas(model: MergeVLA) -> dict[str, Tensor]:
-    """Name of the weight in the plain network to what its adapter adds, in fp32: the task vector of the backbone."""
+    """Return the adapters' deltas by weight, in fp32: the task vector of the backbone."""
     return {name: factors.delta() for name, factors in lora_factors(model).items()}
 
 
 def plain_name(name: str) -> str:
-    """A weight's name in the network without adapters; factors are named `<layer>.lora_A` and `<layer>.lora_B`."""
+    """Return a weight's name in the plain network; factors are named `<layer>.lora_A` and `<layer>.lora_B`."""
     return re.sub(rf"(\.lora_[AB])\.{ADAPTER}\.weight$", r"\1", name).replace(".base_layer.", ".")
 
 
 def folded(model: MergeVLA) -> MergeVLA:
-    """A copy without adapters that computes the same: each weight is W + scale * B A, summed in fp32."""
+    """Return a copy without adapters that computes the same: each weight is W + scale * B A, summed in fp32."""
     weights = {plain_name(name): tensor for name, tensor in model.state_dict().items() if ".lora_" not in name}
     for name, delta in lora_deltas(model).items():
         weights[name] = (weights[name].float() + delta).to(weights[name].dtype)

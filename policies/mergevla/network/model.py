@@ -36,27 +36,21 @@ class MergeVLA(nn.Module):
         self.action_expert = ActionExpert(architecture)
 
     def forward(self, images: Tensor, prompts: Prompts, proprioception: Tensor) -> Tensor:
-        """From what is seen to what to do.
+        """Return the normalised action chunk, shape (B, chunk, 7).
 
         Args:
-            images: Shape (B, cameras, 3, H, W), in [0, 1].
+            images: Shape (B, cameras, 3, H, W), in [0, 1]; PolicyError for another shape than the architecture's.
             prompts: The instructions, batch B.
             proprioception: Normalised to [-1, 1], shape (B, 8).
-
-        Returns:
-            The normalised action chunk, shape (B, chunk, 7).
-
-        Raises:
-            PolicyError: A shape is not the architecture's.
         """
         return self.act(self.hidden_states(images, prompts), proprioception)
 
     def hidden_states(self, images: Tensor, prompts: Prompts) -> HiddenStates:
-        """The backbone's half of `forward`: (h_T, h_A) of every layer, all that a router needs."""
+        """Compute the backbone's part of `forward`: (h_T, h_A) of every layer, the input of a router."""
         return self.backbone(images, prompts, self.action_queries)
 
     def act(self, hidden: HiddenStates, proprioception: Tensor) -> Tensor:
-        """The action expert's half of `forward`."""
+        """Compute the action expert's part of `forward`."""
         expected = self.architecture.proprioception_dim
         if proprioception.ndim != 2 or proprioception.shape[1] != expected:
             raise PolicyError(f"expected proprioception of shape (B, {expected}), got {tuple(proprioception.shape)}")
@@ -64,12 +58,12 @@ class MergeVLA(nn.Module):
 
 
 def build(architecture: Architecture, seed: int) -> MergeVLA:
-    """The network with random weights that depend on `seed` alone; the global generator is left as it was."""
+    """Return a network with random weights that depend on `seed` alone; the global generator is unchanged."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return MergeVLA(architecture)
 
 
 def count(*modules: nn.Module) -> int:
-    """Parameters of modules."""
+    """Return the number of parameters of modules."""
     return sum(parameter.numel() for module in modules for parameter in module.parameters())

@@ -1,6 +1,6 @@
-"""Actions and proprioception on a common scale: the training data's 1 % and 99 % quantiles become -1 and +1.
+"""Normalisation of actions and proprioception: the training data's 1 % and 99 % quantiles become -1 and +1.
 
-So the paper does it, number by number; here ranges of actions too small to matter are widened first.
+As in the paper, each number has its own range; in addition, very small ranges of actions are widened first.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.stored import STRICT, Stored
 
 GRIPPER = 6
-"""Index of the gripper in an action. It is -1 .. +1 already, and has two values only, so quantiles say nothing."""
+"""Index of the gripper in an action. It is -1 .. +1 already and has only two values, so quantiles are not used."""
 SMALLEST_RANGE = 1e-6
 """A number that varies by less (m, rad) is constant: it is normalised to 0."""
 
 LEAST_SPAN = (*(0.01,) * 3, *(0.1,) * 3, 0.0)
-"""Range of each number of an action (m, rad, gripper) below which q01 and q99 are moved apart. Where a task hardly
-turns, per-number quantiles would blow the oracle's corrections of a hundredth of a radian up to the size of whole
-motions, and the loss would be about them."""
+"""Smallest range of each number of an action (m, rad, gripper); smaller ones are widened. In a task without rotations,
+quantiles would scale the oracle's corrections of a hundredth of a radian up to the size of whole motions, which would
+then dominate the loss."""
 
 
 class StatisticsError(PolicyError):
-    """Statistics that cannot be used."""
+    """Invalid or missing normalisation statistics."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -49,11 +49,7 @@ class Quantiles:
 
     @classmethod
     def of(cls, samples: ArrayLike) -> Quantiles:
-        """The quantiles of samples, shape (n, dim).
-
-        Raises:
-            StatisticsError: There are none, or they are not finite.
-        """
+        """Return the quantiles of samples (n, dim). Raises StatisticsError without samples, or if one is not finite."""
         values = np.asarray(samples, dtype=np.float64)
         if values.ndim != 2 or len(values) == 0:
             raise StatisticsError(f"expected samples of shape (n, dim) with n >= 1, got {values.shape}")
@@ -61,7 +57,7 @@ class Quantiles:
         return cls(tuple(low.tolist()), tuple(high.tolist()))
 
     def widened(self, least: Sequence[float]) -> Quantiles:
-        """Ranges of at least these spans, around the same centres; what is constant stays so."""
+        """Return ranges of at least these spans, around the same centres; constant numbers stay constant."""
         low, span = self._low_and_span()
         missing = np.where(span > SMALLEST_RANGE, np.maximum(np.array(least) - span, 0.0), 0.0)
         return Quantiles(tuple((low - missing / 2).tolist()), tuple((low + span + missing / 2).tolist()))
@@ -74,7 +70,7 @@ class Quantiles:
         return np.where(varies, np.clip(scaled, -1.0, 1.0), 0.0)
 
     def restore(self, values: ArrayLike) -> FloatArray:
-        """Map -1 .. +1 back to q01 .. q99, last axis by number. Without clipping: what is beyond stays beyond."""
+        """Map -1 .. +1 back to q01 .. q99, last axis by number, without clipping."""
         low, span = self._low_and_span()
         varies = span > SMALLEST_RANGE
         unit = (np.asarray(values, dtype=np.float64) + 1.0) / 2.0
@@ -87,15 +83,15 @@ class Quantiles:
 
 @dataclass(frozen=True, config=STRICT)
 class Statistics(Stored):
-    """What a policy must know about its training data to read proprioception and to write actions."""
+    """Statistics of one task's training data, by which proprioception and actions are normalised."""
 
     what: ClassVar = "normalisation statistics"
     refusal: ClassVar = StatisticsError
 
     action: Quantiles
-    """Of 7 numbers (m, rad, gripper), see `robogauntlet.adapters.contract`."""
+    """Ranges of 7 numbers (m, rad, gripper), see `robogauntlet.adapters.contract`."""
     proprioception: Quantiles
-    """Of 8 numbers (m, rad, m)."""
+    """Ranges of 8 numbers (m, rad, m)."""
 
     def __post_init__(self) -> None:
         for name, quantiles, dim in (
@@ -107,19 +103,17 @@ class Statistics(Stored):
 
     @classmethod
     def of(cls, actions: ArrayLike, proprioceptions: ArrayLike) -> Statistics:
-        """The statistics of a data set.
+        """Return the statistics of actions (n, 7) and proprioceptions (n, 8).
 
-        Args:
-            actions: Shape (n, 7).
-            proprioceptions: Shape (n, 8).
-
-        Raises:
-            StatisticsError: Other shapes, no samples, or samples that are not finite.
+        Raises StatisticsError for other shapes, no samples, or samples that are not finite.
         """
-        return cls(_actions(Quantiles.of(actions)), Quantiles.of(proprioceptions))
+        quantiles = Quantiles.of(actions)
+        if len(quantiles.q01) == ACTION_DIM:
+            quantiles = quantiles.widened(LEAST_SPAN)
+        return cls(quantiles, Quantiles.of(proprioceptions))
 
     def normalise_actions(self, actions: ArrayLike) -> FloatArray:
-        """Actions (..., 7) to [-1, 1]; the gripper is clipped only."""
+        """Map actions (..., 7) to [-1, 1]; the gripper is only clipped."""
         given = np.asarray(actions, dtype=np.float64)
         return self._with_gripper(self.action.normalise(given), given)
 
@@ -129,7 +123,7 @@ class Statistics(Stored):
         return self._with_gripper(self.action.restore(given), given)
 
     def normalise_proprioception(self, proprioception: ArrayLike) -> FloatArray:
-        """Proprioception (..., 8) to [-1, 1]."""
+        """Map proprioception (..., 8) to [-1, 1]."""
         return self.proprioception.normalise(proprioception)
 
     def _with_gripper(self, actions: FloatArray, given: FloatArray) -> FloatArray:
@@ -137,15 +131,12 @@ class Statistics(Stored):
         return actions
 
 
-def _actions(quantiles: Quantiles) -> Quantiles:
-    return quantiles.widened(LEAST_SPAN) if len(quantiles.q01) == ACTION_DIM else quantiles
-
-
 @dataclass(frozen=True, config=STRICT)
 class TaskStatistics(Stored):
-    """The statistics of several tasks, since a number may range over centimetres in one and over decimetres in another.
+    """Statistics by task: the same number may range over centimetres in one task and over decimetres in another.
 
-    Where there is one task only, its statistics serve any other too: an expert may be tried on what it did not learn.
+    Statistics of a single task are used for every task, so that an expert can be evaluated on tasks it was not trained
+    on.
     """
 
     what: ClassVar = "normalisation statistics by task"
@@ -164,11 +155,7 @@ class TaskStatistics(Stored):
         return tuple(self.by_task)
 
     def of(self, task: str) -> Statistics:
-        """The statistics for a task.
-
-        Raises:
-            StatisticsError: There are several tasks' statistics, and not this one's.
-        """
+        """Return the statistics for a task. Raises StatisticsError if there are several tasks', but not this one's."""
         if task in self.by_task:
             return self.by_task[task]
         if len(self.by_task) > 1:
@@ -176,7 +163,7 @@ class TaskStatistics(Stored):
         return next(iter(self.by_task.values()))
 
     def normalise_actions(self, tasks: Sequence[str], actions: ArrayLike) -> FloatArray:
-        """Actions (b, ..., 7) of b tasks to [-1, 1]."""
+        """Map actions (b, ..., 7) of b tasks to [-1, 1]."""
         return self._each(tasks, actions, Statistics.normalise_actions)
 
     def restore_actions(self, tasks: Sequence[str], normalised: ArrayLike) -> FloatArray:
@@ -184,7 +171,7 @@ class TaskStatistics(Stored):
         return self._each(tasks, normalised, Statistics.restore_actions)
 
     def normalise_proprioception(self, tasks: Sequence[str], proprioception: ArrayLike) -> FloatArray:
-        """Proprioception (b, 8) of b tasks to [-1, 1]."""
+        """Map proprioception (b, 8) of b tasks to [-1, 1]."""
         return self._each(tasks, proprioception, Statistics.normalise_proprioception)
 
     def _each(
@@ -200,7 +187,7 @@ class TaskStatistics(Stored):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, plain: Any) -> Any:
-        """In JSON the mapping stands alone."""
+        """Accept the mapping itself, as it is in JSON."""
         return {"by_task": plain} if isinstance(plain, Mapping) else plain
 
     @model_serializer

@@ -1,4 +1,4 @@
-"""Instructions as tokens, laid out so that padding never changes what the network computes."""
+"""Tokenizes instructions, with padding that does not change the network's result."""
 
 from __future__ import annotations
 
@@ -25,19 +25,18 @@ class PromptTooLong(PolicyError):
 
 @dataclass(frozen=True)
 class Prompts:
-    """A batch of prompts, padded between the first token and the rest.
+    """A batch of prompts, padded after the first token.
 
-    So the first token and the last one stand in fixed columns whatever the length, which the paper's order of the
-    sequence needs.
+    First and last token are thus in fixed columns for any length, which the paper's order of the sequence needs.
     """
 
     ids: Tensor
     """Token ids, shape (B, T)."""
     present: Tensor
-    """False where there is padding, shape (B, T)."""
+    """False for padding, shape (B, T)."""
 
     def to(self, device: torch.device) -> Prompts:
-        """The same on another device."""
+        """Return the same prompts on another device."""
         return Prompts(self.ids.to(device), self.present.to(device))
 
 
@@ -46,18 +45,14 @@ Tokenizer = Callable[[Sequence[str]], Prompts]
 
 
 def word_ids(instruction: str, vocabulary: int) -> list[int]:
-    """Ids of a start token and of the words, each word by a stable hash of its lower case."""
+    """Return the ids of a start token and of the words, each a stable hash of the word in lower case."""
     words = re.findall(r"[a-z0-9]+", instruction.lower())
     hashes = [int.from_bytes(hashlib.sha256(word.encode()).digest()[:4], "big") for word in words]
     return [START, *(RESERVED + value % (vocabulary - RESERVED) for value in hashes)]
 
 
 def tokenizer_for(architecture: Architecture) -> Tokenizer:
-    """The tokenizer that the architecture names. Chat prompts follow the paper's code.
-
-    Raises:
-        PolicyError: It cannot be loaded.
-    """
+    """Return the architecture's tokenizer. Chat prompts follow the paper's code. PolicyError if it cannot be loaded."""
     length = architecture.prompt_tokens
     if architecture.tokenizer == "words":
         return lambda instructions: _pad([word_ids(i, architecture.language.vocabulary) for i in instructions], length)
@@ -84,11 +79,7 @@ def _chat(pretrained: object, instruction: str) -> list[int]:
 
 
 def _pad(rows: Sequence[Sequence[int]], length: int) -> Prompts:
-    """Lay token ids out as `Prompts` describes.
-
-    Raises:
-        PromptTooLong: A row is longer than `length`.
-    """
+    """Pad token ids to `length` as `Prompts` describes. Raises PromptTooLong for a longer row."""
     ids = torch.full((len(rows), length), PADDING, dtype=torch.long)
     present = torch.zeros((len(rows), length), dtype=torch.bool)
     for index, row in enumerate(rows):

@@ -1,4 +1,4 @@
-"""Merged models that act: each query by the expert that the router chose for its episode."""
+"""The policy of a merged model: the router chooses the expert that acts in an episode."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedC
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointMetadata, locate
 from robogauntlet.policies.mergevla.merging.masks import lambdas_of
-from robogauntlet.policies.mergevla.merging.operators import find_operator
+from robogauntlet.policies.mergevla.merging.merge import find_operator
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.trunk import check_kept_blocks
 from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders
@@ -37,9 +37,9 @@ from robogauntlet.suites.episode import Episode
 
 
 class MergedPolicy:
-    """Acts by a merged model as the expert that the router chose from the episode's first observation.
+    """Acts as the expert of a merged model that the router chose from the episode's first observation.
 
-    The choice is kept until the episode ends. Takes one thread.
+    The choice is kept until the episode ends. Uses one thread.
     """
 
     def __init__(self, model: MergedModel, router: Router) -> None:
@@ -48,18 +48,17 @@ class MergedPolicy:
         self._model, self._router = model, router
         self._chosen: dict[str, str] = {}
         if router.passes(len(model.experts)):
-            # What is made at the first use only, such as networks and subspaces, would count as the first episode's
-            # latency.
-            router.route([_blank(model)], model)
+            # Networks and subspaces are built on first use, which would count as the first episode's latency.
+            size = model.architecture.image_size
+            images = torch.zeros(len(model.architecture.cameras), 3, size, size)
+            router.route([FirstObservation(images, "", np.zeros(PROPRIOCEPTION_DIM), "", model.experts[0])], model)
 
     @classmethod
     def of(cls, options: MergedOptions) -> MergedPolicy:
-        """The policy of a merged checkpoint, or of experts that are merged now.
+        """Load a merged checkpoint, or merge experts if the options have a recipe.
 
-        The options decide whether the router reads the instruction; the acting expert always does.
-
-        Raises:
-            PolicyError: A checkpoint cannot be used, or the router is unknown or was not fitted.
+        The options decide whether the router reads the instruction; the acting expert always does. Raises PolicyError
+        if a checkpoint cannot be used, or the router is unknown or was not fitted.
         """
         checkpoint = load_merged(options.checkpoint)
         router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
@@ -72,7 +71,7 @@ class MergedPolicy:
         return cls(MergedModel(parts, device=device_here()), router)
 
     def reset(self, episodes: Sequence[Episode]) -> None:
-        """Start these episodes: nothing is known of them."""
+        """Start these episodes without a choice."""
         self.finish(episodes)
 
     def finish(self, episodes: Sequence[Episode]) -> None:
@@ -81,9 +80,9 @@ class MergedPolicy:
             self._chosen.pop(episode.id, None)
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """A chunk for each query, and the routing with an episode's first.
+        """Return a chunk for each query, with the routing for the first of an episode.
 
-        An answer does not depend on what else is in its batch (within 1e-5).
+        An answer does not depend on the rest of its batch (within 1e-5).
         """
         observations = observed(queries)
         new = self._route(queries, stack_images(observations, self.spec.cameras) if observations else torch.empty(0))
@@ -92,7 +91,7 @@ class MergedPolicy:
         return [Decision(chunk, new.pop(query.episode.id, None)) for query, chunk in zip(queries, chunks, strict=True)]
 
     def _route(self, queries: Sequence[Query], images: Tensor) -> dict[str, Routing]:
-        """Choose for the episodes that are new; what was chosen, by episode."""
+        """Choose the expert of each new episode and return the routing by episode."""
         new: dict[str, FirstObservation] = {}
         for query, frames in zip(queries, images, strict=True):
             episode, observation = query.episode, query.observation
@@ -116,11 +115,10 @@ class MergedPolicy:
 
 
 def merged_spec(options: MergedOptions) -> PolicySpec:
-    """What a merged policy needs and produces, with everything checked but the merging itself.
+    """Return the spec of a merged policy, after checking everything except the merging itself.
 
-    Raises:
-        PolicyError: A checkpoint cannot be used, the router is unknown or was not fitted, or experts that are to be
-            merged now do not fit the recipe or the router.
+    Raises PolicyError if a checkpoint cannot be used, the router is unknown or was not fitted, or experts to be merged
+    do not fit the recipe or the router.
     """
     folder = locate(options.checkpoint)
     checkpoint = _checkpoint(folder, (folder / WEIGHTS).stat().st_mtime_ns if (folder / WEIGHTS).exists() else 0)
@@ -132,16 +130,12 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
 
 @lru_cache(maxsize=2)
 def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
-    """Suites name one checkpoint many times. Args: changed_ns: When, so that a newer one is read."""
+    """Load a checkpoint, which suites name many times; `changed_ns` is in the key so that a newer one is read."""
     return load_merged(folder)
 
 
 def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, checkpoint: MergedCheckpoint) -> None:
-    """Refuse a recipe that cannot be, and experts whose base a fitted router of the checkpoint does not know.
-
-    Raises:
-        PolicyError: It is one, or they are.
-    """
+    """Raise PolicyError for an invalid recipe, or experts of another base than the fitted router's."""
     find_operator(recipe.operator, recipe.options)
     check_kept_blocks(recipe.kept_blocks, checkpoint.metadata.architecture.language.layers)
     if recipe.masks is MaskRule.TASK:
@@ -154,9 +148,3 @@ def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, chec
                 f"router '{router}': expected experts of the base that it was fitted to, {expected[:16]}, "
                 f"got one of {base_hash[:16]} for {task}"
             )
-
-
-def _blank(model: MergedModel) -> FirstObservation:
-    architecture = model.architecture
-    images = torch.zeros(len(architecture.cameras), 3, architecture.image_size, architecture.image_size)
-    return FirstObservation(images, "", np.zeros(PROPRIOCEPTION_DIM), "", model.experts[0])

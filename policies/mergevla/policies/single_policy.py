@@ -1,4 +1,4 @@
-"""MergeVLA networks that act."""
+"""The policy of one MergeVLA network, or of one network per task."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def policy_spec(architecture: Architecture) -> PolicySpec:
-    """What a network of this architecture needs and produces."""
+    """Return the spec of a policy of this architecture."""
     return PolicySpec(
         PolicyInput.OBSERVATION,
         chunk_length=architecture.chunk_length,
@@ -50,11 +50,7 @@ def policy_spec(architecture: Architecture) -> PolicySpec:
 
 
 def stack_images(observations: Sequence[Observation], cameras: Sequence[str]) -> Tensor:
-    """The observations' images as (B, cameras, 3, H, W) in [0, 1], float32.
-
-    Raises:
-        PolicyError: Frames of several sizes.
-    """
+    """Return images as (B, cameras, 3, H, W) in [0, 1], float32. Raises PolicyError for images of several sizes."""
     frames = [observation.images[camera] for observation in observations for camera in cameras]
     sizes = sorted({frame.shape for frame in frames})
     if len(sizes) > 1:
@@ -64,11 +60,7 @@ def stack_images(observations: Sequence[Observation], cameras: Sequence[str]) ->
 
 
 def observed(queries: Sequence[Query]) -> list[Observation]:
-    """The queries' observations.
-
-    Raises:
-        PolicyError: A query has none.
-    """
+    """Return the queries' observations. Raises PolicyError if a query has none."""
     observations = [query.observation for query in queries if query.observation is not None]
     if len(observations) != len(queries):
         raise PolicyError("expected an observation in each query, got a query without one")
@@ -76,52 +68,39 @@ def observed(queries: Sequence[Query]) -> list[Observation]:
 
 
 def device_here() -> torch.device:
-    """Where networks run: on the GPU if there is one."""
+    """Return the device of networks: the GPU if there is one."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """A network and what it takes to ask it."""
+    """A network without adapters, the statistics of its training data, and its tokenizer."""
 
     model: MergeVLA
-    """Without adapters."""
     statistics: TaskStatistics
-    """Of its training data."""
     tokenizer: Tokenizer
-    """The architecture's."""
     action_steps: int | None = None
     """See `CheckpointMetadata.action_steps`."""
 
     @torch.inference_mode()
     def chunks(self, observations: Sequence[Observation], tasks: Sequence[str]) -> FloatArray:
-        """What to execute for each observation, by one forward pass, shape (B, n, 7), in the contract's units.
+        """Return the actions for B observations, by one forward pass, shape (B, n, 7), in the contract's units.
 
-        n is `action_steps`, or the chunk's length.
-
-        Args:
-            observations: What is seen.
-            tasks: Whose statistics to use, one for each observation.
-
-        Raises:
-            PolicyError: Observations that the network was not made for, or a task without statistics.
+        n is `action_steps`, or the chunk's length. `tasks` names the statistics for each observation. Raises
+        PolicyError for observations that do not fit the network, or a task without statistics.
         """
         device = next(self.model.parameters()).device
         images = stack_images(observations, self.model.architecture.cameras).to(device)
         prompts: Prompts = self.tokenizer([observation.instruction for observation in observations])
-        seen = np.stack([observation.proprioception for observation in observations])
-        normalised = self.statistics.normalise_proprioception(tasks, seen)
+        states = np.stack([observation.proprioception for observation in observations])
+        normalised = self.statistics.normalise_proprioception(tasks, states)
         proprioception = torch.from_numpy(normalised).float().to(device)
         chunks = self.model(images, prompts.to(device), proprioception)
         return self.statistics.restore_actions(tasks, chunks[:, : self.action_steps].double().cpu().numpy())
 
 
 def load_network(reference: str | Path, device: torch.device) -> Network:
-    """The network of a checkpoint, a folder or a hub id, in evaluation mode.
-
-    Raises:
-        PolicyError: It cannot be used.
-    """
+    """Load the network of a checkpoint, a folder or a hub id, in evaluation mode."""
     checkpoint = load_checkpoint(reference)
     model = folded(checkpoint.model) if has_lora(checkpoint.model) else checkpoint.model
     metadata, tokenizer = checkpoint.metadata, tokenizer_for(model.architecture)
@@ -131,13 +110,13 @@ def load_network(reference: str | Path, device: torch.device) -> Network:
 def chunks_by(
     observations: Sequence[Observation], tasks: Sequence[str], keys: Sequence[Key], network: Callable[[Key], Network]
 ) -> list[FloatArray]:
-    """An action chunk for each observation, in order; each network is asked in batches of its own.
+    """Return an action chunk for each observation, in order; each network is run in its own batches.
 
     Args:
-        observations: What is seen.
-        tasks: Whose statistics to use, one for each observation.
-        keys: Which network acts, one for each observation.
-        network: Gives the network of a key.
+        observations: Observations.
+        tasks: Task whose statistics are used, for each observation.
+        keys: Key of the network that acts, for each observation.
+        network: Returns the network of a key.
     """
     answers: dict[int, FloatArray] = {}
     for key in dict.fromkeys(keys):
@@ -150,13 +129,12 @@ def chunks_by(
 
 
 class MergeVLAPolicy(StatelessPolicy):
-    """Acts by one network, or by the network of the episode's task. Takes one thread, as one worker of many."""
+    """Acts by one network, or by the network of the episode's task. Uses one thread, as one worker of many."""
 
     def __init__(self, checkpoints: Path | Mapping[str, Path]) -> None:
-        """Args: checkpoints: folder of one for all tasks, or task to folder, read when its task first comes up.
+        """Take one checkpoint for all tasks, or a folder for each task, read when the task first occurs.
 
-        Raises:
-            PolicyError: A checkpoint cannot be used, or they do not need or produce the same.
+        Raises PolicyError if a checkpoint cannot be used, or if their specs differ.
         """
         torch.set_num_threads(1)
         self._checkpoints = checkpoints
@@ -173,12 +151,12 @@ class MergeVLAPolicy(StatelessPolicy):
                 raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
 
     def reset(self, episodes: Sequence[Episode]) -> None:
-        """Refuse episodes of a task that no checkpoint is for."""
+        """Refuse episodes of a task without a checkpoint."""
         for episode in episodes:
             self._checkpoint(episode.task)
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """A chunk for each query; an answer does not depend on what else is in its batch (within 1e-5)."""
+        """Return a chunk for each query; an answer does not depend on the rest of its batch (within 1e-5)."""
         observations, tasks = observed(queries), [query.episode.task for query in queries]
         folders = [self._checkpoint(task) for task in tasks]
         return [Decision(chunk) for chunk in chunks_by(observations, tasks, folders, self._network)]

@@ -30,26 +30,18 @@ def augmented(observations: Sequence[FirstObservation], *, sees_instruction: boo
     Therefore a random share of an observation's words is left out, and its images get other light and another frame
     (domain randomisation, J. Tobin et al., arXiv 1703.06907). The variants depend only on the episode's id.
 
-    Args:
-        observations: First observations.
-        sees_instruction: Whether the instruction is read; otherwise only images are altered.
-
     Returns:
-        Four per observation: itself, fewer words, other images, both; or two: itself, other images.
+        Four per observation: itself, fewer words, other images, both. If the instruction is not read, two: itself,
+        other images.
     """
     variants = []
     for observation in observations:
-        variants += _variants(observation, sees_instruction=sees_instruction)
+        generator = np.random.default_rng(int(content_hash({"varied": observation.episode_id}), 16))
+        for variant in (observation, replace(observation, images=_other_images(observation.images, generator))):
+            variants.append(variant)
+            if sees_instruction:
+                variants.append(replace(variant, instruction=_fewer_words(variant.instruction, generator)))
     return variants
-
-
-def _variants(observation: FirstObservation, *, sees_instruction: bool) -> list[FirstObservation]:
-    generator = np.random.default_rng(int(content_hash({"varied": observation.episode_id}), 16))
-    altered = replace(observation, images=_other_images(observation.images, generator))
-    if not sees_instruction:
-        return [observation, altered]
-    shorter = [replace(each, instruction=_fewer_words(each.instruction, generator)) for each in (observation, altered)]
-    return [observation, shorter[0], altered, shorter[1]]
 
 
 def _fewer_words(instruction: str, generator: np.random.Generator) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Routed, RoutingError, answer
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Routed, RoutingError, answer
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.plugins import did_you_mean
 
@@ -26,10 +27,10 @@ class RandomRouter(_WithoutPass):
 
     name = "random"
 
-    def route(self, observations: Sequence[FirstObservation], candidates: Candidates) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
         """Route each observation, in order."""
         return [
-            answer({expert: _uniform(observation.episode_id, expert) for expert in candidates.experts})
+            answer({expert: _uniform(observation.episode_id, expert) for expert in model.experts})
             for observation in observations
         ]
 
@@ -39,9 +40,9 @@ class InstructionMatchRouter(_WithoutPass):
 
     name = "instruction-match"
 
-    def route(self, observations: Sequence[FirstObservation], candidates: Candidates) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
         """Route each observation, in order; `unknown` is 1 minus the best score."""
-        known = {expert: _words(candidates.instructions[expert]) for expert in candidates.experts}
+        known = {expert: _words(model.instructions[expert]) for expert in model.experts}
         answers = []
         for observation in observations:
             words = _words(observation.instruction) if self.sees_instruction else frozenset()
@@ -55,20 +56,16 @@ class OracleRouter(_WithoutPass):
 
     name = "oracle"
 
-    def route(self, observations: Sequence[FirstObservation], candidates: Candidates) -> list[Routed]:
-        """Route each observation, in order.
-
-        Raises:
-            RoutingError: An observation's task has no expert.
-        """
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+        """Route each observation, in order. Raises RoutingError if its task has no expert."""
         for observation in observations:
-            if observation.task not in candidates.experts:
-                hint = did_you_mean(observation.task, candidates.experts)
+            if observation.task not in model.experts:
+                hint = did_you_mean(observation.task, model.experts)
                 raise RoutingError(
                     f"router 'oracle': expected a task that has an expert, got '{observation.task}'{hint}"
                 )
         return [
-            answer({expert: float(expert == observation.task) for expert in candidates.experts})
+            answer({expert: float(expert == observation.task) for expert in model.experts})
             for observation in observations
         ]
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.routing import gaussian
 from robogauntlet.policies.mergevla.routing.augmentation import augmented
 from robogauntlet.policies.mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
-from robogauntlet.policies.mergevla.routing.centroids import Centroids, fit_centroids
-from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures, labelled_features
-from robogauntlet.policies.mergevla.routing.fitted_router import FittedRouter, RouterFit
+from robogauntlet.policies.mergevla.routing.fitted_router import FittedRouter, RouterFit, fit_centroids
 from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit
 from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter
 from robogauntlet.suites.plugins import did_you_mean
@@ -40,7 +40,7 @@ class FitMethod:
 
 FITTED: Mapping[str, FitMethod] = {
     "calibrated": FitMethod(gaussian.fit, GaussianRouterFit.from_tensors, augments=True),
-    "nearest-centroid": FitMethod(fit_centroids, Centroids.from_tensors, augments=False),
+    "nearest-centroid": FitMethod(fit_centroids, RouterFit.from_tensors, augments=False),
 }
 """Routers that are fitted to first observations."""
 NAMES = tuple(sorted([*UNFITTED, *FITTED]))
@@ -48,15 +48,10 @@ NAMES = tuple(sorted([*UNFITTED, *FITTED]))
 
 
 def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Tensor] | None = None) -> Router:
-    """Return the router of that name.
+    """Return the router of that name, which needs the result of `fit_routers` (`stored`) if it is a fitted one.
 
-    Args:
-        name: One of `NAMES`.
-        sees_instruction: False blanks the instruction while routing.
-        stored: Result of `fit_routers`, for fitted routers.
-
-    Raises:
-        RoutingError: Unknown name, or a router that was not fitted or whose tensors are malformed.
+    Without `sees_instruction`, the instruction is blanked while routing. Raises RoutingError for an unknown name, or a
+    router that was not fitted or whose tensors are malformed.
     """
     if name in UNFITTED:
         return UNFITTED[name](sees_instruction=sees_instruction)
@@ -73,16 +68,16 @@ def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Ten
 
 
 def fit_routers(
-    candidates: Candidates,
+    model: MergedModel,
     frames: Mapping[str, Sequence[FirstObservation]],
     held_out: Mapping[str, Sequence[FirstObservation]],
 ) -> dict[str, Tensor]:
     """Fit every router of `FITTED`, with the instruction and without.
 
     Args:
-        candidates: Merged model, of which only the base is run.
+        model: Merged model, of which only the base is run.
         frames: Expert to first observations for its class.
-        held_out: Expert to others, for temperature and thresholds.
+        held_out: Expert to other observations, for temperature and thresholds.
 
     Returns:
         Tensors by `<router>/<instructed | unaided>/<name>`, for a safetensors file.
@@ -92,10 +87,10 @@ def fit_routers(
     """
     tensors: dict[str, Tensor] = {}
     for sees_instruction in (True, False):
-        feature_spec = feature_spec_of(candidates.architecture, sees_instruction=sees_instruction)
+        feature_spec = feature_spec_of(model.architecture, sees_instruction=sees_instruction)
         for name, fitting in FITTED.items():
             prefix = _prefix(name, sees_instruction=sees_instruction)
-            parts = fitting_features(fitting, candidates, frames, held_out, feature_spec)
+            parts = fitting_features(fitting, model, frames, held_out, feature_spec)
             fitted = fitting.fit(*parts, feature_spec=feature_spec).as_tensors()
             tensors |= {prefix + key: tensor.contiguous() for key, tensor in fitted.items()}
     return tensors
@@ -112,20 +107,19 @@ def feature_spec_of(architecture: Architecture, *, sees_instruction: bool) -> Fe
 
 def fitting_features(
     fitting: FitMethod,
-    candidates: Candidates,
+    model: MergedModel,
     frames: Mapping[str, Sequence[FirstObservation]],
     held_out: Mapping[str, Sequence[FirstObservation]],
     feature_spec: FeatureSpec,
 ) -> tuple[LabelledFeatures, LabelledFeatures]:
     """Return the features for the classes, augmented if `fitting` says so, and those of the held-out observations.
 
-    Raises:
-        RoutingError: An expert has no observations.
+    Raises RoutingError if an expert has no observations.
     """
     if fitting.augments:
         sees = feature_spec.sees_instruction
         frames = {expert: augmented(observations, sees_instruction=sees) for expert, observations in frames.items()}
-    return labelled_features(candidates, frames, feature_spec), labelled_features(candidates, held_out, feature_spec)
+    return labelled_features(model, frames, feature_spec), labelled_features(model, held_out, feature_spec)
 
 
 def _prefix(name: str, *, sees_instruction: bool) -> str:

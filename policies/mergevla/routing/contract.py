@@ -11,8 +11,8 @@ from torch import Tensor
 
 from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, FloatArray
 from robogauntlet.policies.contract import PolicyError, Routing
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
-from robogauntlet.policies.mergevla.network.config import Architecture
 
 LARGEST_BATCH = 32
 """Largest number of observations in one pass of a backbone."""
@@ -63,44 +63,6 @@ class Routed:
         return Routing(self.scores, self.choice, latency_s, self.unknown, self.rejected)
 
 
-class Candidates(Protocol):
-    """A merged model as routers see it."""
-
-    @property
-    def experts(self) -> tuple[str, ...]:
-        """Names of the experts: the tasks that they were trained on (`simulator/task`)."""
-
-    @property
-    def architecture(self) -> Architecture:
-        """Architecture of the base and of all experts."""
-
-    @property
-    def instructions(self) -> Mapping[str, str]:
-        """Expert name to the instruction that it was trained with."""
-
-    @property
-    def kept_blocks(self) -> int:
-        """k, the number of last blocks of the action expert that each task keeps for itself."""
-
-    def hidden_states(self, expert: str | None, images: Tensor, instructions: Sequence[str]) -> HiddenStates:
-        """Hidden states of the merged model as `expert` runs it.
-
-        Args:
-            expert: Its name, or None for the base Theta_0.
-            images: Shape (B, cameras, 3, H, W), in [0, 1].
-            instructions: B texts, empty if the instruction is hidden.
-        """
-
-    def value_weights(self, expert: str) -> tuple[tuple[Tensor, Tensor], ...]:
-        """(v_adapter, v_task) of each block of the merged action expert as `expert` runs it, each (width, width)."""
-
-    def own_value_weights(self, expert: str) -> tuple[Tensor, Tensor]:
-        """(v_adapter, v_task) of block L - k - 1 (from 0) of the expert before merging.
-
-        Each of shape (n, width). Their leading right singular vectors, as rows, serve as well as the weights.
-        """
-
-
 class Router(Protocol):
     """Infers the task. Without state: a score depends on its own observation alone."""
 
@@ -115,12 +77,8 @@ class Router(Protocol):
     def passes(self, experts: int) -> int:
         """Backbone passes for one decision among this number of experts."""
 
-    def route(self, observations: Sequence[FirstObservation], candidates: Candidates) -> list[Routed]:
-        """Route each observation, in order.
-
-        Raises:
-            PolicyError: The router does not fit the observations or the candidates.
-        """
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+        """Route each observation, in order. Raises PolicyError if the router does not fit observations or model."""
 
 
 def answer(scores: Mapping[str, float], unknown: float | None = None, threshold: float | None = None) -> Routed:
@@ -131,14 +89,10 @@ def answer(scores: Mapping[str, float], unknown: float | None = None, threshold:
 
 
 def hidden_states(
-    candidates: Candidates, expert: str | None, observations: Sequence[FirstObservation], *, sees_instruction: bool
+    model: MergedModel, expert: str | None, observations: Sequence[FirstObservation], *, sees_instruction: bool
 ) -> Iterator[HiddenStates]:
-    """Yield hidden states of observations, batch by batch.
-
-    Raises:
-        RoutingError: Images of another shape than the architecture's.
-    """
-    architecture = candidates.architecture
+    """Yield hidden states of observations, batch by batch; RoutingError for images of another shape."""
+    architecture = model.architecture
     size = architecture.image_size
     expected = (len(architecture.cameras), 3, size, size)
     for start in range(0, len(observations), LARGEST_BATCH):
@@ -148,17 +102,13 @@ def hidden_states(
                 raise RoutingError(f"expected images of shape {expected}, got {tuple(observation.images.shape)}")
         instructions = [observation.instruction if sees_instruction else "" for observation in batch]
         with torch.no_grad():
-            hidden = candidates.hidden_states(expert, torch.stack([s.images for s in batch]), instructions)
+            hidden = model.hidden_states(expert, torch.stack([s.images for s in batch]), instructions)
         yield hidden
 
 
-def check_experts(router: str, fitted: Sequence[str], candidates: Sequence[str]) -> None:
-    """Refuse a router that was fitted to other experts than the model's.
-
-    Raises:
-        RoutingError: They differ.
-    """
-    differing = sorted(set(fitted) ^ set(candidates))
+def check_experts(router: str, fitted: Sequence[str], experts: Sequence[str]) -> None:
+    """Raise RoutingError if a router was fitted to other experts than the model's."""
+    differing = sorted(set(fitted) ^ set(experts))
     if differing:
         reason = "the model has no such expert" if differing[0] in fitted else "the router does not know it"
         raise RoutingError(

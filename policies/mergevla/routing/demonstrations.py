@@ -33,10 +33,8 @@ def first_observations(datasets: Sequence[Demonstrations], cameras: Sequence[str
     If some tasks had more, they would dominate the shared covariance, and an unknown task would be detected less often:
     with up to four times as many of five out of nine tasks the AUROC is .72 instead of .85.
 
-    Args:
-        datasets: Datasets, of which only the first frames' images are decoded. Those whose episodes start where the
-            oracle took over from a learner are left out: no routed episode starts there.
-        cameras: The architecture's cameras, in order.
+    Only the first frames' images are decoded. Datasets whose episodes start where the oracle took over from a learner
+    are left out: no routed episode starts there. `cameras` are the architecture's, in order.
 
     Raises:
         RoutingError: A dataset lacks a camera or has a single episode, or all datasets of a task start midway.
@@ -53,7 +51,7 @@ def first_observations(datasets: Sequence[Demonstrations], cameras: Sequence[str
         every = min(HELD_OUT_EVERY, dataset.episodes)
         if every < 2:
             raise RoutingError(f"{dataset.folder}: expected two episodes or more, got {dataset.episodes}")
-        for index, observation in enumerate(_first_observations(dataset, task, cameras)):
+        for index, observation in enumerate(_first_observations(dataset, cameras)):
             part = held_out if index % every == every - 1 else frames
             part.setdefault(task, []).append(observation)
     return RouterTrainingSet(_balanced(frames), _balanced(held_out))
@@ -64,22 +62,16 @@ def _balanced(frames: Mapping[str, Sequence[FirstObservation]]) -> dict[str, Seq
     return {task: observations[:fewest] for task, observations in frames.items()}
 
 
-def _first_observations(dataset: Demonstrations, task: str, cameras: Sequence[str]) -> list[FirstObservation]:
+def _first_observations(dataset: Demonstrations, cameras: Sequence[str]) -> list[FirstObservation]:
     missing = [camera for camera in cameras if camera not in dataset.spec.cameras]
     if missing:
         cameras_text = ", ".join(sorted(dataset.spec.cameras))
         raise RoutingError(f"{dataset.folder}: expected camera {missing[0]}, got {cameras_text}")
-    starts = dataset.starts
-    batch = dataset.batch(starts, chunk_length=1)
+    batch = dataset.batch(dataset.starts, chunk_length=1)
     pixels = np.stack([batch.images[camera] for camera in cameras], axis=1)
     images = torch.from_numpy(pixels).permute(0, 1, 4, 2, 3).float() / 255.0
-    return [
-        FirstObservation(
-            images[i], batch.instructions[i], batch.states[i].astype(np.float64), _key(dataset, task, i), task
-        )
-        for i in range(len(starts))
+    task, states = dataset.task, batch.states.astype(np.float64)
+    keys = [
+        content_hash({"demonstration": task, "dataset": dataset.folder.name, "episode": i}) for i in range(len(states))
     ]
-
-
-def _key(dataset: Demonstrations, task: str, episode: int) -> str:
-    return content_hash({"demonstration": task, "dataset": dataset.folder.name, "episode": episode})
+    return [FirstObservation(images[i], batch.instructions[i], states[i], key, task) for i, key in enumerate(keys)]

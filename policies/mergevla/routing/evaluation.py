@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 from robogauntlet.policies.contract import Routing
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, feature_spec_of, fitting_features, router
-from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError
 from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
 from robogauntlet.policies.mergevla.routing.features import LabelledFeatures, labelled_features
 from robogauntlet.policies.mergevla.routing.fitted_router import RouterFit
@@ -73,11 +74,7 @@ class UnknownTaskScores:
 
 
 def all_routers(stored: Mapping[str, Tensor]) -> list[Router]:
-    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors.
-
-    Raises:
-        RoutingError: Malformed tensors.
-    """
+    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors."""
     fitted = {key.partition("/")[0] for key in stored}
     names = [name for name in NAMES if name not in FITTED or name in fitted]
     return [router(name, sees_instruction=sees, stored=stored) for name in names for sees in (True, False)]
@@ -85,7 +82,7 @@ def all_routers(stored: Mapping[str, Tensor]) -> list[Router]:
 
 def evaluate_routers(
     routers: Sequence[Router],
-    candidates: Candidates,
+    model: MergedModel,
     observations: Sequence[FirstObservation],
     *,
     listener: ProgressListener = lambda done, total: None,
@@ -94,36 +91,27 @@ def evaluate_routers(
     """Route each observation by each router, one at a time.
 
     A pass of the base is timed at every observation, so that other load slows routers and passes alike. Everything that
-    is built on first use is built before.
-
-    Args:
-        routers: Routers to evaluate.
-        candidates: The merged model.
-        observations: Observations of tasks that have an expert.
-        listener: See `ProgressListener`.
-        clock: Time in s, with any origin.
-
-    Raises:
-        RoutingError: There are no observations, or a router raises it.
+    is built on first use is built before. The observations are of tasks that have an expert; RoutingError without any.
+    `clock` returns a time in s, with any origin.
     """
     if not observations:
         raise RoutingError("expected first observations to route, got none")
-    _pass(candidates, observations[0])
+    _pass(model, observations[0])
     for tested in routers:
-        tested.route(observations[:1], candidates)
+        tested.route(observations[:1], model)
     answers: list[list[RoutedObservation]] = [[] for _ in routers]
     pass_times = []
     for done, observation in enumerate(observations):
         listener(done, len(observations))
         started = clock()
-        _pass(candidates, observation)
+        _pass(model, observation)
         pass_times.append(clock() - started)
         for tested, routed in zip(routers, answers, strict=True):
             started = clock()
-            (decision,) = tested.route([observation], candidates)
+            (decision,) = tested.route([observation], model)
             routed.append(RoutedObservation(observation.task, decision.timed(clock() - started)))
     listener(len(observations), len(observations))
-    experts = len(candidates.experts)
+    experts = len(model.experts)
     results = (
         RouterAnswers(tested.name, tested.sees_instruction, tested.passes(experts), tuple(routed))
         for tested, routed in zip(routers, answers, strict=True)
@@ -132,7 +120,7 @@ def evaluate_routers(
 
 
 def unknown_tasks(
-    candidates: Candidates,
+    model: MergedModel,
     training_set: RouterTrainingSet,
     observations: Mapping[str, Sequence[FirstObservation]],
     *,
@@ -141,22 +129,19 @@ def unknown_tasks(
     """Leave each task in turn out of the fit of every fitted router, and score new observations of all tasks.
 
     Args:
-        candidates: Merged model, of which only the base is run.
+        model: Merged model, of which only the base is run.
         training_set: Observations of all experts to fit to.
-        observations: Task to new observations.
+        observations: Task to new observations; RoutingError for fewer than two tasks.
         listener: Called with the number of routers done and in all.
-
-    Raises:
-        RoutingError: Observations of fewer than two tasks.
     """
     scores: list[UnknownTaskScores] = []
     total = 2 * len(FITTED)
     for sees_instruction in (True, False):
         listener(len(scores), total)
-        feature_spec = feature_spec_of(candidates.architecture, sees_instruction=sees_instruction)
-        new = labelled_features(candidates, observations, feature_spec)
+        feature_spec = feature_spec_of(model.architecture, sees_instruction=sees_instruction)
+        new = labelled_features(model, observations, feature_spec)
         for name, fitting in FITTED.items():
-            parts = fitting_features(fitting, candidates, training_set.frames, training_set.held_out, feature_spec)
+            parts = fitting_features(fitting, model, training_set.frames, training_set.held_out, feature_spec)
             by_task = leave_one_out(partial(fitting.fit, feature_spec=feature_spec), *parts, new)
             scores.append(UnknownTaskScores(name, sees_instruction, by_task))
     return sorted(scores, key=lambda each: each.router)
@@ -174,10 +159,7 @@ def leave_one_out(
         fit: A fit such as `gaussian.fit`, with its options bound.
         frames: Features to fit to.
         held_out: Features of the same experts, for the threshold.
-        observations: Other observations of some of these experts, which are scored.
-
-    Raises:
-        RoutingError: Observations of fewer than two experts, or of other experts than those of `frames`.
+        observations: Features to score, of two or more of these experts; RoutingError otherwise.
     """
     if len(observations.experts) < 2 or not set(observations.experts) <= set(frames.experts):
         expected, given = ", ".join(frames.experts), ", ".join(observations.experts)
@@ -193,6 +175,6 @@ def leave_one_out(
 
 
 @torch.no_grad()
-def _pass(candidates: Candidates, observation: FirstObservation) -> None:
+def _pass(model: MergedModel, observation: FirstObservation) -> None:
     """Run the base on one observation and wait for the result."""
-    candidates.hidden_states(None, observation.images[None], [observation.instruction]).action[-1].sum().item()
+    model.hidden_states(None, observation.images[None], [observation.instruction]).action[-1].sum().item()

@@ -9,7 +9,8 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
-from robogauntlet.policies.mergevla.routing.contract import Candidates, FirstObservation, RoutingError, hidden_states
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError, hidden_states
 
 
 class Pooling(StrEnum):
@@ -29,7 +30,7 @@ class FeatureSpec:
     layer: int = -1
     """Index of the hidden states, -1 for the last."""
     pooling: Pooling = Pooling.MEAN
-    """Their mean detects an unknown task better: concatenated, the patches' many numbers outweigh the rest."""
+    """The mean detects an unknown task better: concatenated, the patches' many numbers outweigh the rest."""
 
     def as_tensor(self) -> Tensor:
         """Return the fields as three whole numbers; `from_tensor` is the inverse."""
@@ -37,11 +38,7 @@ class FeatureSpec:
 
     @classmethod
     def from_tensor(cls, fields: Tensor | None) -> FeatureSpec:
-        """Read what `as_tensor` wrote.
-
-        Raises:
-            RoutingError: The tensor is missing or malformed.
-        """
+        """Read what `as_tensor` wrote. Raises RoutingError if the tensor is missing or malformed."""
         if fields is None or fields.dtype != torch.int64 or fields.shape != (3,) or not 0 <= fields[2] < len(Pooling):
             raise RoutingError(f"expected three whole numbers that describe the features, got {fields}")
         return cls(bool(fields[0]), int(fields[1]), list(Pooling)[int(fields[2])])
@@ -79,17 +76,13 @@ class LabelledFeatures:
         return LabelledFeatures(self.features[kept], tuple(self.labels[i] for i in kept))
 
 
-def features_of(candidates: Candidates, observations: Sequence[FirstObservation], feature_spec: FeatureSpec) -> Tensor:
-    """Compute features of observations from one pass of the base: the pooled h_T, then the mean of h_A.
+def features_of(model: MergedModel, observations: Sequence[FirstObservation], feature_spec: FeatureSpec) -> Tensor:
+    """Compute features (n, d), float32, on the CPU, from one pass of the base: the pooled h_T, then the mean of h_A.
 
-    Returns:
-        Shape (n, d), float32, on the CPU.
-
-    Raises:
-        RoutingError: Images of another shape, or no such layer.
+    Raises RoutingError for images of another shape, or if there is no such layer.
     """
     parts = []
-    for hidden in hidden_states(candidates, None, observations, sees_instruction=feature_spec.sees_instruction):
+    for hidden in hidden_states(model, None, observations, sees_instruction=feature_spec.sees_instruction):
         layers = len(hidden.task)
         if not -layers <= feature_spec.layer < layers:
             raise RoutingError(f"expected a layer from {-layers} to {layers - 1}, got {feature_spec.layer}")
@@ -100,27 +93,19 @@ def features_of(candidates: Candidates, observations: Sequence[FirstObservation]
 
 
 def labelled_features(
-    candidates: Candidates, frames: Mapping[str, Sequence[FirstObservation]], feature_spec: FeatureSpec
+    model: MergedModel, frames: Mapping[str, Sequence[FirstObservation]], feature_spec: FeatureSpec
 ) -> LabelledFeatures:
-    """Compute the features of each expert's observations.
-
-    Raises:
-        RoutingError: An expert has no observations.
-    """
+    """Compute the features of each expert's observations. Raises RoutingError if an expert has none."""
     for expert, observations in frames.items():
         if not observations:
             raise RoutingError(f"expected first observations of expert {expert}, got none")
     observations = [observation for expert in frames for observation in frames[expert]]
     labels = tuple(expert for expert in frames for _ in frames[expert])
-    return LabelledFeatures(features_of(candidates, observations, feature_spec), labels)
+    return LabelledFeatures(features_of(model, observations, feature_spec), labels)
 
 
 def check_held_out(frames: LabelledFeatures, held_out: LabelledFeatures) -> None:
-    """Refuse held-out features of other experts than those of `frames`.
-
-    Raises:
-        RoutingError: The experts differ, or there are none.
-    """
+    """Raise RoutingError unless `frames` and held-out features are of the same experts, at least one."""
     if not frames.labels or held_out.experts != frames.experts:
         expected, given = (", ".join(data.experts) for data in (frames, held_out))
         raise RoutingError(

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import torch
 from torch import Tensor
 
-from robogauntlet.policies.mergevla.routing.calibration import conformal_threshold, temperature_of
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures, check_held_out
-from robogauntlet.policies.mergevla.routing.fitted_router import RouterFit, check_features, shared_fields
-from robogauntlet.policies.mergevla.routing.tensor_codec import read_number, read_tensor
+from robogauntlet.policies.mergevla.routing.fitted_router import (
+    RouterFit,
+    check_features,
+    conformal_threshold,
+    read_number,
+    read_tensor,
+    temperature_of,
+)
 
 COMPONENTS = 256
 SMALLEST_SPREAD = 1e-2
@@ -50,34 +56,23 @@ class GaussianRouterFit(RouterFit):
         }
 
     @classmethod
-    def from_tensors(cls, tensors: Mapping[str, Tensor]) -> GaussianRouterFit:
-        """Read what `as_tensors` wrote.
-
-        Raises:
-            RoutingError: A tensor is missing, of another shape, or not finite.
-        """
+    def from_tensors(cls, tensors: Mapping[str, Tensor], width: int | None = None, **fields: Tensor | float) -> Self:
+        """Read what `as_tensors` wrote; see `RouterFit.from_tensors`."""
         mean = read_tensor(tensors, "mean", (None,))
         whitening = read_tensor(tensors, "whitening", (None, len(mean)))
         temperature = read_number(tensors, "temperature")
         if temperature <= 0:
             raise RoutingError(f"expected a temperature above 0, got {temperature:g}")
-        shared = shared_fields(tensors, len(whitening))
-        return cls(**shared, mean=mean, whitening=whitening, temperature=temperature)
+        return super().from_tensors(tensors, len(whitening), mean=mean, whitening=whitening, temperature=temperature)
 
 
 def fit(
     frames: LabelledFeatures, held_out: LabelledFeatures, feature_spec: FeatureSpec, components: int = COMPONENTS
 ) -> GaussianRouterFit:
-    """Fit the classes, then the temperature and the threshold.
+    """Fit the classes to `frames`, then the temperature and the threshold to `held_out` features of the same experts.
 
-    Args:
-        frames: Features to fit the classes to.
-        held_out: Features of the same experts to fit temperature and threshold to.
-        feature_spec: How the features were computed.
-        components: Largest number of principal components.
-
-    Raises:
-        RoutingError: Experts without frames or held-out ones, or frames that are all the same.
+    `components` is the largest number of principal components. Raises RoutingError for experts without frames or
+    held-out ones, or frames that are all the same.
     """
     experts = frames.experts
     check_held_out(frames, held_out)
@@ -108,16 +103,10 @@ def fit(
 
 
 def ledoit_wolf(residuals: Tensor) -> Tensor:
-    """Covariance of centred rows, shrunk towards a multiple of the identity by the optimal amount.
+    """Covariance (p, p) of centred rows (n, p), n >= 1, shrunk towards a multiple of the identity.
 
-    O. Ledoit and M. Wolf, "A well-conditioned estimator for large-dimensional covariance matrices", J. Multivariate
-    Anal. 88 (2004).
-
-    Args:
-        residuals: X, shape (n, p), n >= 1.
-
-    Returns:
-        Shape (p, p).
+    The amount is optimal: O. Ledoit and M. Wolf, "A well-conditioned estimator for large-dimensional covariance
+    matrices", J. Multivariate Anal. 88 (2004).
     """
     from sklearn import covariance
 

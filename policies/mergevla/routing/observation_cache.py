@@ -7,7 +7,6 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -19,7 +18,6 @@ from robogauntlet.suites.episode import RenderProfile, View, content_hash
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.files import replacing
 
-SUFFIX = ".npz"
 UNREADABLE = (OSError, EOFError, KeyError, TypeError, ValueError, AttributeError, zipfile.BadZipFile, zlib.error)
 
 
@@ -69,22 +67,21 @@ class ObservationCache:
 
     def observations(self, seeds: Sequence[int]) -> list[FirstObservation]:
         """Return the first observations of these seeds, in order. The same on every machine, episode ids included."""
-        place = {seed: index for index, seed in enumerate(self.seeds)}
-        return [self._observation(place[seed]) for seed in seeds]
-
-    def _observation(self, index: int) -> FirstObservation:
-        return FirstObservation(
-            images=torch.from_numpy(self.images[index]).permute(0, 3, 1, 2).float() / 255.0,
-            instruction=self.instructions[index],
-            proprioception=self.proprioception[index],
-            episode_id=content_hash({"first look": self.task, "seed": self.seeds[index]}),
-            task=self.task,
-        )
+        return [
+            FirstObservation(
+                images=torch.from_numpy(self.images[index]).permute(0, 3, 1, 2).float() / 255.0,
+                instruction=self.instructions[index],
+                proprioception=self.proprioception[index],
+                episode_id=content_hash({"first look": self.task, "seed": seed}),
+                task=self.task,
+            )
+            for index, seed in ((self.seeds.index(seed), seed) for seed in seeds)
+        ]
 
 
 def file_of(folder: Path, task: str) -> Path:
     """Return the path of a task's file in a folder: `pybullet__PandaPush-v3.npz`."""
-    return folder / f"{task.replace('/', '__')}{SUFFIX}"
+    return folder / f"{task.replace('/', '__')}.npz"
 
 
 def save_observations(cache: ObservationCache, path: Path) -> None:
@@ -104,29 +101,19 @@ def save_observations(cache: ObservationCache, path: Path) -> None:
 
 
 def load_observations(path: Path) -> ObservationCache:
-    """Read what `save_observations` wrote. Pickled objects are refused.
-
-    Raises:
-        RoutingError: The file is of another format.
-    """
+    """Read what `save_observations` wrote. Raises RoutingError for a file of another format, pickles included."""
     try:
-        with np.load(path, allow_pickle=False) as found:
-            return _looks(found)
+        with np.load(path, allow_pickle=False) as arrays:
+            cameras, size = tuple(map(str, arrays["cameras"])), int(arrays["image_size"])
+            return ObservationCache(
+                str(arrays["task"]),
+                View(cameras, size, RenderProfile(str(arrays["render_profile"]))),
+                tuple(map(int, arrays["seeds"])),
+                arrays["images"],
+                arrays["proprioception"].astype(np.float64),
+                tuple(map(str, arrays["instructions"])),
+            )
     except UNREADABLE as error:
         raise RoutingError(f"{path}: expected first observations of a task, got {first_line(error)}") from None
     except RoutingError as error:
         raise RoutingError(f"{path}: {error}") from None
-
-
-def _looks(found: Any) -> ObservationCache:
-    view = View(
-        tuple(map(str, found["cameras"])), int(found["image_size"]), RenderProfile(str(found["render_profile"]))
-    )
-    return ObservationCache(
-        str(found["task"]),
-        view,
-        tuple(map(int, found["seeds"])),
-        found["images"],
-        found["proprioception"].astype(np.float64),
-        tuple(map(str, found["instructions"])),
-    )

@@ -1,4 +1,4 @@
-"""Run by the Python of an environment with LeRobot: small checkpoints of random weights, and what LeRobot answers."""
+"""Runs in an environment with LeRobot: makes small checkpoints of random weights and computes LeRobot's actions."""
 
 import sys
 from pathlib import Path
@@ -59,7 +59,7 @@ def make(kind, folder):
 
 
 def answer(folder, kind):
-    """What LeRobot's own `predict_action` gives, step after step; the global generator is seeded where a look is."""
+    """Return the actions of LeRobot's `predict_action` at each step, seeded where an observation is used."""
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
     from lerobot.utils.control_utils import predict_action

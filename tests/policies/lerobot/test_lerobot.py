@@ -1,4 +1,4 @@
-"""Checkpoints of LeRobot act through us as through LeRobot itself, and what does not fit is a line before the start."""
+"""LeRobot checkpoints act as in LeRobot itself, and a mismatch is one line before the start."""
 
 import json
 import os
@@ -28,7 +28,7 @@ EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
 
 @pytest.fixture(scope="session")
 def python():
-    """The Python of `robogauntlet env create lerobot`, which `make test` makes beside the running environment."""
+    """The Python of `robogauntlet env create lerobot`, which `make test` creates next to the running environment."""
     with pytest.MonkeyPatch.context() as patch:
         folder = os.environ.get("ROBOGAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
         patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", folder)
@@ -44,7 +44,7 @@ def python():
 
 @pytest.fixture(scope="session")
 def made(python, tmp_path_factory):
-    """Folder with a checkpoint and LeRobot's own answers for each kind, and what was asked."""
+    """Folder with a checkpoint and LeRobot's actions for each kind, and the queries."""
     folder = tmp_path_factory.mktemp("lerobot")
     generator = np.random.default_rng(0)
     images = generator.integers(0, 256, (STEPS, 32, 32, 3), np.uint8)
@@ -102,13 +102,13 @@ def answers(policy, made, kind):
 
 
 @pytest.mark.slow
-def test_act_s_actions_are_to_the_bit_those_that_lerobot_gives(played, made):
+def test_actions_of_act_are_bit_identical_to_lerobots(played, made):
     assert played.spec.chunk_length == LOOKS["act"]
     np.testing.assert_array_equal(answers(played, made, "act"), np.load(made / "act.npy").astype(np.float64))
 
 
 @pytest.mark.slow
-def test_a_diffusion_policy_sees_every_step_and_its_actions_are_lerobot_s_to_the_bit(python, made):
+def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(python, made):
     policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": python})
     assert policy.spec.chunk_length == LOOKS["diffusion"]
     found = answers(policy, made, "diffusion")
@@ -117,7 +117,7 @@ def test_a_diffusion_policy_sees_every_step_and_its_actions_are_lerobot_s_to_the
 
 
 @pytest.mark.slow
-def test_an_episode_whose_process_dies_is_played_again_and_comes_out_the_same(played, made):
+def test_an_episode_is_the_same_when_replayed_after_its_process_died(played, made):
     runner = EpisodeRunner({}, elsewhere={"p": played})
     whole = runner.play_one(EPISODE)
     assert (whole.status, whole.steps) == ("failure", 6)
@@ -148,7 +148,7 @@ def test_weights_that_cannot_be_read_are_one_line(python, made, tmp_path):
         catalog.load("lerobot", {"checkpoint": str(tmp_path / "broken"), "python": python})
 
 
-def test_the_hash_is_of_the_files_and_of_how_it_is_asked_not_of_where_it_lies(bare, tmp_path):
+def test_the_hash_covers_files_and_conversions_but_not_the_folder(bare, tmp_path):
     folder = bare()
     hashes = [catalog.digest("lerobot", {"checkpoint": str(folder)})]
     shutil.copytree(folder, tmp_path / "copy")
@@ -159,12 +159,12 @@ def test_the_hash_is_of_the_files_and_of_how_it_is_asked_not_of_where_it_lies(ba
     assert len(set(hashes)) == len(hashes)
 
 
-def test_a_checkpoint_trained_on_libero_s_data_is_asked_in_its_convention(bare):
+def test_a_checkpoint_trained_on_liberos_data_uses_its_convention(bare):
     options = read_checkpoint({"checkpoint": str(bare()), "convention": "libero"}).options
     assert (options.turn, options.translation_scale, options.rotation_scale) == ("left-right", 0.0131, 0.118)
 
 
-def test_a_checkpoint_says_how_often_it_looks_and_how_large(bare):
+def test_a_checkpoint_sets_chunk_length_and_image_size(bare):
     spec = read_checkpoint({"checkpoint": str(bare())}).spec
     assert (spec.chunk_length, spec.cameras, spec.image_size) == (3, ("third_person",), 32)
     assert read_checkpoint({"checkpoint": str(bare(n_obs_steps=2))}).spec.chunk_length == 1
@@ -174,7 +174,7 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
 
 
 @pytest.mark.parametrize(
-    ("changed", "options", "said"),
+    ("changed", "options", "message"),
     [
         ({"input_features": TWO}, {}, "a camera to each of observation.images.a, observation.images.b"),
         ({}, {"cameras": {"wrist": "observation.images.rear"}}, "expected a feature of the checkpoint"),
@@ -182,17 +182,17 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
         ({"input_features": {"observation.state": {"shape": [6]}}}, {}, "expected observation.state of 8 numbers"),
         ({}, {"image_size": 64}, r"image_size: expected \[32, 32\], as the checkpoint was trained on"),
         ({"output_features": {"action": {"shape": [6]}}}, {}, "expected the 7 columns of an action"),
-        ({"input_features": 3}, {}, "is no configuration of LeRobot"),
+        ({"input_features": 3}, {}, "expected a configuration of LeRobot in"),
         ({}, {"device": "CPU 1"}, "device: String should match pattern"),
     ],
 )
-def test_what_does_not_fit_is_one_line_before_anything_starts(bare, changed, options, said):
-    with pytest.raises(PolicyError, match=said) as caught:
+def test_a_mismatch_is_one_line_before_anything_starts(bare, changed, options, message):
+    with pytest.raises(PolicyError, match=message) as caught:
         catalog.spec("lerobot", {"checkpoint": str(bare(**changed)), **options})
     assert "\n" not in str(caught.value)
 
 
-def test_a_folder_of_another_version_is_told_what_it_lacks(bare):
+def test_the_message_for_another_version_names_the_missing_file(bare):
     folder = bare()
     (folder / "policy_preprocessor.json").unlink()
     with pytest.raises(
@@ -201,15 +201,17 @@ def test_a_folder_of_another_version_is_told_what_it_lacks(bare):
         catalog.digest("lerobot", {"checkpoint": str(folder)})
 
 
-def test_what_is_neither_a_folder_nor_on_the_hub_is_one_line(monkeypatch):
+def test_a_checkpoint_that_is_neither_folder_nor_on_the_hub_is_one_line(monkeypatch):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
-    with pytest.raises(PolicyError, match=r"^policy 'lerobot': no folder nobody/nothing, .* does not provide it: .+$"):
-        catalog.digest("lerobot", {"checkpoint": "nobody/nothing"})
+    with pytest.raises(
+        PolicyError, match=r"^policy 'lerobot': no folder no-user/no-model, .* does not provide it: .+$"
+    ):
+        catalog.digest("lerobot", {"checkpoint": "no-user/no-model"})
     with pytest.raises(PolicyError, match=r"expected a folder or an id on the hub, got './nothing'"):
         catalog.digest("lerobot", {"checkpoint": "./nothing"})
 
 
-def test_without_lerobot_the_line_says_how_to_install_it(bare):
+def test_without_lerobot_the_message_says_how_to_install_it(bare):
     with pytest.raises(PolicyError, match="not installed; install it: robogauntlet env create lerobot"):
         catalog.load("lerobot", {"checkpoint": str(bare())})
 

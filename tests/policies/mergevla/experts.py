@@ -1,4 +1,4 @@
-"""Tiny experts of one base, as fine-tuning would have left them."""
+"""Tiny experts of one base, with the weights that fine-tuning changes."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ def save_expert(
 
 
 def save_experts(folder: Path, tasks=TASKS, architecture=SMALL) -> list[Path]:
-    """A base in `folder/base`, and an expert for each task beside it in `folder/experts`."""
+    """A base in `folder/base`, and an expert for each task in `folder/experts`."""
     base = save_base(folder / "base", architecture=architecture)
     return [
         save_expert(folder / "experts" / task.replace("/", "-"), base, task, seed)

@@ -1,4 +1,4 @@
-"""The client against real servers on loopback: sound ones, and every way of being wrong."""
+"""The client with real servers on loopback, correct and faulty ones."""
 
 import socket
 import threading
@@ -55,7 +55,7 @@ def test_the_observation_is_sent_under_openpis_keys_and_the_chunk_comes_back():
     assert message["prompt"] == "reach the goal"
 
 
-def test_a_card_says_how_to_send_and_how_to_read():
+def test_options_define_the_conversion_of_observations_and_answers():
     seen = []
     options = {
         "cameras": {"wrist": "images/hand"},
@@ -145,7 +145,7 @@ GREETINGS = {
     "a list": (lambda c: c.send(b"\x90"), "a mapping, got a list"),
     "nothing": (lambda c: time.sleep(1.2), "got nothing in time; is it another kind of server"),
     "hangs up": (lambda c: c.close(), "got none: it closed the connection"),
-    "another version": (lambda c: c.send(pack({"robogauntlet": {"version": 99}})), "speaks version 1, got version 99"),
+    "another version": (lambda c: c.send(pack({"robogauntlet": {"version": 99}})), "of version 1, got version 99"),
     "broken": (lambda c: c.send(pack({"robogauntlet": {"version": 1}})), "expected the policy's needs"),
 }
 
@@ -185,16 +185,16 @@ def test_a_dead_address_is_one_line_when_planned_and_when_played():
         catalog.digest("openpi", {"address": address, **QUICK})
 
 
-def test_with_an_identity_nothing_is_asked_before_the_first_query():
+def test_with_an_identity_the_client_connects_at_the_first_query():
     options = {"address": f"ws://127.0.0.1:{free_port()}", "identity": "pi0_base@1"}
     assert catalog.spec("openpi", options).cameras == ("third_person", "wrist")
-    elsewhere = {"address": "wss://robots.example", "identity": "pi0_base@1", "timeout_s": 5, "retries": 9}
-    assert catalog.digest("openpi", options) == catalog.digest("openpi", elsewhere)
+    other_address = {"address": "wss://robots.example", "identity": "pi0_base@1", "timeout_s": 5, "retries": 9}
+    assert catalog.digest("openpi", options) == catalog.digest("openpi", other_address)
     for change in ({"identity": "pi0_base@2"}, {"image_size": 224}, {"execute": 5}, {"columns": [0, 1, 2, 3, 4, 5, 6]}):
         assert catalog.digest("openpi", {**options, **change}) != catalog.digest("openpi", options)
 
 
-def test_without_an_identity_the_content_is_what_the_server_says_of_itself():
+def test_without_an_identity_the_servers_metadata_are_hashed():
     digests = []
     for metadata in ({"model": "a"}, {"model": "b", "reset_pose": np.zeros(3)}, {"model": "a"}):
         with speaking(answering(CHUNK, metadata=metadata)) as address:
@@ -204,7 +204,7 @@ def test_without_an_identity_the_content_is_what_the_server_says_of_itself():
         refused(address, "expected metadata that identify the policy, got none; give option identity")
 
 
-def test_a_server_that_dies_between_two_queries_and_comes_back_costs_nothing():
+def test_a_server_may_restart_between_two_queries():
     with speaking(answering(CHUNK)) as address:
         policy = remote(address, retries=30, timeout_s=10)
         assert len(policy.act([query()])) == 1
@@ -227,7 +227,7 @@ def test_a_server_that_dies_between_two_queries_and_comes_back_costs_nothing():
     np.testing.assert_array_equal(decision.actions, CHUNK["actions"])
 
 
-def test_a_query_is_asked_again_where_the_connection_is_lost_under_it():
+def test_a_query_is_repeated_after_a_lost_connection():
     asked = []
 
     def once(connection):
@@ -245,11 +245,11 @@ def test_a_query_is_asked_again_where_the_connection_is_lost_under_it():
     assert asked[0] == asked[1]
 
 
-def test_a_server_that_comes_back_as_another_is_refused():
-    said = iter(["a", "b"])
+def test_a_restarted_server_with_another_policy_is_refused():
+    names = iter(["a", "b"])
 
     def once(connection):
-        connection.send(pack({"model": next(said)}))
+        connection.send(pack({"model": next(names)}))
         connection.recv()
         connection.send(pack(CHUNK))
         connection.close()

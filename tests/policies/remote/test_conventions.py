@@ -1,4 +1,4 @@
-"""Conventions other than ours: images turned as policies of LIBERO see them, Euler angles and quaternions."""
+"""Other conventions: turned images, Euler angles and quaternions."""
 
 import numpy as np
 import pytest
@@ -48,13 +48,13 @@ def test_both_signs_of_a_quaternion_are_the_same_turn_of_no_more_than_half_a_tur
     np.testing.assert_allclose(chunk[:, 3:6], [[0.1, 0.0, 0.2]] * 2, atol=1e-12)
 
 
-def test_columns_say_where_the_four_numbers_of_a_quaternion_stand():
+def test_columns_choose_the_four_numbers_of_a_quaternion():
     rows = np.array([[9.0, 0.0, 0.0, 0.0, 1.0, 0.5]])
     options = {"rotation": "quaternion-wxyz", "columns": [None, None, 5, 4, 1, 2, 3, 0], "gripper_closed": 9}
     np.testing.assert_allclose(decode_chunk(server_options(**options), {"actions": rows}), [[0, 0, 0.5, 0, 0, 0, 1]])
 
 
-def test_what_is_no_quaternion_is_refused_in_a_line():
+def test_numbers_that_are_no_quaternion_are_refused_in_one_line():
     rows = np.zeros((2, 8))
     rows[0, 6] = 1.0
     with pytest.raises(PolicyMismatch, match=r"^expected quaternions of length 1 in 'actions', got length 0 in row 1;"):
@@ -69,7 +69,7 @@ def test_images_are_turned_and_mirrored(turn, corners):
     assert bytes(turn_image(server_options(turn=turn), image)[..., 0]) == corners.encode()
 
 
-def test_options_that_came_later_leave_the_hash_of_policies_that_do_not_use_them():
+def test_options_added_later_do_not_change_the_hash_of_policies_without_them():
     assert "turn" not in server_options().declaration()
     assert "rotation" not in server_options().declaration()
     digests = {server_options(**options).digest("x") for options in ({}, {"turn": "half"}, {"rotation": "euler"})}

@@ -1,4 +1,4 @@
-"""Policies that were trained on LIBERO's own data are asked, and understood, in LIBERO's convention."""
+"""The convention of policies that were trained on LIBERO's own data."""
 
 import numpy as np
 import pytest
@@ -18,14 +18,14 @@ SEEN = Observation(
 )
 
 
-def test_images_are_a_half_turn_of_what_the_simulator_gives_and_the_pose_is_the_worlds():
+def test_images_are_turned_by_half_a_turn_and_the_pose_is_in_the_world_frame():
     message = encode_observation(read_options(CARD), SEEN, "libero/goal-7-turn-on-stove")
     as_libero_draws = SEEN.images["wrist"][::-1]
     np.testing.assert_array_equal(message["observation/wrist_image"], np.rot90(as_libero_draws, 2))
     np.testing.assert_allclose(message["observation/state"], [-0.26, 0.1, 1.112, 3.1, 0.1, 0.0, 0.03, -0.02])
 
 
-def test_an_answer_is_a_share_of_what_the_controller_does_and_the_gripper_stays():
+def test_an_answer_is_scaled_by_the_controllers_range_and_the_gripper_is_unchanged():
     chunk = decode_chunk(read_options(CARD), {"actions": np.array([[1.0, 0, 0, 0, 0, -1.0, -1.0]])})
     np.testing.assert_allclose(chunk, [[0.0131, 0, 0, 0, 0, -0.118, -1.0]])
 
@@ -37,16 +37,16 @@ def test_every_task_has_a_place_of_the_robot():
 
 
 @pytest.mark.parametrize("task", ["robosuite/Lift", "libero/", "libero/10-0-attic1-tidy-up"])
-def test_a_task_of_something_else_is_refused(task):
+def test_a_task_of_another_simulator_is_refused(task):
     with pytest.raises(PolicyMismatch, match=f"convention libero: expected a task of LIBERO, got {task}"):
         encode_observation(read_options(CARD), SEEN, task)
 
 
-def test_a_scale_beside_the_convention_is_refused():
+def test_a_scale_together_with_the_convention_is_refused():
     with pytest.raises(PolicyError, match="expected no translation_scale and no turn, which convention libero sets"):
         read_options({**CARD, "translation_scale": 0.05, "turn": "half"})
 
 
-def test_a_policy_of_which_nothing_is_said_stays_the_one_that_it_was():
+def test_the_default_convention_does_not_change_a_policys_digest():
     assert "convention" not in read_options({"address": "a:1"}).declaration()
     assert read_options(CARD).declaration()["convention"] == "libero"

@@ -1,4 +1,4 @@
-"""msgpack with numpy arrays: what is sent comes back, and nothing else gets through."""
+"""msgpack with numpy arrays: messages are read back, and other data are refused."""
 
 import contextlib
 
@@ -25,18 +25,21 @@ VALUES = st.recursive(
 )
 
 
-def same(sent, came):
+def same(sent, received):
     if isinstance(sent, dict):
-        return list(sent) == list(came) and all(same(sent[key], came[key]) for key in sent)
+        return list(sent) == list(received) and all(same(sent[key], received[key]) for key in sent)
     if isinstance(sent, list):
-        return len(sent) == len(came) and all(map(same, sent, came))
+        return len(sent) == len(received) and all(map(same, sent, received))
     if isinstance(sent, np.ndarray):
-        return (sent.dtype.str, sent.shape) == (came.dtype.str, came.shape) and sent.tobytes() == came.tobytes()
-    return type(sent) is type(came) and sent == came
+        return (sent.dtype.str, sent.shape) == (
+            received.dtype.str,
+            received.shape,
+        ) and sent.tobytes() == received.tobytes()
+    return type(sent) is type(received) and sent == received
 
 
 @given(st.dictionaries(st.text(), VALUES, max_size=4))
-def test_what_is_packed_comes_back_to_the_bit(message):
+def test_a_packed_message_unpacks_bit_identical(message):
     assert same(message, unpack(pack(message)))
 
 
@@ -49,7 +52,7 @@ def test_a_slice_and_a_number_of_numpy_come_back_and_can_be_written_to():
 
 
 @pytest.mark.parametrize("value", [np.array([object()]), np.zeros(2, "i4,f4"), np.zeros(2, complex), object(), 2**70])
-def test_what_is_not_plain_is_not_sent(value):
+def test_values_that_are_not_plain_are_refused(value):
     with pytest.raises(PackingError, match=r"^cannot be sent: [^\n]*$"):
         pack({"value": value})
 
@@ -90,12 +93,12 @@ BAD = {
 
 
 @pytest.mark.parametrize("frame", BAD.values(), ids=BAD)
-def test_what_is_no_message_is_refused_in_one_line(frame):
+def test_a_frame_that_is_no_message_is_refused_in_one_line(frame):
     with pytest.raises(PackingError, match=r"^expected [^\n]*$"):
         unpack(frame)
 
 
 @given(st.binary(max_size=64))
-def test_no_bytes_do_anything_else_than_be_read_or_refused(frame):
+def test_any_bytes_are_read_or_refused(frame):
     with contextlib.suppress(PackingError):
         unpack(frame)

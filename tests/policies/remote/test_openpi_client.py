@@ -1,4 +1,4 @@
-"""The field's own client (`openpi-client`, Apache 2.0), where it is installed: it and ours understand each other."""
+"""Compatibility with openpi's client (`openpi-client`, Apache 2.0), where it is installed."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def shown(seen):
     }
 
 
-def test_their_client_gets_from_our_server_what_the_policy_says(query):
+def test_openpis_client_gets_the_policys_actions_from_our_server(query):
     (decision,) = catalog.load("untrained", {}).act([query])
     with serving("untrained", token="sesame") as server:
         theirs = client.WebsocketClientPolicy("127.0.0.1", server.port, api_key="sesame")
@@ -46,7 +46,7 @@ def test_their_client_gets_from_our_server_what_the_policy_says(query):
                 theirs.infer({"prompt": "reach the goal"})
 
 
-def test_our_client_understands_a_server_of_their_packer(query):
+def test_our_client_reads_messages_of_openpis_packer(query):
     seen = []
 
     def handle(connection):

@@ -1,4 +1,4 @@
-"""What training is given."""
+"""Reading datasets for training."""
 
 import errno
 import json
@@ -30,7 +30,7 @@ def dataset(tmp_path, recordings):
     return Demonstrations(tmp_path / "set")
 
 
-def test_what_was_recorded_comes_back(dataset, recordings):
+def test_recorded_episodes_are_read_back(dataset, recordings):
     assert (len(dataset), dataset.episodes) == (sum(LENGTHS), 3)
     assert dataset.instructions == ("reach the goal",)
     for r, start, end in zip(recordings, dataset.starts, dataset.ends, strict=True):
@@ -88,34 +88,34 @@ def test_the_hash_notices_a_missing_episode(dataset, recordings, tmp_path):
     assert Demonstrations(tmp_path / "fewer").content_hash != dataset.content_hash
 
 
-def test_an_unknown_camera_is_told(dataset):
+def test_an_unknown_camera_is_an_error(dataset):
     with pytest.raises(DatasetError, match="expected camera third_person, wrist, got front"):
         dataset.images("front", np.array([0]))
 
 
 def test_datasets_are_found_below_a_folder(dataset, tmp_path):
-    assert find_datasets(tmp_path) == [tmp_path / "set"]
-    assert find_datasets(tmp_path / "set") == [tmp_path / "set"]
+    assert find_datasets([tmp_path]) == [tmp_path / "set"]
+    assert find_datasets([tmp_path / "set"]) == [tmp_path / "set"]
     with pytest.raises(DatasetError, match="expected a dataset"):
-        find_datasets(tmp_path / "set" / "meta")
+        find_datasets([tmp_path / "set" / "meta"])
 
 
-def test_a_dataset_that_cannot_be_looked_at_is_not_left_out(dataset, recordings, tmp_path, monkeypatch):
-    """Denied by hand: root may read everything."""
+def test_an_unreadable_dataset_is_an_error(dataset, recordings, tmp_path, monkeypatch):
+    """The error is simulated, since root may read everything."""
     write(tmp_path / "other", recordings)
-    look = Path.is_file
+    is_file = Path.is_file
 
     def deny(path):
         if tmp_path / "set" in path.parents:
             raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return look(path)
+        return is_file(path)
 
     monkeypatch.setattr(Path, "is_file", deny)
     with pytest.raises(DatasetError, match=f"{tmp_path / 'set/meta/info.json'}: cannot be read: Permission denied"):
-        find_datasets(tmp_path)
+        find_datasets([tmp_path])
 
 
-def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
+def test_a_folder_that_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
     sound, whole = json.loads(info.read_text()), data.read_bytes()
 
@@ -135,7 +135,7 @@ def test_what_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     refused("file-000.parquet: cannot be read")
     table = pq.read_table(tmp_path / "set/data/chunk-000/file-001.parquet")
     pq.write_table(table.drop_columns(["action"]), data)
-    refused("expected a column action, there is none")
+    refused("expected a column action, got none")
     data.write_bytes(whole)
     for features in (5, {image_key("wrist"): {"shape": 16}}, {image_key("wrist"): {}}):
         info.write_text(json.dumps({**sound, "features": features}))
@@ -149,7 +149,7 @@ def test_a_dataset_without_episodes_is_refused(tmp_path):
     info, data = tmp_path / "meta/info.json", tmp_path / "data/chunk-000/file-000.parquet"
     info.write_text(json.dumps({**json.loads(info.read_text()), "total_frames": 0, "total_episodes": 0}))
     pq.write_table(pq.read_table(data).slice(0, 0), data)
-    with pytest.raises(DatasetError, match="expected an episode at least, got none"):
+    with pytest.raises(DatasetError, match="expected at least one episode, got none"):
         Demonstrations(tmp_path)
 
 
@@ -160,13 +160,13 @@ def test_a_dataset_without_episodes_is_refused(tmp_path):
         ("action", pa.array([[None] * 7] * 12, pa.list_(pa.float32(), 7)), "action: expected numbers in each frame"),
         ("next.success", pa.array(["no"] * 12), "next.success: expected numbers in each frame"),
         ("next.success", pa.array([[True]] * 12), "next.success: expected numbers in each frame"),
-        ("action", pa.array([[0.0] * 6] * 12, pa.list_(pa.float32(), 6)), "expected 7 numbers a frame, got 6"),
+        ("action", pa.array([[0.0] * 6] * 12, pa.list_(pa.float32(), 6)), "expected 7 numbers per frame, got 6"),
         (image_key("wrist"), IMAGE_FILES, "wrist: expected images within the data files"),
         (image_key("wrist"), pa.array([None] * 12, IMAGE_FILES.type), "wrist: expected images within the data files"),
-        (image_key("wrist"), NO_IMAGES, "wrist: expected a PNG image, got 3 bytes that are none"),
+        (image_key("wrist"), NO_IMAGES, "wrist: expected a PNG image, got 3 bytes of another format"),
     ],
 )
-def test_columns_of_something_else_are_refused_in_one_line(column, values, message, tmp_path):
+def test_unsuitable_columns_are_refused_in_one_line(column, values, message, tmp_path):
     write(tmp_path, [recording()])
     data = tmp_path / "data/chunk-000/file-000.parquet"
     table = pq.read_table(data)
@@ -195,7 +195,7 @@ def test_a_record_of_the_collection_that_does_not_read_is_not_passed_over(tmp_pa
     assert Demonstrations(tmp_path).task == tmp_path.name
 
 
-def test_frames_of_a_collection_that_was_killed_are_told_as_such(dataset, tmp_path):
+def test_the_message_for_a_killed_collection_says_how_to_continue(dataset, tmp_path):
     folder = tmp_path / "set/data/chunk-000"
     (folder / "file-002.parquet").write_bytes((folder / "file-000.parquet").read_bytes())
     with pytest.raises(DatasetError, match="got 39; if it was being collected, give the same command to continue"):

@@ -1,4 +1,4 @@
-"""A dataset grows bit by bit, and what was committed stays."""
+"""A dataset is written in steps, and committed episodes are kept."""
 
 import json
 
@@ -71,7 +71,7 @@ def test_added_episodes_are_committed_together_when_they_are_large_or_old(
     assert len(list((tmp_path / "data/chunk-000").iterdir())) == 1
 
 
-def test_what_was_added_and_not_flushed_is_not_part_of_the_dataset(tmp_path, recordings):
+def test_pending_episodes_are_not_part_of_the_dataset(tmp_path, recordings):
     writer = write(tmp_path, recordings[:1])
     writer.add(won(recordings[1]), encode_episode(recordings[1]))
     assert DatasetWriter(tmp_path, SOURCE).episodes == 1
@@ -98,7 +98,7 @@ def test_leftovers_of_a_killed_process_are_overwritten(tmp_path, recordings):
     assert Demonstrations(tmp_path).content_hash == Demonstrations(tmp_path / "undisturbed").content_hash
 
 
-def test_what_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, monkeypatch):
+def test_a_dataset_that_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, monkeypatch):
     def die(self):
         raise KeyboardInterrupt
 
@@ -111,7 +111,7 @@ def test_what_was_killed_in_its_first_commit_is_continued(tmp_path, recordings, 
 
 def test_a_dataset_of_another_source_is_not_continued(tmp_path, recordings):
     write(tmp_path, recordings)
-    with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2; give another folder"):
+    with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2; choose another --out"):
         DatasetWriter(tmp_path, {**SOURCE, "noise": 0.2})
 
 
@@ -121,7 +121,7 @@ def test_a_foreign_dataset_is_left_alone(tmp_path):
         DatasetWriter(tmp_path, SOURCE)
 
 
-def test_a_broken_record_of_attempts_is_told(tmp_path, recordings):
+def test_a_broken_record_of_attempts_is_an_error(tmp_path, recordings):
     write(tmp_path, recordings)
     (tmp_path / "meta/robogauntlet.json").write_text("{")
     with pytest.raises(DatasetError, match="expected a record of attempts: JSONDecodeError"):
@@ -136,5 +136,5 @@ def test_episodes_that_do_not_fit_are_refused(tmp_path, recordings):
     other = recording(9, size=8)
     with pytest.raises(DatasetError, match="expected episodes of DatasetSpec"):
         writer.commit([won(other)], [encode_episode(other)])
-    with pytest.raises(DatasetError, match=r"expected an episode for each that is kept \[9\], got \[\]"):
+    with pytest.raises(DatasetError, match=r"expected episodes of the kept seeds \[9\], got \[\]"):
         writer.commit([won(other)], [])

@@ -1,4 +1,4 @@
-"""Training: it learns, it repeats, it can be stopped, its metadata says what happened, and mistakes are one line."""
+"""Training: learning, determinism, resumption, metadata and error messages."""
 
 from dataclasses import replace
 
@@ -101,7 +101,7 @@ def test_held_out_episodes_are_never_trained_on(data):
     assert not seen & held_out
 
 
-def test_held_out_episodes_have_no_part_in_the_statistics(tmp_path):
+def test_statistics_leave_out_held_out_episodes(tmp_path):
     odd = {"actions": np.full((12, 7), 0.9), "states": np.full((12, 8), 50.0)}
     write(tmp_path, [recording(0), recording(1), recording(2, **odd)])
     (task,) = (pool := DatasetMixture.open([tmp_path])).tasks
@@ -126,14 +126,14 @@ def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
         {"batch_size": 4},
     ],
 )
-def test_what_is_said_to_decide_the_weights_does(pool, base, tmp_path, change):
+def test_each_decisive_setting_changes_the_weights(pool, base, tmp_path, change):
     assert (
         pretrain(pool, SMALL, tmp_path, replace(QUICK, **change)).metadata.tensor_hash
         != CheckpointMetadata.read(base).tensor_hash
     )
 
 
-def test_images_are_shifted_as_far_as_the_settings_say(tmp_path):
+def test_images_are_shifted_up_to_the_setting(tmp_path):
     write(tmp_path, [recording(seed) for seed in range(2)])
     pool = DatasetMixture.open([tmp_path])
     metadata = [pretrain(pool, SMALL, tmp_path / str(px), replace(QUICK, largest_shift=px)).metadata for px in (0, 1)]
@@ -171,7 +171,7 @@ def test_a_network_with_weights_that_no_gradient_reaches_is_continued(tmp_path):
     assert pretrain(pool, LITTLE, tmp_path / "parts", brief).metadata.tensor_hash == whole.tensor_hash
 
 
-def test_the_papers_noise_is_repeated_when_a_training_is_continued_and_not_in_what_is_held_out(pool, tmp_path):
+def test_the_papers_noise_is_the_same_in_a_continued_training_and_absent_in_evaluations(pool, tmp_path):
     noisy = replace(SMALL, quirks=PaperCodeQuirks(training_noise=True))
     whole = pretrain(pool, noisy, tmp_path / "whole", QUICK)
     pretrain(pool, noisy, tmp_path / "parts", QUICK, stop=stop_after(2))
@@ -182,17 +182,17 @@ def test_the_papers_noise_is_repeated_when_a_training_is_continued_and_not_in_wh
     assert np.mean(list(losses.values())) == pytest.approx(whole.metadata.metrics["held_out_l1"], rel=1e-5)
 
 
-def test_what_the_optimiser_knows_comes_back_on_the_device_of_its_weight(tmp_path):
+def test_moments_are_restored_on_the_device_of_their_weight(tmp_path):
     """Its count of steps too: fused AdamW reads it on the GPU."""
     weight = torch.nn.Parameter(torch.ones(2))
     optimiser = torch.optim.AdamW([weight])
     weight.sum().backward()
     optimiser.step()
     save_state(tmp_path / STATE_FILE, {"w": weight}, optimiser, History("same", step=1))
-    elsewhere = torch.nn.Parameter(torch.empty(2, device="meta"))
-    continued = torch.optim.AdamW([elsewhere])
-    load_state(tmp_path / STATE_FILE, {"w": elsewhere}, continued, "same")
-    found = continued.state[elsewhere]
+    on_meta = torch.nn.Parameter(torch.empty(2, device="meta"))
+    continued = torch.optim.AdamW([on_meta])
+    load_state(tmp_path / STATE_FILE, {"w": on_meta}, continued, "same")
+    found = continued.state[on_meta]
     assert found.keys() == optimiser.state[weight].keys()
     assert {value.device.type for value in found.values()} == {"meta"}
 
@@ -219,7 +219,7 @@ def test_a_killed_training_continues_from_the_state_that_was_written(pool, base,
     assert pretrain(pool, SMALL, tmp_path, QUICK).metadata.tensor_hash == CheckpointMetadata.read(base).tensor_hash
 
 
-def test_the_metadata_say_how_and_on_what_it_was_trained(pool, base, data, tmp_path):
+def test_the_metadata_describe_training_and_data(pool, base, data, tmp_path):
     finetune(DatasetMixture.open(data[1:]), base, tmp_path, QUICK, lora=LORA)
     metadata = CheckpointMetadata.verified(tmp_path)
     assert metadata.tasks == ("null/Push",)
@@ -243,7 +243,7 @@ def test_an_expert_differs_from_its_base_in_adapters_and_action_expert_only(data
     assert load_checkpoint(tmp_path).metadata.statistics != CheckpointMetadata.read(base).statistics
 
 
-def test_the_loss_leaves_out_what_is_masked():
+def test_the_loss_leaves_out_masked_steps():
     predicted, target = torch.zeros(2, 3, 7), torch.ones(2, 3, 7)
     target[1, 1:] = 100.0
     mask = torch.tensor([[True, True, True], [True, False, False]])
@@ -266,8 +266,8 @@ def test_a_shift_moves_down_and_right_and_repeats_the_border():
 
 
 def test_progress_is_one_line():
-    said = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
-    assert said == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
+    text = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
+    assert text == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
 
 
 def test_mistakes_are_one_line(pool, base, data, tmp_path):
@@ -283,7 +283,7 @@ def test_mistakes_are_one_line(pool, base, data, tmp_path):
         "seed: expected greater than or equal to 0, got -1": lambda: Settings.from_json({"seed": -1}),
         "learning_rate: expected less than 1, got 2.0": lambda: Settings.from_json({"learning_rate": 2.0}),
         "schedule: expected 'cosine' or 'constant', got 'step'": lambda: Settings.from_json({"schedule": "step"}),
-        "expected a base that stands alone": lambda: finetune(pool, expert, tmp_path / "b", QUICK, lora=LORA),
+        "expected a base, got": lambda: finetune(pool, expert, tmp_path / "b", QUICK, lora=LORA),
         "holds a finished one": lambda: pretrain(pool, SMALL, base, QUICK),
         "expected a checkpoint's folder or a hub id": lambda: finetune(pool, "none", tmp_path, QUICK, lora=LORA),
         "expected images of camera top": lambda: pretrain(
@@ -311,7 +311,7 @@ def test_a_stopped_training_is_not_continued_with_its_data_in_another_order(data
         pretrain(backwards, SMALL, tmp_path, QUICK)
 
 
-def test_a_broken_state_is_said_to_be_broken(pool, tmp_path):
+def test_a_broken_state_file_is_an_error(pool, tmp_path):
     (tmp_path / STATE_FILE).write_bytes(b"nothing")
     with pytest.raises(TrainingError, match="does not read"):
         pretrain(pool, SMALL, tmp_path, QUICK)

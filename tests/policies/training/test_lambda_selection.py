@@ -1,4 +1,4 @@
-"""Choosing how to merge by held-out demonstrations."""
+"""Choice of lambda by held-out demonstrations."""
 
 import pytest
 
@@ -28,7 +28,7 @@ def test_each_task_gets_the_lambda_with_which_its_held_out_loss_is_least(made):
         assert losses[recipe.lambda_[task]] == min(losses.values())
 
 
-def test_the_table_is_what_the_merged_model_scores(made):
+def test_the_table_holds_the_losses_of_the_merged_model(made):
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 
     experts, pool, folders = made
@@ -38,7 +38,7 @@ def test_the_table_is_what_the_merged_model_scores(made):
     assert again == pytest.approx({task: losses[0.6] for task, losses in table.items()})
 
 
-def test_an_expert_alone_is_scored_as_its_own_network(made):
+def test_a_single_expert_has_the_loss_of_its_network(made):
     from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
     from robogauntlet.policies.mergevla.network.lora import folded
 

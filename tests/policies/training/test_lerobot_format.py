@@ -1,4 +1,4 @@
-"""How an episode becomes rows of the LeRobot layout."""
+"""Encoding of episodes in the LeRobot layout."""
 
 import json
 
@@ -26,8 +26,8 @@ def test_images_are_stored_without_loss(image):
     assert np.array_equal(decode_png(encode_png(image)), image)
 
 
-def test_what_is_no_png_is_refused():
-    with pytest.raises(DatasetError, match="expected a PNG image, got 5 bytes that are none"):
+def test_an_image_that_is_no_png_is_refused():
+    with pytest.raises(DatasetError, match="expected a PNG image, got 5 bytes of another format"):
         decode_png(b"GIF89")
 
 

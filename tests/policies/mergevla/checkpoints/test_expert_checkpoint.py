@@ -1,4 +1,4 @@
-"""Checkpoints: what is saved comes back, and what is wrong is refused in one line."""
+"""Saving and loading checkpoints, and errors of one line."""
 
 import errno
 import json
@@ -47,7 +47,7 @@ def refused(folder, match):
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_saved_comes_back(saved):
+def test_a_saved_checkpoint_loads_unchanged(saved):
     checkpoint = load_checkpoint(saved)
     assert checkpoint.metadata == example_metadata(tensor_hash=checkpoint.metadata.tensor_hash)
     assert torch.equal(checkpoint.model(*inputs(SMALL)), small_model()(*inputs(SMALL)))
@@ -85,9 +85,9 @@ def test_another_base_in_the_bases_place_is_refused(saved, tmp_path):
     refused(tmp_path / "tuned", f"expected tensors of hash .* for '{tmp_path / 'tuned' / '..' / saved.name}")
 
 
-def test_a_base_that_is_gone_is_told_with_who_needs_it(saved, tmp_path):
+def test_the_message_for_a_missing_base_names_the_expert(saved, tmp_path):
     save_checkpoint(tmp_path / "tuned", small_model(), example_metadata(), base=saved)
-    saved.rename(tmp_path / "elsewhere")
+    saved.rename(tmp_path / "moved")
     refused(tmp_path / "tuned", f"'{tmp_path / 'tuned'}': expected its base at '../{saved.name}'")
 
 
@@ -107,7 +107,7 @@ def test_a_truncated_file_is_refused(saved, keep):
     refused(saved, "truncated")
 
 
-def test_bytes_behind_the_tensors_are_refused_before_anything_is_loaded(saved):
+def test_bytes_after_the_tensors_are_refused_before_loading(saved):
     with (saved / WEIGHTS).open("ab") as file:
         file.write(b"more")
     refused(saved, r"expected \d+ bytes in")
@@ -115,7 +115,7 @@ def test_bytes_behind_the_tensors_are_refused_before_anything_is_loaded(saved):
         digest_of(str(saved))
 
 
-def test_a_file_that_the_format_forbids_is_refused_though_its_hash_is_right(saved):
+def test_a_file_of_another_format_is_refused_even_with_the_right_hash(saved):
     data = (saved / WEIGHTS).read_bytes()
     length = int.from_bytes(data[:8], "little")
     header = data[8 : 8 + length].replace(b'"F32"', b'"X32"')
@@ -124,7 +124,7 @@ def test_a_file_that_the_format_forbids_is_refused_though_its_hash_is_right(save
     refused(saved, "expected a safetensors file in")
 
 
-def test_what_cannot_be_written_is_an_error_of_the_system_and_leaves_no_file(tmp_path):
+def test_a_write_error_is_an_oserror_and_leaves_no_file(tmp_path):
     with full_disk(), pytest.raises(OSError, match="File too large") as caught:
         save_checkpoint(tmp_path, small_model(), example_metadata())
     assert caught.value.errno == errno.EFBIG
@@ -218,7 +218,7 @@ def test_a_pickle_by_the_name_of_safetensors_is_refused_and_never_opened(saved):
     refused(saved, "another format")
 
 
-def test_what_is_neither_folder_nor_hub_id_is_refused(saved):
+def test_a_reference_that_is_neither_folder_nor_hub_id_is_refused(saved):
     refused(Path("/nowhere/at/all"), "a checkpoint's folder or a hub id")
     refused(saved / METADATA_FILE, "a checkpoint's folder or a hub id")
 
@@ -235,7 +235,7 @@ def test_a_hub_id_is_fetched_by_its_revision_with_weights_and_metadata_only(save
     assert asked == {"name": "owner/name", "revision": "v1", "allow_patterns": [WEIGHTS, METADATA_FILE]}
 
 
-def test_a_hub_that_cannot_be_reached_is_told_in_one_line(monkeypatch):
+def test_an_unreachable_hub_is_one_line(monkeypatch):
     def fetch(name, **options):
         raise OSError("no route\nto host")
 

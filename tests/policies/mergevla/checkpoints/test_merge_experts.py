@@ -1,4 +1,4 @@
-"""Reading and merging expert checkpoints: what is reported, and what is refused in one line."""
+"""Reading and merging expert checkpoints: the report, and errors of one line."""
 
 import pytest
 import torch
@@ -7,7 +7,7 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
 from robogauntlet.policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer, MergeError, OutOfRange
-from robogauntlet.policies.mergevla.merging.operators import UnknownOperator
+from robogauntlet.policies.mergevla.merging.merge import UnknownOperator
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, Recipe
 from robogauntlet.policies.mergevla.network.config import LoraSettings
 from robogauntlet.policies.mergevla.network.lora import lora_deltas
@@ -22,7 +22,7 @@ def folders(tmp_path_factory):
     return save_experts(tmp_path_factory.mktemp("zoo"))
 
 
-def test_the_report_tells_masks_from_chance_and_counts_bytes(folders):
+def test_the_report_compares_masks_with_chance_and_counts_bytes(folders):
     report = merging(folders).report
     assert report.experts == TASKS
     assert set(report.observed.keep) == set(report.null.keep) == set(report.bytes_per_task) == set(TASKS)
@@ -36,7 +36,7 @@ def test_selected_adapters_count_as_the_tasks_own_bytes(folders):
     assert selected.mask < merged.mask
 
 
-def test_nothing_merged_by_vectors_leaves_a_report_too(folders):
+def test_a_merge_without_task_vectors_has_a_report(folders):
     made = merging(folders, backbone="select", trunk="mean")
     assert made.report.entries == 0
     assert not made.parts.merged.masks
@@ -49,9 +49,9 @@ def refused(kind, match, *folders, **recipe):
 
 
 def test_experts_of_different_bases_are_refused(folders, tmp_path):
-    stranger = save_expert(tmp_path / "stranger", save_base(tmp_path / "base", seed=9), "null/Raise", 5)
+    other = save_expert(tmp_path / "other", save_base(tmp_path / "base", seed=9), "null/Raise", 5)
     refused(
-        DifferentBases, "expected all experts from base .* of null/Reach, got .* for null/Raise", *folders[:2], stranger
+        DifferentBases, "expected all experts from base .* of null/Reach, got .* for null/Raise", *folders[:2], other
     )
 
 
@@ -132,14 +132,14 @@ def test_a_layer_that_some_experts_did_not_adapt_is_merged_from_those_that_did(f
     assert torch.isfinite(merged.of("null/Reach")[stem]).all()
 
 
-def test_what_an_expert_did_not_adapt_stays_the_bases_where_signs_are_kept(folders, tmp_path):
+def test_weights_that_an_expert_did_not_adapt_stay_the_bases_under_signs(folders, tmp_path):
     odd = save_expert(tmp_path / "odd", folders[0].parents[1] / "base", "null/Raise", 4, convolutions=True)
     merged = merging([*folders[:2], odd], operator="magnitude", masks="signs").parts.merged
     stem = next(name for name in merged.vector if "stems" in name)
     assert (merged.of("null/Reach")[stem] == 0).all()
 
 
-def test_what_a_task_keeps_is_stored_in_half_the_bytes_under_signs(folders):
+def test_heads_are_stored_in_bf16_under_signs(folders):
     exact, halved = (merging(folders, operator="magnitude", masks=rule) for rule in ("task", "signs"))
     task = TASKS[0]
     assert halved.report.bytes_per_task[task].head == exact.report.bytes_per_task[task].head / 2

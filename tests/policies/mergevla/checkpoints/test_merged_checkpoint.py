@@ -1,4 +1,4 @@
-"""Merged checkpoints: what is saved comes back, and what is wrong is refused in one line."""
+"""Saving and loading merged checkpoints, and errors of one line."""
 
 import json
 import pickle
@@ -66,7 +66,7 @@ def refused(folder, match):
 @pytest.mark.parametrize("trunk", TrunkRule)
 @pytest.mark.parametrize("backbone", BackboneRule)
 @pytest.mark.parametrize("masks", MaskRule)
-def test_what_is_saved_comes_back(folders, tmp_path, trunk, backbone, masks):
+def test_a_saved_checkpoint_loads_unchanged(folders, tmp_path, trunk, backbone, masks):
     made = merging(folders, operator="emr", trunk=trunk, backbone=backbone, masks=masks)
     metadata = save_merged(tmp_path, made, FITTED)
     back = load_merged(tmp_path)
@@ -83,7 +83,7 @@ def test_what_is_saved_comes_back(folders, tmp_path, trunk, backbone, masks):
     assert theirs.instructions == ours.instructions
 
 
-def test_the_metadata_keep_recipe_report_and_what_was_merged(saved, made):
+def test_the_metadata_hold_recipe_report_and_expert_digests(saved, made):
     metadata = load_merged(saved).metadata
     assert metadata.recipe == made.parts.recipe
     assert metadata.report == json.loads(made.report.to_json())

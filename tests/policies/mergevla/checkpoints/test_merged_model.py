@@ -1,4 +1,4 @@
-"""Merging expert checkpoints into one model: which weight comes from where, and what routers see of it."""
+"""The merged model: the origin of every weight, and the inputs of routers."""
 
 import itertools
 
@@ -27,7 +27,7 @@ def same(ours, theirs, tolerance=1e-6):
 @pytest.mark.parametrize("trunk", TrunkRule)
 @pytest.mark.parametrize("backbone", BackboneRule)
 @pytest.mark.parametrize("masks", [MaskRule.NONE, MaskRule.TASK])
-def test_a_single_expert_comes_back_unchanged(folders, trunk, backbone, masks):
+def test_a_single_expert_is_unchanged_by_merging(folders, trunk, backbone, masks):
     model = MergedModel(merging(folders[:1], operator="ta", trunk=trunk, backbone=backbone, masks=masks).parts)
     assert same(model.weights(TASKS[0]), plain(folders[0]).state_dict())
 
@@ -130,8 +130,8 @@ def test_value_weights_are_those_that_run(folders):
     assert torch.equal(values[0][1], weights["action_expert.blocks.0.v_task.weight"])
 
 
-def test_a_stranger_is_refused(folders):
+def test_an_unknown_expert_is_refused(folders):
     model = MergedModel(merging(folders).parts)
     for ask in (model.model, model.weights, model.value_weights, model.own_value_weights):
         with pytest.raises(ExpertsDiffer, match="expected one of the merged experts"):
-            ask("stranger")
+            ask("unknown")

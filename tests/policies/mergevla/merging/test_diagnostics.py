@@ -44,7 +44,7 @@ def generator():
         ("ties", 16, 0.00, 0.04, 0.14),
     ],
 )
-def test_the_null_is_that_of_independent_gaussian_experts(operator, experts, keep, selfish, cos):
+def test_the_null_has_known_values_for_independent_gaussian_experts(operator, experts, keep, selfish, cos):
     """Known values to two digits, lambda 0.6; their own rounding is 0.005, the simulation's error about 0.002."""
     null = gaussian_null(
         {f"e{i}": 1.0 for i in range(experts)}, Recipe(operator), generator=generator(), shape=(500, 500)
@@ -67,14 +67,14 @@ def test_the_null_repeats_for_equal_generators_and_depends_on_relative_scales_al
     assert null.keep["a"] < null.keep["b"] - 0.2
 
 
-def test_keep_and_selfish_rate_by_hand():
+def test_keep_and_selfish_rate_have_known_values():
     masks = [bits(1, 1, 0, 0), bits(1, 0, 0, 0), bits(1, 0, 1, 0)]
     assert [keep_rate(mask) for mask in masks] == [0.5, 0.25, 0.5]
     assert selfish_rate(masks) == 0.5
     assert keep_rate({}) == selfish_rate([{}]) == 0.0
 
 
-def test_cosine_by_hand():
+def test_the_cosine_has_known_values():
     a, b = {"w": torch.tensor([3.0]), "v": torch.tensor([4.0])}, {"w": torch.tensor([1.0]), "v": torch.tensor([0.0])}
     assert cosine(a, b) == pytest.approx(0.6)
     assert cosine(a, a) == pytest.approx(1.0)
@@ -99,7 +99,7 @@ def test_statistics_of_other_experts_are_refused():
         mask_statistics(random_task_vectors(1), merge(random_task_vectors(2), Recipe("ta")))
 
 
-def test_block_distances_by_hand():
+def test_block_distances_have_known_values():
     experts = {
         "a": {
             "action_expert.blocks.0.w": torch.tensor([3.0, 0.0]),
@@ -123,7 +123,7 @@ def test_block_distances_by_hand():
     assert block_distances({"a": experts["a"]}) == (0.0, 0.0)
 
 
-def test_bytes_per_task_by_hand():
+def test_bytes_per_task_have_known_values():
     vector = {"w": torch.zeros(3, 5), "gate": torch.zeros(())}
     head = {"out": torch.zeros(7), "norm": torch.zeros(2, dtype=torch.bfloat16)}
     costs = bytes_per_task(vector, head, lora_rank=4)

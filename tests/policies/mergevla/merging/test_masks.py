@@ -1,4 +1,4 @@
-"""The mask rule, its storage and its refusals."""
+"""The mask rule, packed masks, and error messages."""
 
 import math
 
@@ -38,7 +38,7 @@ def vector(*entries):
     return {"w": torch.tensor(entries, dtype=torch.float32)}
 
 
-def test_the_rule_by_hand():
+def test_the_mask_rule_has_known_values():
     own, merged = vector(1, 1, -1, 0, 0, 3), vector(2.5, 3, 1, 0, 5, 3)
     # 0.6 |tau_merge - tau|: 0.9, 1.2, 1.2, 0, 3, 0.
     assert task_mask(own, merged)["w"].tolist() == [True, False, False, False, False, True]
@@ -46,7 +46,7 @@ def test_the_rule_by_hand():
     assert task_mask(own, merged, 0.49)["w"].tolist() == [True, True, True, False, False, True]
 
 
-def test_a_task_reads_the_merged_value_where_the_mask_keeps_it_and_nothing_elsewhere():
+def test_a_masked_vector_is_the_merged_one_where_the_mask_keeps_it_and_zero_elsewhere():
     merged = vector(1, 2)
     assert masked(merged, {"w": torch.tensor([True, False])})["w"].tolist() == [1, 0]
     assert merged["w"].tolist() == [1, 2]

@@ -1,4 +1,4 @@
-"""Recipes: what is out of range is refused when one is written down, before anything is read or computed."""
+"""Recipes refuse values out of range when they are created."""
 
 import subprocess
 import sys
@@ -25,7 +25,7 @@ def test_a_recipe_read_from_json_is_checked_too():
     ("field", "value"),
     [("operator", ["ties"]), ("merge_output", "no"), ("options", 5), ("options", {1: 2}), ("masks", "some")],
 )
-def test_a_value_of_another_kind_is_refused(field, value):
+def test_a_value_of_another_type_is_refused(field, value):
     with pytest.raises(OutOfRange, match=f"recipe for merging: {field}.*: expected"):
         Recipe.from_json({field: value})
 

@@ -1,4 +1,4 @@
-"""What TSV, KnOTS and WUDI make of matrices."""
+"""TSV, KnOTS and WUDI on matrices."""
 
 import math
 
@@ -32,14 +32,14 @@ def test_tsv_keeps_as_many_triplets_as_the_matrix_has_for_all_experts_together()
     torch.testing.assert_close(torch.linalg.svdvals(merged), expected, rtol=1e-5, atol=1e-5)
 
 
-def test_knots_leaves_out_what_is_not_above_its_cut_off():
+def test_knots_leaves_out_singular_values_up_to_its_cutoff():
     values = torch.tensor([2.0, 1.0, 0.5])
     merged = knots({"expert": {"w": torch.diag(values)}}, cutoff=0.5)["w"]
     torch.testing.assert_close(merged, torch.diag(torch.tensor([2.0, 1.0, 0.0])))
 
 
 @pytest.mark.parametrize("operator", [task_singular_vectors, wudi])
-def test_spectral_operators_average_what_is_no_matrix(operator):
+def test_spectral_operators_average_weights_that_are_no_matrices(operator):
     experts = random_task_vectors(3)
     assert torch.equal(operator(experts)["b"], mean(experts)["b"])
 

@@ -7,7 +7,7 @@ from robogauntlet.policies.mergevla.merging.errors import DifferentBases, Expert
 from robogauntlet.policies.mergevla.merging.task_vectors import check_same_base, rms, task_vector
 
 
-def test_a_task_vector_is_what_fine_tuning_added():
+def test_a_task_vector_is_the_difference_from_the_base():
     vector = task_vector({"w": torch.tensor([3.0, 1.0])}, {"w": torch.tensor([1.0, 1.0])})
     assert vector["w"].tolist() == [2, 0]
 

@@ -26,17 +26,17 @@ def action_expert(seed):
 @pytest.mark.parametrize("k", range(DEPTH + 1))
 def test_a_split_keeps_the_last_k_blocks_and_the_output_and_joins_to_the_whole(k):
     whole = action_expert(0)
-    parts = split_trunk(whole, k)
+    shared, kept = split_trunk(whole, k)
     last = {f"action_expert.blocks.{i}.{part}" for i in range(DEPTH - k, DEPTH) for part in ("weight", "gate")}
-    assert parts.kept.keys() == last | {"action_expert.output_norm.weight", "action_expert.output.weight"}
-    assert not parts.shared.keys() & parts.kept.keys()
-    assert equal({**parts.shared, **parts.kept}, whole)
+    assert kept.keys() == last | {"action_expert.output_norm.weight", "action_expert.output.weight"}
+    assert not shared.keys() & kept.keys()
+    assert equal({**shared, **kept}, whole)
 
 
 def test_with_the_output_merged_k_0_keeps_nothing():
-    parts = split_trunk(action_expert(0), 0, merge_output=True)
-    assert not parts.kept
-    assert "action_expert.output.weight" in parts.shared
+    shared, kept = split_trunk(action_expert(0), 0, merge_output=True)
+    assert not kept
+    assert "action_expert.output.weight" in shared
 
 
 @pytest.mark.parametrize("k", [-1, DEPTH + 1, 1.0, True, "1"])
@@ -58,11 +58,11 @@ def test_trunks_from_one_initialisation_merge_by_task_vectors_and_masks():
         "a": {**base, "action_expert.blocks.0.weight": base["action_expert.blocks.0.weight"] + torch.eye(3)},
         "b": {**base, "action_expert.blocks.1.weight": base["action_expert.blocks.1.weight"] + torch.eye(3)},
     }
-    trunks = {expert: split_trunk(weights, 1).shared for expert, weights in tuned.items()}
-    start = split_trunk(base, 1).shared
+    trunks = {expert: split_trunk(weights, 1)[0] for expert, weights in tuned.items()}
+    start, _ = split_trunk(base, 1)
     merged = merge({expert: task_vector(trunk, start) for expert, trunk in trunks.items()}, Recipe("ta"))
     # The two changed different weights, so the masks separate them entirely; a mean would halve both changes.
     for expert, weights in tuned.items():
-        read = merged.of(expert)
-        whole = {name: weight + read[name] for name, weight in start.items()} | dict(split_trunk(weights, 1).kept)
+        deltas = merged.of(expert)
+        whole = {name: weight + deltas[name] for name, weight in start.items()} | dict(split_trunk(weights, 1)[1])
         assert close(whole, weights)

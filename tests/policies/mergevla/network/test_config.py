@@ -1,4 +1,4 @@
-"""Architectures: what can be written down, read back and switched."""
+"""Architectures: JSON, quirks and invalid values."""
 
 from dataclasses import fields, replace
 
@@ -22,7 +22,7 @@ def test_an_architecture_survives_json(architecture):
     assert Architecture.from_json(architecture.as_json()) == architecture
 
 
-def test_what_is_repaired_is_the_default_and_the_paper_has_every_quirk():
+def test_the_repaired_network_is_the_default_and_the_paper_has_every_quirk():
     assert not any(
         getattr(TINY.quirks, quirk.name) or getattr(QWEN.quirks, quirk.name) for quirk in fields(PaperCodeQuirks)
     )
@@ -34,7 +34,7 @@ def test_both_sizes_count_their_patches():
 
 
 @pytest.mark.parametrize("spoil", [{"vision": {"kind": "Resnet"}}, {"language": None}, {"colour": "red"}])
-def test_an_architecture_that_does_not_read_is_refused(spoil):
+def test_a_malformed_architecture_is_refused(spoil):
     with pytest.raises(ArchitectureError, match=r"architecture: (vision|language|colour): "):
         Architecture.from_json({**TINY.as_json(), **spoil})
 

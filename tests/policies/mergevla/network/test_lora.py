@@ -1,4 +1,4 @@
-"""Adapters: what they add, from the factors, and what stays as it was."""
+"""Adapters: their deltas, and the unchanged weights."""
 
 import pytest
 import torch
@@ -57,7 +57,7 @@ def test_the_base_is_frozen_and_all_else_trains():
 
 
 @pytest.mark.parametrize("convolutions", [False, True])
-def test_deltas_are_fp32_and_what_peft_itself_adds(convolutions):
+def test_deltas_are_fp32_and_equal_to_pefts(convolutions):
     model = adapted(LoraSettings(2, convolutions))
     deltas = lora_deltas(model)
     for name, module in model.backbone.named_modules():
@@ -78,7 +78,7 @@ def test_a_folded_model_has_no_adapters_and_acts_the_same(convolutions):
     torch.testing.assert_close(plain(*batch), model(*batch), atol=1e-5, rtol=0)
 
 
-def test_adapters_upon_adapters_and_ranks_beyond_the_width_are_refused():
+def test_second_adapters_and_ranks_above_the_width_are_refused():
     with pytest.raises(LoraError, match="fold it first"):
         add_lora(adapted(), LoraSettings(rank=2), 0)
     with pytest.raises(LoraError, match="rank of 1 to 16, got 17"):

@@ -1,4 +1,4 @@
-"""The network: sizes by the paper, what each part sees, and what each quirk does."""
+"""The network: the paper's sizes, the inputs of each part, and the effect of each quirk."""
 
 from dataclasses import fields, replace
 
@@ -127,7 +127,7 @@ def test_the_papers_rope_is_no_rotation():
     assert not torch.allclose(rotate(q, interleaved=True).norm(dim=-1), q.norm(dim=-1), atol=1e-2)
 
 
-def test_without_skip_a_blocks_tokens_are_what_the_feed_forward_gives():
+def test_without_skip_a_blocks_tokens_are_the_feed_forwards_output():
     tokens, keys = torch.randn(2, 8, 16), torch.randn(2, 4, 16)
     assert (Block(replace(SMALL, quirks=PaperCodeQuirks(ffn_without_skip=True)))(tokens, keys, keys) >= 0).all()
     assert (Block(SMALL)(tokens, keys, keys) < 0).any()

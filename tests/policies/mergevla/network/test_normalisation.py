@@ -1,4 +1,4 @@
-"""Quantile normalisation: a common scale and back."""
+"""Quantile normalisation and its inverse."""
 
 import numpy as np
 import pytest
@@ -19,14 +19,14 @@ NUMBERS = st.floats(-10, 10, allow_nan=False, width=32)
 
 
 @given(arrays(np.float64, (5, 7), elements=st.floats(-1, 1)))
-def test_restoring_and_normalising_gives_the_normalised_actions_back(normalised):
+def test_normalising_is_the_inverse_of_restoring(normalised):
     statistics = some_statistics()
     back = statistics.normalise_actions(statistics.restore_actions(normalised))
     np.testing.assert_allclose(back, normalised, atol=1e-9)
 
 
 @given(arrays(np.float64, (20, 8), elements=NUMBERS), arrays(np.float64, (3, 8), elements=NUMBERS))
-def test_whatever_comes_is_normalised_into_the_range(samples, values):
+def test_any_value_is_normalised_into_the_range(samples, values):
     assert (np.abs(Quantiles.of(samples).normalise(values)) <= 1.0).all()
 
 
@@ -36,13 +36,13 @@ def test_quantiles_are_the_ends_of_the_range():
     np.testing.assert_allclose(quantiles.normalise([[1.0], [50.0], [99.0], [500.0]]).ravel(), [-1, 0, 1, 1])
 
 
-def test_a_number_that_never_varies_is_zero_and_comes_back_as_it_was():
+def test_a_constant_number_is_normalised_to_zero_and_restored():
     quantiles = Quantiles((0.3,), (0.3,))
     assert quantiles.normalise([0.3]) == 0.0
     assert quantiles.restore([0.7]) == pytest.approx(0.3)
 
 
-def test_the_gripper_is_clipped_and_nothing_else():
+def test_the_gripper_is_only_clipped():
     statistics = some_statistics()
     actions = np.zeros((3, 7))
     actions[:, GRIPPER] = [-1.0, 0.25, 3.0]
@@ -54,7 +54,7 @@ def test_statistics_survive_json():
     assert Statistics.from_json(some_statistics().as_json()) == some_statistics()
 
 
-def test_statistics_that_cannot_be_are_refused():
+def test_invalid_statistics_are_refused():
     with pytest.raises(StatisticsError, match=r"q01 <= q99, got 2\.0 and 1\.0"):
         Quantiles((2.0,), (1.0,))
     with pytest.raises(StatisticsError, match="finite"):

@@ -1,4 +1,4 @@
-"""The large size's own code path, on random towers and a random decoder small enough to test."""
+"""Loading pretrained weights, with small random towers and a small random decoder."""
 
 from dataclasses import replace
 
@@ -77,7 +77,7 @@ def test_weights_of_another_architecture_are_refused(source):
         load_pretrained(Backbone(wider), source[0])
 
 
-def test_weights_that_are_not_there_are_refused_in_one_line(source, tmp_path):
+def test_missing_weights_are_refused_in_one_line(source, tmp_path):
     with pytest.raises(PolicyError, match="expected pretrained safetensors at") as caught:
         load_pretrained(Backbone(LITTLE), replace(source[0], siglip=str(tmp_path)))
     assert "\n" not in str(caught.value)

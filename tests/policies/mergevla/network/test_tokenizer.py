@@ -7,7 +7,7 @@ from robogauntlet.policies.mergevla.network.config import TINY
 from robogauntlet.policies.mergevla.network.tokenizer import PromptTooLong, tokenizer_for, word_ids
 
 
-def test_words_have_the_same_ids_on_every_machine_whatever_their_case():
+def test_words_have_the_same_ids_on_every_machine_in_any_case():
     assert word_ids("Push the cube!", 1024) == word_ids("push THE cube", 1024)
     assert word_ids("push the cube", 1024) == [1, 648, 937, 876]
 
@@ -20,7 +20,7 @@ def test_the_instructions_of_tasks_with_experts_fit_and_no_two_words_of_them_sha
     tokenizer_for(TINY)(sorted(instructions))
 
 
-def test_padding_stands_between_the_first_token_and_the_rest():
+def test_padding_is_between_the_first_token_and_the_rest():
     prompts = tokenizer_for(TINY)(["push the cube", "reach"])
     assert prompts.present[:, 0].all()
     assert prompts.present[:, -1].all()

@@ -1,4 +1,4 @@
-"""Policies of experts and merged models: who acts, what is remembered, the same in a batch and alone."""
+"""Policies of experts and merged models: the acting expert, state, and independence of the batch."""
 
 import errno
 import subprocess
@@ -72,7 +72,7 @@ class Fixed:
     def passes(self, experts):
         return 0
 
-    def route(self, observations, candidates):
+    def route(self, observations, model):
         self.asked += [observation.episode_id for observation in observations]
         return [Routed({self.choice: 1.0}, self.choice) for _ in observations]
 
@@ -93,7 +93,7 @@ def test_declaring_the_kinds_and_hashing_import_no_torch(folders, merged):
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
-def test_actions_in_a_batch_are_the_ones_alone_in_whatever_order(kind_and_options):
+def test_actions_do_not_depend_on_the_batch_or_its_order(kind_and_options):
     kind, options = kind_and_options
     queries = [of_task(seed) for seed in range(40)]
     together, reverse = kind.load(options).act(queries), kind.load(options).act(queries[::-1])[::-1]
@@ -114,14 +114,14 @@ def test_an_expert_acts_as_it_does_alone(folders):
 
 
 @pytest.mark.parametrize("options", [{"backbone": "select", "kept_blocks": 2}, {"operator": "ta"}])
-def test_one_expert_merged_alone_and_told_the_task_acts_as_it_did(folders, tmp_path, options):
+def test_a_single_merged_expert_acts_as_before_when_oracle_routed(folders, tmp_path, options):
     save_merged(tmp_path, merging(folders[:1], **options))
     ours = MERGED.load({"checkpoint": str(tmp_path), "router": "oracle"}).act([of_task(0)])[0]
     alone = KIND.load({"checkpoint": str(folders[0])}).act([of_task(0)])[0]
     np.testing.assert_allclose(ours.actions, alone.actions, atol=1e-5)
 
 
-def test_experts_that_look_again_sooner_do_so_when_merged_too(tmp_path):
+def test_action_steps_of_experts_are_kept_in_the_merged_policy(tmp_path):
     base = save_base(tmp_path / "base")
     for index, (task, steps) in enumerate(zip(TASKS, (2, None, 8), strict=True)):
         save_expert(tmp_path / "experts" / str(index), base, task, index, action_steps=steps)
@@ -136,7 +136,7 @@ def test_experts_that_look_again_sooner_do_so_when_merged_too(tmp_path):
         assert [len(decision.actions) for decision in decisions] == [2, 8, 8]
 
 
-def test_a_recipe_merges_the_experts_anew_with_the_checkpoints_routers(folders, merged):
+def test_a_recipe_merges_the_experts_again_with_the_checkpoints_routers(folders, merged):
     recipe = {"operator": "mean", "masks": "none", "kept_blocks": 2}
     options = {"checkpoint": str(merged), "experts": str(folders[0].parent), "recipe": recipe}
     ours = MERGED.load(options).act([of_task(0)])[0]
@@ -147,7 +147,7 @@ def test_a_recipe_merges_the_experts_anew_with_the_checkpoints_routers(folders, 
     assert MERGED.digest(options) != MERGED.digest({**options, "recipe": {**recipe, "kept_blocks": 1}})
 
 
-def test_the_oracle_is_told_the_task(merged):
+def test_the_oracle_router_gets_the_true_task(merged):
     policy = MERGED.load({"checkpoint": str(merged), "router": "oracle"})
     decisions = policy.act([of_task(seed) for seed in range(3)])
     assert [decision.routing.choice for decision in decisions] == list(TASKS)
@@ -198,11 +198,11 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written"))
 
 
-@pytest.mark.parametrize("kind", ["experts", "told"])
+@pytest.mark.parametrize("kind", ["experts", "oracle-routed"])
 def test_it_plays_an_episode_twice_the_same(folders, merged, kind):
     kind, options = {
         "experts": (EXPERTS, {"folder": str(folders[0].parent)}),
-        "told": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
+        "oracle-routed": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
     }[kind]
     view = View(image_size=SMALL.image_size)
     simulation, policy = open_simulation("null/Reach", view), kind.load(options)
@@ -213,7 +213,7 @@ def test_it_plays_an_episode_twice_the_same(folders, merged, kind):
     assert one.inferred_task == ("null/Reach" if kind is MERGED else None)
 
 
-def test_what_the_zoo_ships_is_found_by_its_name(folders, merged, monkeypatch):
+def test_a_shipped_checkpoint_is_found_by_its_name(folders, merged, monkeypatch):
     monkeypatch.setattr("robogauntlet.policies.zoo.zoo_folder", lambda: merged.parent)
     assert EXPERTS.digest({"folder": "zoo:experts"}) == EXPERTS.digest({"folder": str(folders[0].parent)})
     assert MERGED.digest({"checkpoint": "zoo:merged"}) == MERGED.digest({"checkpoint": str(merged)})
@@ -221,7 +221,7 @@ def test_what_the_zoo_ships_is_found_by_its_name(folders, merged, monkeypatch):
     refused(MERGED, {"checkpoint": "zoo:mergd"}, "did you mean 'merged'")
 
 
-def test_digests_tell_experts_routers_and_what_they_see_apart(folders, merged, tmp_path):
+def test_digests_differ_for_other_experts_routers_and_inputs(folders, merged, tmp_path):
     options = {"checkpoint": str(merged)}
     digests = [
         MERGED.digest(options),
@@ -247,12 +247,12 @@ def refused(kind, options, match, ask=lambda policy: None):
 
 
 def test_an_episode_whose_task_has_no_expert_is_refused(folders, merged):
-    stranger = of_task(0, "null/Reac")
-    experts, told = {"folder": str(folders[0].parent)}, {"checkpoint": str(merged), "router": "oracle"}
+    unknown = of_task(0, "null/Reac")
+    experts, oracle_routed = {"folder": str(folders[0].parent)}, {"checkpoint": str(merged), "router": "oracle"}
     message = r"expected a task that has an expert, got 'null/Reac'; did you mean 'null/Reach'\?"
-    refused(EXPERTS, experts, message, lambda policy: policy.act([stranger]))
-    refused(EXPERTS, experts, message, lambda policy: policy.reset([stranger.episode]))
-    refused(MERGED, told, message, lambda policy: policy.act([stranger]))
+    refused(EXPERTS, experts, message, lambda policy: policy.act([unknown]))
+    refused(EXPERTS, experts, message, lambda policy: policy.reset([unknown.episode]))
+    refused(MERGED, oracle_routed, message, lambda policy: policy.act([unknown]))
 
 
 @pytest.mark.parametrize("router", ["calibrated", "nearest-centroid"])
@@ -263,7 +263,7 @@ def test_a_router_that_was_not_fitted_is_refused_when_the_policy_is_loaded(folde
     )
 
 
-def test_a_plain_checkpoint_offered_as_merged_and_the_reverse_are_refused(folders, merged):
+def test_a_single_network_is_refused_as_merged_and_the_reverse(folders, merged):
     refused(MERGED, {"checkpoint": str(folders[0])}, "expected a merged checkpoint, got a checkpoint of one network")
     refused(KIND, {"checkpoint": str(merged)}, "expected a checkpoint of one network, got a merged checkpoint")
 
@@ -331,15 +331,15 @@ def test_a_folder_without_experts_is_refused(tmp_path):
     refused(EXPERTS, {"folder": str(tmp_path)}, "which holds none")
 
 
-def test_an_expert_that_cannot_be_looked_at_is_not_left_out(tmp_path, monkeypatch):
-    """Denied by hand: root may read everything."""
+def test_an_unreadable_expert_is_an_error(tmp_path, monkeypatch):
+    """The error is simulated, since root may read everything."""
     denied = save_experts(tmp_path)[1]
-    look = Path.is_file
+    is_file = Path.is_file
 
     def deny(path):
         if denied in path.parents:
             raise PermissionError(errno.EACCES, "Permission denied", str(path))
-        return look(path)
+        return is_file(path)
 
     monkeypatch.setattr(Path, "is_file", deny)
     refused(
@@ -347,7 +347,7 @@ def test_an_expert_that_cannot_be_looked_at_is_not_left_out(tmp_path, monkeypatc
     )
 
 
-def test_a_base_and_a_merged_model_beside_the_experts_are_left_out(tmp_path, merged, folders):
+def test_a_base_and_a_merged_model_in_the_folder_are_left_out(tmp_path, merged, folders):
     save_experts(tmp_path)
     (tmp_path / "base").rename(tmp_path / "experts" / "base")
     for place in (tmp_path / "experts").glob("null-*"):
@@ -371,7 +371,7 @@ def test_no_queries_get_no_answers(kind_and_options):
 
 
 @pytest.mark.parametrize("kind", [EXPERTS, MERGED])
-def test_packages_that_are_not_installed_are_told_in_one_line(kind, folders, merged, monkeypatch):
+def test_missing_packages_are_one_line(kind, folders, merged, monkeypatch):
     for name in ("single_policy", "merged_policy"):
         monkeypatch.setitem(sys.modules, f"robogauntlet.policies.mergevla.policies.{name}", None)
     options = {"folder": str(folders[0].parent), "checkpoint": str(merged)}

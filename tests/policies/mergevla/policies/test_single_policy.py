@@ -1,4 +1,4 @@
-"""The policy: light to declare, the same in a batch and alone, its answers in the units of the contract."""
+"""The policy: light to declare, independent of the batch, with actions in the units of the contract."""
 
 import subprocess
 import sys
@@ -52,7 +52,7 @@ def test_it_plays_an_episode_twice_the_same(options):
     assert (one.queries, one.actions_hash) == (3, two.actions_hash)
 
 
-def test_the_policy_needs_what_its_network_was_made_for(options):
+def test_the_spec_is_that_of_the_network(options):
     spec = KIND.load(options).spec
     assert (spec.chunk_length, spec.action_dim, spec.image_size) == (8, 7, 16)
     assert spec.cameras == ("third_person", "wrist")
@@ -98,7 +98,7 @@ def test_options_without_a_checkpoint_are_refused(wrong):
             use(wrong)
 
 
-def test_packages_that_are_not_installed_are_told_in_one_line(options, monkeypatch):
+def test_missing_packages_are_one_line(options, monkeypatch):
     monkeypatch.delitem(sys.modules, "robogauntlet.policies.mergevla.policies.single_policy", raising=False)
     monkeypatch.delitem(sys.modules, "robogauntlet.policies.mergevla.checkpoints.expert_checkpoint", raising=False)
     monkeypatch.setitem(sys.modules, "safetensors.torch", None)

@@ -11,7 +11,7 @@ from tests.policies.mergevla.shared import INSTRUCTIONS, SMALL, small_model
 EXPERTS = ("null/Push", "null/Open", "null/Reach")
 
 
-class SmallCandidates:
+class SmallMergedModel:
     """Networks that share nothing; each expert's seed is its own, so that the order of experts changes no weight."""
 
     architecture = SMALL
@@ -43,7 +43,7 @@ def values(block):
 
 
 def observation(seed, task=None, instruction=None):
-    """Frames of a task are alike: a pattern of its own under noise."""
+    """Frames of a task share a pattern, with noise."""
     generator = torch.Generator().manual_seed(seed)
     index = seed % len(EXPERTS) if task is None else EXPERTS.index(task)
     pattern = torch.rand(2, 3, 16, 16, generator=torch.Generator().manual_seed(1000 + index))

@@ -1,4 +1,4 @@
-"""First observations made a little different."""
+"""Augmented first observations."""
 
 from dataclasses import replace
 
@@ -25,16 +25,16 @@ def test_words_are_only_left_out_and_images_stay_images(seed):
     assert not torch.equal(seen.images, own.images)
 
 
-def test_the_same_first_observation_is_varied_the_same_way_whatever_stands_beside_it():
-    alone, beside = (
+def test_the_variants_of_a_first_observation_do_not_depend_on_its_batch():
+    alone, in_batch = (
         augmented([observation(5)], sees_instruction=True),
         augmented([observation(4), observation(5)], sees_instruction=True),
     )
-    assert [one.instruction for one in alone] == [one.instruction for one in beside[4:]]
-    assert torch.equal(alone[2].images, beside[6].images)
+    assert [one.instruction for one in alone] == [one.instruction for one in in_batch[4:]]
+    assert torch.equal(alone[2].images, in_batch[6].images)
 
 
-def test_what_is_not_read_is_not_varied():
+def test_a_hidden_instruction_is_not_varied():
     own, seen = augmented([observation(5)], sees_instruction=False)
     assert seen.instruction == own.instruction
     assert torch.equal(seen.images, augmented([own], sees_instruction=True)[2].images)

@@ -11,19 +11,19 @@ from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers, r
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, Pooling, features_of, labelled_features
 from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit, fit
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, observation, observations
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, observation, observations
 
 FITTED = ("calibrated", "nearest-centroid")
 
 
 @pytest.fixture(scope="module")
-def candidates():
-    return SmallCandidates()
+def model():
+    return SmallMergedModel()
 
 
 @pytest.fixture(scope="module")
-def stored(candidates):
-    return fit_routers(candidates, frames(0, 8), frames(50, 6))
+def stored(model):
+    return fit_routers(model, frames(0, 8), frames(50, 6))
 
 
 def test_all_routers_are_there():
@@ -32,57 +32,57 @@ def test_all_routers_are_there():
 
 @pytest.mark.parametrize("name", FITTED)
 @pytest.mark.parametrize("sees_instruction", [True, False])
-def test_fitted_routers_route_new_frames_right_after_safetensors(name, sees_instruction, candidates, stored):
+def test_fitted_routers_route_new_frames_right_after_safetensors(name, sees_instruction, model, stored):
     chosen = router(name, sees_instruction=sees_instruction, stored=load(save(stored)))
     new = [observation(9000 + i, task) for i in range(4) for task in EXPERTS]
-    routed = chosen.route(new, candidates)
+    routed = chosen.route(new, model)
     assert [one.choice for one in routed] == [one.task for one in new]
     assert all(one.unknown is not None and one.rejected is not None for one in routed)
 
 
 @pytest.mark.parametrize("name", FITTED)
-def test_a_frame_of_no_known_task_is_rejected(name, candidates, stored):
+def test_a_frame_of_no_known_task_is_rejected(name, model, stored):
     strange = observation(0)
     black = type(strange)(strange.images * 0, "", strange.proprioception, "0", strange.task)
-    assert router(name, sees_instruction=False, stored=stored).route([black], candidates)[0].rejected
+    assert router(name, sees_instruction=False, stored=stored).route([black], model)[0].rejected
 
 
-def test_the_calibrated_scores_are_log_probabilities(candidates, stored):
-    for routed in router("calibrated", stored=stored).route(observations(), candidates):
+def test_the_calibrated_scores_are_log_probabilities(model, stored):
+    for routed in router("calibrated", stored=stored).route(observations(), model):
         assert torch.tensor(list(routed.scores.values())).exp().sum() == pytest.approx(1.0)
 
 
-def test_flat_features_keep_the_patches_places_and_the_mean_does_not(candidates):
+def test_flat_features_keep_the_patches_places_and_the_mean_does_not(model):
     batch, width = observations(5), 16
-    patches = candidates.hidden_states(None, batch[0].images[None], [""]).task[-1].shape[1]
+    patches = model.hidden_states(None, batch[0].images[None], [""]).task[-1].shape[1]
     shapes = {
         FeatureSpec(pooling=Pooling.FLAT): (patches + 1) * width,
         FeatureSpec(pooling=Pooling.MEAN): 2 * width,
         FeatureSpec(False, layer=0): 2 * width,
     }
-    assert {r: features_of(candidates, batch, r).shape[1] for r in shapes} == shapes
+    assert {r: features_of(model, batch, r).shape[1] for r in shapes} == shapes
     with pytest.raises(RoutingError, match="expected a layer from -3 to 2, got 3"):
-        features_of(candidates, batch, FeatureSpec(layer=3))
+        features_of(model, batch, FeatureSpec(layer=3))
 
 
-def test_another_layer_is_remembered(candidates):
+def test_another_layer_is_remembered(model):
     feature_spec = FeatureSpec(False, 1)
-    parts = (labelled_features(candidates, part, feature_spec) for part in (frames(0, 4), frames(50, 4)))
+    parts = (labelled_features(model, part, feature_spec) for part in (frames(0, 4), frames(50, 4)))
     back = GaussianRouterFit.from_tensors(fit(*parts, feature_spec).as_tensors())
     assert back.feature_spec == FeatureSpec(False, 1)
 
 
 @pytest.mark.parametrize("name", FITTED)
-@pytest.mark.parametrize(("told", "sees_instruction"), [("instructed", True), ("unaided", False)])
-def test_the_layer_in_the_middle_is_read(name, told, sees_instruction, candidates, stored):
-    assert candidates.architecture.language.layers == 2
-    assert FeatureSpec.from_tensor(stored[f"{name}/{told}/reading"]) == FeatureSpec(sees_instruction, layer=1)
+@pytest.mark.parametrize(("prefix", "sees_instruction"), [("instructed", True), ("unaided", False)])
+def test_fitted_routers_use_the_middle_layer(name, prefix, sees_instruction, model, stored):
+    assert model.architecture.language.layers == 2
+    assert FeatureSpec.from_tensor(stored[f"{name}/{prefix}/reading"]) == FeatureSpec(sees_instruction, layer=1)
 
 
-def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(candidates, stored):
+def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(model, stored):
     new = [observation(9000 + i, task) for i in range(4) for task in EXPERTS]
     short = [replace(one, instruction=" ".join(one.instruction.split()[::2])) for one in new]
-    routed = router("calibrated", stored=stored).route(short, candidates)
+    routed = router("calibrated", stored=stored).route(short, model)
     assert [one.choice for one in routed] == [one.task for one in new]
 
 
@@ -103,15 +103,15 @@ def test_a_router_that_is_not_fitted_is_refused(name, stored):
 @pytest.mark.parametrize("name", FITTED)
 def test_a_router_fitted_to_other_experts_is_refused(name, stored):
     with pytest.raises(PolicyError, match="got null/Push: the model has no such expert"):
-        router(name, stored=stored).route(observations(1), SmallCandidates(EXPERTS[1:]))
+        router(name, stored=stored).route(observations(1), SmallMergedModel(EXPERTS[1:]))
 
 
-def test_an_expert_without_frames_is_refused(candidates):
+def test_an_expert_without_frames_is_refused(model):
     with pytest.raises(RoutingError, match="expected first observations of expert null/Open, got none"):
-        fit_routers(candidates, {**frames(0, 4), "null/Open": []}, frames(50, 4))
+        fit_routers(model, {**frames(0, 4), "null/Open": []}, frames(50, 4))
 
 
-def test_a_router_that_was_stored_otherwise_is_refused_with_what_to_do(stored):
+def test_the_message_for_a_router_of_another_format_says_what_to_do(stored):
     others = {key: tensor for key, tensor in stored.items() if not key.endswith("/whitening")}
     with pytest.raises(PolicyError, match=r"expected whitening .* got none; merge again with --demonstrations"):
         router("calibrated", stored=others)

@@ -1,4 +1,4 @@
-"""What every router promises."""
+"""Properties of every router."""
 
 from dataclasses import replace
 
@@ -8,19 +8,19 @@ import torch
 
 from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers, router
 from robogauntlet.policies.mergevla.routing.contract import RoutingError, answer
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, observation, observations
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, observation, observations
 
 PASSES = {"paper-coded": 3, "paper-written": 3, "calibrated": 1, "nearest-centroid": 1}
 
 
 @pytest.fixture(scope="module")
-def candidates():
-    return SmallCandidates()
+def model():
+    return SmallMergedModel()
 
 
 @pytest.fixture(scope="module")
-def stored(candidates):
-    return fit_routers(candidates, frames(0, 8), frames(50, 6))
+def stored(model):
+    return fit_routers(model, frames(0, 8), frames(50, 6))
 
 
 def close(a, b):
@@ -31,54 +31,54 @@ def close(a, b):
 
 @pytest.mark.parametrize("sees_instruction", [True, False])
 @pytest.mark.parametrize("name", NAMES)
-def test_an_answer_depends_on_its_own_first_observation_alone(name, sees_instruction, candidates, stored):
+def test_an_answer_depends_on_its_own_first_observation_alone(name, sees_instruction, model, stored):
     chosen = router(name, sees_instruction=sees_instruction, stored=stored)
     batch = observations()
-    together = chosen.route(batch, candidates)
+    together = chosen.route(batch, model)
     assert [answer.scores.keys() for answer in together] == [set(EXPERTS)] * len(batch)
-    assert all(close(chosen.route([one], candidates)[0], a) for one, a in zip(batch, together, strict=True))
-    backwards = chosen.route(batch[::-1], candidates)[::-1]
+    assert all(close(chosen.route([one], model)[0], a) for one, a in zip(batch, together, strict=True))
+    backwards = chosen.route(batch[::-1], model)[::-1]
     assert all(map(close, together, backwards))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_order_of_the_experts_changes_nothing(name, candidates, stored):
+def test_the_order_of_the_experts_changes_nothing(name, model, stored):
     chosen, batch = router(name, stored=stored), observations()
-    reordered = SmallCandidates(EXPERTS[::-1])
-    assert all(map(close, chosen.route(batch, candidates), chosen.route(batch, reordered)))
+    reordered = SmallMergedModel(EXPERTS[::-1])
+    assert all(map(close, chosen.route(batch, model), chosen.route(batch, reordered)))
 
 
 @pytest.mark.parametrize("name", ["paper-coded", "paper-written"])
-def test_a_candidate_leaves_no_trace_on_the_next(name, candidates):
+def test_scores_of_an_expert_do_not_depend_on_the_others(name, model):
     batch = observations(3)
-    fewer = SmallCandidates(EXPERTS[1:])
-    all_of_them, some = (router(name).route(batch, c) for c in (candidates, fewer))
+    fewer = SmallMergedModel(EXPERTS[1:])
+    all_of_them, some = (router(name).route(batch, c) for c in (model, fewer))
     for a, b in zip(all_of_them, some, strict=True):
         assert all(a.scores[e] == pytest.approx(b.scores[e], abs=1e-6) for e in fewer.experts)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_decision_takes_the_passes_that_it_says(name, stored):
-    candidates = SmallCandidates()
+def test_a_decision_takes_the_declared_number_of_passes(name, stored):
+    model = SmallMergedModel()
     chosen = router(name, stored=stored)
-    chosen.route(observations(2), candidates)
-    assert len(candidates.passes) == chosen.passes(3) == PASSES.get(name, 0)
+    chosen.route(observations(2), model)
+    assert len(model.passes) == chosen.passes(3) == PASSES.get(name, 0)
     assert chosen.passes(9) == {3: 9, 1: 1, 0: 0}[chosen.passes(3)]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_blanked_instruction_is_not_seen(name, candidates, stored):
-    told = [observation(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
-    told[1] = replace(told[0], instruction=told[1].instruction)
+def test_a_blanked_instruction_has_no_effect(name, model, stored):
+    pair = [observation(i, EXPERTS[0], words) for i, words in enumerate(["push the cube", "open the door"])]
+    pair[1] = replace(pair[0], instruction=pair[1].instruction)
     blind = router(name, sees_instruction=False, stored=stored)
     assert not blind.sees_instruction
-    one, other = blind.route(told, candidates)
+    one, other = blind.route(pair, model)
     assert close(one, other)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_to_route_is_no_error(name, candidates, stored):
-    assert router(name, stored=stored).route([], candidates) == []
+def test_nothing_to_route_is_no_error(name, model, stored):
+    assert router(name, stored=stored).route([], model) == []
 
 
 def test_of_equal_scores_the_first_name_is_chosen():
@@ -104,7 +104,7 @@ def test_a_first_observation_of_another_shape_is_refused(change, message):
 
 
 @pytest.mark.parametrize("name", PASSES)
-def test_images_of_another_size_are_refused(name, candidates, stored):
+def test_images_of_another_size_are_refused(name, model, stored):
     large = replace(observation(0), images=torch.zeros(2, 3, 32, 32))
     with pytest.raises(RoutingError, match=r"expected images of shape \(2, 3, 16, 16\), got \(2, 3, 32, 32\)"):
-        router(name, stored=stored).route([large], candidates)
+        router(name, stored=stored).route([large], model)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, UNFITTED, fit_routers, router
-from robogauntlet.policies.mergevla.routing.centroids import fit_centroids
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
 from robogauntlet.policies.mergevla.routing.evaluation import (
@@ -17,18 +16,19 @@ from robogauntlet.policies.mergevla.routing.evaluation import (
     unknown_tasks,
 )
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec
+from robogauntlet.policies.mergevla.routing.fitted_router import fit_centroids
 from robogauntlet.policies.mergevla.routing.gaussian import fit
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, frames, gaussians
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, gaussians
 
 
 @pytest.fixture(scope="module")
-def candidates():
-    return SmallCandidates()
+def model():
+    return SmallMergedModel()
 
 
 @pytest.fixture(scope="module")
-def stored(candidates):
-    return fit_routers(candidates, frames(0, 8), frames(50, 6))
+def stored(model):
+    return fit_routers(model, frames(0, 8), frames(50, 6))
 
 
 @pytest.fixture
@@ -65,8 +65,8 @@ def test_routers_that_were_not_fitted_are_left_out():
     assert {one.name for one in all_routers({})} == set(UNFITTED)
 
 
-def test_routers_are_judged_by_what_they_choose(candidates, stored, new):
-    found = evaluate_routers(all_routers(stored), candidates, new).routers
+def test_routers_are_evaluated_by_their_choices(model, stored, new):
+    found = evaluate_routers(all_routers(stored), model, new).routers
     by_name = {(one.router, one.sees_instruction): one for one in found}
     for name in (*FITTED, "oracle"):
         for sees_instruction in (True, False):
@@ -76,31 +76,31 @@ def test_routers_are_judged_by_what_they_choose(candidates, stored, new):
     assert [one.passes for one in found if one.sees_instruction] == [1, 0, 1, 0, 3, 3, 0]
 
 
-def test_only_the_calibrated_router_answers_with_probabilities(candidates, stored, new):
+def test_only_the_calibrated_router_answers_with_probabilities(model, stored, new):
     sums = {
         one.router: np.exp([list(trial.routing.scores.values()) for trial in one.answers]).sum(axis=1)
-        for one in evaluate_routers(all_routers(stored), candidates, new).routers
+        for one in evaluate_routers(all_routers(stored), model, new).routers
     }
     assert [name for name, values in sums.items() if np.allclose(values, 1.0, atol=1e-3)] == ["calibrated"]
 
 
-def test_a_decision_is_timed_by_itself_and_beside_a_pass(candidates, stored, new):
-    told = []
+def test_a_decision_and_a_pass_are_timed_separately(model, stored, new):
+    progress = []
     routers = [router("calibrated", stored=stored), router("random")]
-    found = evaluate_routers(routers, candidates, new[:3], listener=lambda *done: told.append(done), clock=Turns())
+    found = evaluate_routers(routers, model, new[:3], listener=lambda *done: progress.append(done), clock=Turns())
     assert found.pass_s == 1.0
     assert [trial.routing.latency_s for one in found.routers for trial in one.answers] == [1.0] * 6
-    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert progress == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
-def test_nothing_to_route_is_refused(candidates):
+def test_nothing_to_route_is_refused(model):
     with pytest.raises(RoutingError, match="expected first observations to route, got none"):
-        evaluate_routers([], candidates, [])
+        evaluate_routers([], model, [])
 
 
-def test_a_task_that_was_left_out_is_noticed(candidates):
+def test_a_task_that_was_left_out_is_detected(model):
     fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
-    found = unknown_tasks(candidates, fitted_to, frames(9000, 5))
+    found = unknown_tasks(model, fitted_to, frames(9000, 5))
     assert [(one.router, one.sees_instruction) for one in found] == [
         (name, sees) for name in ("calibrated", "nearest-centroid") for sees in (True, False)
     ]
@@ -111,18 +111,18 @@ def test_a_task_that_was_left_out_is_noticed(candidates):
         assert np.mean([np.greater(task.unknown, task.threshold) for task in one.by_task.values()]) > 0.9
 
 
-def test_tasks_that_were_not_looked_at_are_not_left_out(candidates):
+def test_tasks_without_new_observations_are_not_left_out(model):
     fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
-    found = unknown_tasks(candidates, fitted_to, frames(9000, 5, EXPERTS[:2]))
+    found = unknown_tasks(model, fitted_to, frames(9000, 5, EXPERTS[:2]))
     assert found[0].by_task.keys() == set(EXPERTS[:2])
     with pytest.raises(RoutingError, match=r"expected observations of two or more of .* to score, got null/Push"):
-        unknown_tasks(candidates, fitted_to, frames(9000, 5, EXPERTS[:1]))
+        unknown_tasks(model, fitted_to, frames(9000, 5, EXPERTS[:1]))
 
 
 @pytest.mark.parametrize(
     "fitted", [partial(fit, feature_spec=FeatureSpec()), partial(fit_centroids, feature_spec=FeatureSpec())]
 )
-def test_a_left_out_task_is_noticed_if_it_is_apart(fitted):
+def test_a_left_out_task_is_detected_if_it_is_separable(fitted):
     found = leave_one_out(fitted, gaussians(0), gaussians(1), gaussians(2, count=100, classes=("a", "b", "c")))
     assert found.keys() == {"a", "b", "c"}
     assert {(len(one.known), len(one.unknown)) for one in found.values()} == {(200, 100)}
@@ -131,7 +131,7 @@ def test_a_left_out_task_is_noticed_if_it_is_apart(fitted):
     assert 0.0 < np.mean([np.greater(one.known, one.threshold) for one in found.values()]) < 0.15
 
 
-def test_a_left_out_task_that_looks_like_another_is_not_noticed():
+def test_a_left_out_task_that_looks_like_another_is_not_detected():
     near = (gaussians(seed, apart=0.0) for seed in range(3))
     found = leave_one_out(partial(fit, feature_spec=FeatureSpec()), *near)
     assert 0.4 < np.mean([auroc(one) for one in found.values()]) < 0.6

@@ -8,9 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.policies.mergevla.routing.calibration import conformal_threshold, temperature_of
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures
+from robogauntlet.policies.mergevla.routing.fitted_router import conformal_threshold, temperature_of
 from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit, fit, ledoit_wolf
 from tests.policies.mergevla.routing.synthetic import gaussians
 
@@ -22,7 +22,7 @@ def calibration():
     return fit(gaussians(0), gaussians(1), READING)
 
 
-def test_what_can_be_told_apart_is_routed_right(calibration):
+def test_separable_classes_are_routed_correctly(calibration):
     new = gaussians(2)
     chosen = [calibration.experts[i] for i in calibration.scores(new.features).argmax(dim=1)]
     assert chosen == list(new.labels)
@@ -55,7 +55,7 @@ def test_distances_are_mahalanobis_in_the_shrunk_covariance():
     assert fitted.distances(data.features[:5]).numpy() == pytest.approx(np.array(expected), rel=1e-4)
 
 
-def test_the_covariance_is_shrunk_as_ledoit_and_wolf_say():
+def test_the_covariance_is_shrunk_by_ledoit_and_wolfs_amount():
     x = np.random.default_rng(0).normal(size=(20, 6)) @ np.diag([1, 1, 1, 2, 3, 4.0])
     n, p = x.shape
     sample = x.T @ x / n
@@ -133,7 +133,7 @@ def test_tensors_give_the_same_calibration_back(calibration):
         ("reading", torch.tensor([1, -1, 7]), "expected three whole numbers"),
     ],
 )
-def test_tensors_that_do_not_read_are_refused(calibration, name, value, message):
+def test_malformed_tensors_are_refused(calibration, name, value, message):
     tensors = {**calibration.as_tensors(), name: value}
     with pytest.raises(RoutingError, match=message):
         GaussianRouterFit.from_tensors({key: tensor for key, tensor in tensors.items() if tensor is not None})

@@ -1,4 +1,4 @@
-"""The paper's routers against its formulae, written out naively."""
+"""The paper's routers compared with a naive implementation of its formulae."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from robogauntlet.policies.mergevla.routing.subspace import (
     hidden_index,
     leading_right_vectors,
 )
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallCandidates, observations, values
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observations, values
 
 
 def naive_energy(tokens, weight):
@@ -19,17 +19,17 @@ def naive_energy(tokens, weight):
     return np.mean([np.sqrt(sum((row @ token) ** 2 for row in basis)) for token in tokens.detach().numpy()])
 
 
-def hidden(candidates, expert, one):
-    return candidates.hidden_states(expert, one.images[None], [one.instruction])
+def hidden(model, expert, one):
+    return model.hidden_states(expert, one.images[None], [one.instruction])
 
 
 @pytest.mark.parametrize(("kept_blocks", "layer"), [(1, 2), (0, 2)])
 def test_the_coded_router_projects_like_onto_like_one_layer_on(kept_blocks, layer):
-    candidates, batch = SmallCandidates(kept_blocks=kept_blocks), observations(3)
-    for one, routed in zip(batch, PaperCodedRouter().route(batch, candidates), strict=True):
+    model, batch = SmallMergedModel(kept_blocks=kept_blocks), observations(3)
+    for one, routed in zip(batch, PaperCodedRouter().route(batch, model), strict=True):
         for expert in EXPERTS:
-            states = hidden(candidates, expert, one)
-            adapter, task = candidates.own_value_weights(expert)
+            states = hidden(model, expert, one)
+            adapter, task = model.own_value_weights(expert)
             expected = (naive_energy(states.action[layer][0], adapter) + naive_energy(states.task[layer][0], task)) / 2
             assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
         assert routed.choice == max(routed.scores, key=routed.scores.get)
@@ -37,11 +37,11 @@ def test_the_coded_router_projects_like_onto_like_one_layer_on(kept_blocks, laye
 
 
 def test_the_written_router_crosses_the_pairs_at_the_last_layer():
-    candidates, batch = SmallCandidates(), observations(3)
-    for one, routed in zip(batch, PaperWrittenRouter().route(batch, candidates), strict=True):
+    model, batch = SmallMergedModel(), observations(3)
+    for one, routed in zip(batch, PaperWrittenRouter().route(batch, model), strict=True):
         for expert in EXPERTS:
-            states = hidden(candidates, expert, one)
-            adapter, task = values(candidates.models[expert].action_expert.blocks[-1])
+            states = hidden(model, expert, one)
+            adapter, task = values(model.models[expert].action_expert.blocks[-1])
             expected = (naive_energy(states.action[-1][0], task) + naive_energy(states.task[-1][0], adapter)) / 2
             assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
 
@@ -52,8 +52,8 @@ def test_the_coded_router_reads_block_index_plus_two(layers, kept, index):
 
 
 @pytest.mark.parametrize("kind", [PaperCodedRouter, PaperWrittenRouter])
-def test_subspaces_are_computed_once_for_a_model_and_anew_for_another(kind):
-    router, one, other = kind(), SmallCandidates(), SmallCandidates(EXPERTS[:2])
+def test_subspaces_are_computed_once_per_model(kind):
+    router, one, other = kind(), SmallMergedModel(), SmallMergedModel(EXPERTS[:2])
     for _ in range(2):
         router.route(observations(2), one)
     assert one.factorised == 3
