@@ -70,7 +70,7 @@ class LiberoSimulation(MujocoSimulation):
             SimulatorUnavailable: This machine cannot render.
         """
         with silenced():
-            self._env = package.environment(
+            env = package.environment(
                 bddl_file_name=str(package.description(task.libero_suite, task.name)),
                 control_freq=CONTROL_HZ,
                 ignore_done=True,
@@ -78,10 +78,10 @@ class LiberoSimulation(MujocoSimulation):
                 has_offscreen_renderer=False,
                 use_camera_obs=False,
             ).env
-        for name in self._env.observation_names:  # Updated 25 times in a control step, and not used.
-            self._env.modify_observable(name, "enabled", False)
-        world = self._env.sim.model._model, self._env.sim.data._data
-        super().__init__(package.mujoco, world, view, task.instruction)
+        robot = env.robots[0]
+        limits = robot.controller.output_max
+        spec = ActionSpec(REACHED[0] * float(limits[0]), REACHED[1] * float(limits[3]), CONTROL_HZ)
+        super().__init__(package.mujoco, env, view, task.instruction, spec)
         self._states = package.stored_states(task.libero_suite, task.name)
         if self._states.shape != (STORED_STATES, 1 + self._model.nq + self._model.nv):
             expected = f"({STORED_STATES}, {1 + self._model.nq + self._model.nv})"
@@ -90,18 +90,11 @@ class LiberoSimulation(MujocoSimulation):
                 "install assets and package of the same version"
             )
 
-        robot = self._env.robots[0]
-        limits = robot.controller.output_max
-        self.action_spec = ActionSpec(
-            max_translation=REACHED[0] * float(limits[0]),
-            max_rotation=REACHED[1] * float(limits[3]),
-            control_hz=CONTROL_HZ,
-        )
         tool = robot.gripper.important_sites["grip_site"], robot.robot_model.eef_name
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper.joints)
         self._objects = {name: libero_object(self._model, self._data, name) for name in self._env.objects_dict}
         self._poses_of, self._angles_of, self._goal = fixtures_of(self._env)
-        frame = BaseFrame(self._base)
+        world, frame = (self._model, self._data), self._frame
         arm = MujocoArm(package.mujoco, world, lambda: self._env.robots[0].controller, tool, frame, self._settle)
         self._lights = key_light(self._env, self._model, frame, package.mujoco)
         self._stage = MujocoStage(package.mujoco, world, frame, self._scene.renderers) if task.arena in TABLES else None
@@ -109,7 +102,7 @@ class LiberoSimulation(MujocoSimulation):
         objects = LiberoObjects(world, movable, self._states, frame, self._settle) if movable else None
         bodies = [f"{thing}_main" for thing in task.things]
         self.scene_controls = SceneControls(
-            cameras=MujocoCameras(self._model, self._base),
+            cameras=MujocoCameras(self._model, frame),
             lights=self._lights,
             objects=objects,
             arm=arm,
@@ -156,9 +149,9 @@ class LiberoSimulation(MujocoSimulation):
         `goal_position`, of the object or place in the first of the goal's predicates. `settling_shift` (1,) is the
         largest horizontal distance that an object moved while settling (m), since a few stored states are not stable.
         """
-        state = self._arm_state() | self._poses(self._objects | self._poses_of)
+        state = self.arm_state() | self._poses(self._objects | self._poses_of)
         state |= {name: joint.qpos.copy() for name, joint in self._angles_of.items()}
-        state["goal_position"], _ = self._in_base(self._goal.xpos, self._goal.xmat)
+        state["goal_position"], _ = self._frame.pose_from_world(self._goal.xpos, self._goal.xmat)
         return state | {"settling_shift": np.array([self._shift])}
 
     def render_device(self) -> str:

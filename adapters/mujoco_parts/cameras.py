@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.adapters.frames import relative_pose, wxyz_to_xyzw
+from robogauntlet.adapters.frames import wxyz_to_xyzw
+from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
 from robogauntlet.adapters.scene_control import Viewpoint
 
 CAMERA_NAMES = {"third_person": "agentview", "wrist": "robot0_eye_in_hand"}
@@ -20,9 +21,9 @@ RIGHT_DOWN_FORWARD = np.diag([1.0, -1.0, -1.0])
 class MujocoCameras:
     """`Cameras` of `scene_control`. Changes the model; poses follow when the scene is next rendered."""
 
-    def __init__(self, model: Any, base: Any) -> None:
-        """Take MuJoCo's model, and the body of the data that carries the robot."""
-        self._model, self._base = model, base
+    def __init__(self, model: Any, frame: BaseFrame) -> None:
+        """Take MuJoCo's model and the frame of the robot's base."""
+        self._model, self._frame = model, frame
         self._moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
         """Original position, quaternion and field of view of each camera that was moved."""
 
@@ -37,7 +38,7 @@ class MujocoCameras:
         seen = self._model.camera(CAMERA_NAMES[camera])
         position, quaternion = seen.pos, wxyz_to_xyzw(seen.quat)
         if camera == "third_person":
-            position, quaternion = relative_pose(self._base.xpos, self._base_quaternion(), position, quaternion)
+            position, quaternion = self._frame.pose_from_world(position, quaternion)
         rotation = Rotation.from_quat(quaternion).as_matrix() @ RIGHT_DOWN_FORWARD
         return Viewpoint(np.array(position), rotation, math.radians(float(seen.fovy[0])))
 
@@ -45,8 +46,7 @@ class MujocoCameras:
         """Move a camera, until the next reset."""
         position, turned = viewpoint.position, Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T)
         if camera == "third_person":
-            base = Rotation.from_quat(self._base_quaternion())
-            position, turned = base.apply(position) + self._base.xpos, base * turned
+            position, turned = self._frame.to_world(position), self._frame.rotation * turned
         seen = self._model.camera(CAMERA_NAMES[camera])
         self._moved.setdefault(camera, (seen.pos.copy(), seen.quat.copy(), seen.fovy.copy()))
         self._place(camera, position, np.roll(turned.as_quat(), 1), np.array([math.degrees(viewpoint.fovy)]))
@@ -54,6 +54,3 @@ class MujocoCameras:
     def _place(self, camera: str, position: FloatArray, quaternion: FloatArray, fovy: FloatArray) -> None:
         seen = self._model.camera(CAMERA_NAMES[camera])
         seen.pos[:], seen.quat[:], seen.fovy[:] = position, quaternion, fovy
-
-    def _base_quaternion(self) -> FloatArray:
-        return Rotation.from_matrix(self._base.xmat.reshape(3, 3)).as_quat()

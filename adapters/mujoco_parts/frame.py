@@ -8,10 +8,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.frames import relative_pose
 
 
 class BaseFrame:
-    """Converts points and directions between the base frame and MuJoCo's world."""
+    """Converts points and poses between the base frame and MuJoCo's world."""
 
     def __init__(self, base: Any) -> None:
         """Take the body of the data that carries the robot."""
@@ -29,3 +30,16 @@ class BaseFrame:
     def from_world(self, point: FloatArray) -> FloatArray:
         """Convert a point (3,) of the world to the base frame."""
         return np.asarray(self.rotation.inv().apply(point - self._base.xpos))
+
+    def pose_from_world(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Convert a world pose to the base frame.
+
+        Args:
+            position: Shape (3,), m.
+            rotation: A quaternion xyzw (4,) or a matrix, row by row, (9,).
+
+        Returns:
+            Position (3,) and quaternion xyzw (4,).
+        """
+        quaternion = rotation if rotation.size == 4 else Rotation.from_matrix(rotation.reshape(3, 3)).as_quat()
+        return relative_pose(self._base.xpos, self.rotation.as_quat(), position, quaternion)
