@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes
 from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument
-from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, resampled_means
+from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, percentile_interval, resampled_means
 from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochberg
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
 from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
@@ -175,7 +175,7 @@ def interaction(
     generator = np.random.default_rng(int(content_hash(["interaction", policy, axis]), 16))
     value = float(_extra(mean_outcomes(strata)[None], levels)[0])
     drawn = _extra(resampled_means(strata, generator, draws), levels)
-    interval, corrected = (_ends(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
+    interval, corrected = (percentile_interval(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
     return Interaction(policy, axis, len(strata), Estimate(value, interval), corrected)
 
 
@@ -190,14 +190,6 @@ def _extra(means: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore"):
         by_level = np.nanmean(loss[..., 1:] - loss[..., :1], axis=-2)
     return np.asarray(by_level.mean(axis=-1), dtype=np.float64)
-
-
-def _ends(drawn: NDArray[np.float64], confidence: float) -> Interval | None:
-    """Percentile interval of bootstrap values; None if one is missing or all are equal."""
-    if np.isnan(drawn).any() or drawn.max() == drawn.min():
-        return None
-    low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Interval(float(low), float(high))
 
 
 def _routers(document: RunDocument, eligible: EligibleEpisodes, policy: str, axis: str) -> list[RouterRow]:
