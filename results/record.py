@@ -131,6 +131,8 @@ FIELDS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(Episo
 _LAST_OUTCOME = FIELDS.index("error") + 1
 OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
 """Fields that are the same wherever the episode is run, and fields that differ from run to run."""
+CELL = ("policy_digest", "task", "axis", "severity")
+"""Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 
 
 def describe_fields() -> dict[str, tuple[type, bool, str]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.analysis import timing
 from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
-from robogauntlet.results.record import Status
+from robogauntlet.results.record import CELL, Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument
 from robogauntlet.results.statistics.rates import Interval, RateBounds, rate, rate_bounds, wilson_intervals
 from robogauntlet.suites.episode import Condition
@@ -16,8 +16,6 @@ from robogauntlet.suites.episode import Condition
 if TYPE_CHECKING:
     import pandas as pd
 
-KEY = ("policy_digest", "task", "axis", "severity")
-"""What makes rows of one cell. The digest, not the name: a policy that was renamed has kept its episodes."""
 COLUMNS = (
     *("episode_id", "simulator", "task", "policy", "policy_digest", "axis", "severity", "seed"),
     *("status", "success_once", "steps", "error", *timing.COLUMNS, *timing.ANSWER_COLUMNS),
@@ -203,7 +201,7 @@ def _sums(frame: pd.DataFrame) -> pd.DataFrame:
     """Per cell key: counts of each status, and sums over the episodes with a verdict."""
     status = frame["status"].astype(str)
     verdict = status.isin([Status.SUCCESS, Status.FAILURE])
-    values = frame[["simulator", "policy", *KEY]].assign(
+    values = frame[["simulator", "policy", *CELL]].assign(
         successes=(status == Status.SUCCESS).astype("int64"),
         failures=(status == Status.FAILURE).astype("int64"),
         errors=(~verdict).astype("int64"),
@@ -211,7 +209,7 @@ def _sums(frame: pd.DataFrame) -> pd.DataFrame:
         steps=frame["steps"].astype("int64").where(verdict, 0),
         seconds=frame["wall_s"].astype(float).where(verdict, 0.0),
     )
-    sums = values.groupby(list(KEY), observed=True, sort=False).agg(
+    sums = values.groupby(list(CELL), observed=True, sort=False).agg(
         **{name: (name, "sum") for name in _COUNTS[2:]}, simulator=("simulator", "first"), policy=("policy", "first")
     )
     return sums.reset_index()
@@ -223,14 +221,14 @@ def _cells(document: RunDocument, sums: pd.DataFrame) -> pd.DataFrame:
 
     plan = pd.DataFrame([cell.model_dump() for cell in document.plan], columns=list(PlannedCell.model_fields))
     for part in (plan, sums):
-        part[["simulator", "policy", *KEY[:3]]] = part[["simulator", "policy", *KEY[:3]]].astype(object)
+        part[["simulator", "policy", *CELL[:3]]] = part[["simulator", "policy", *CELL[:3]]].astype(object)
         part["severity"] = part["severity"].astype("int64")
-    joined = plan.merge(sums, on=list(KEY), how="outer", suffixes=("", "_row"), sort=False)
+    joined = plan.merge(sums, on=list(CELL), how="outer", suffixes=("", "_row"), sort=False)
     for name in ("policy", "simulator"):
         joined[name] = joined[name].fillna(joined.pop(f"{name}_row"))
     # An outer merge sorts by key; the order of the plan is the order of the suite file.
-    order = {cell: place for place, cell in enumerate(plan[["policy", *KEY]].itertuples(index=False, name=None))}
-    place = [order.get(cell, len(order)) for cell in joined[["policy", *KEY]].itertuples(index=False, name=None)]
+    order = {cell: place for place, cell in enumerate(plan[["policy", *CELL]].itertuples(index=False, name=None))}
+    place = [order.get(cell, len(order)) for cell in joined[["policy", *CELL]].itertuples(index=False, name=None)]
     joined = joined.iloc[sorted(range(len(joined)), key=place.__getitem__)].reset_index(drop=True)
     counts = [name for name in _COUNTS if name not in ("missing", "seconds")]
     joined[counts] = joined[counts].fillna(0).astype("int64")

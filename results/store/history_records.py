@@ -11,7 +11,7 @@ from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.store.database import file_url, without_password
 
 CellKey = tuple[str, str, str, int]
-"""Policy digest, task, axis and severity: `schema.CELL`."""
+"""Policy digest, task, axis and severity: `record.CELL`."""
 GOOD = ("improved", "no evidence")
 """Verdicts of runs that may be baselines of later ones."""
 
