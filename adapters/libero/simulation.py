@@ -35,8 +35,8 @@ from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.bodies import MujocoBodies
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
 from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
 from robogauntlet.adapters.scene_control import SceneControls
@@ -94,19 +94,17 @@ class LiberoSimulation(MujocoSimulation):
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper.joints)
         self._objects = {name: libero_object(self._model, self._data, name) for name in self._env.objects_dict}
         self._poses_of, self._angles_of, self._goal = fixtures_of(self._env)
-        world, frame = (self._model, self._data), self._frame
-        arm = MujocoArm(package.mujoco, world, lambda: self._env.robots[0].controller, tool, frame, self._settle)
-        self._lights = key_light(self._env, self._model, frame, package.mujoco)
-        self._stage = MujocoStage(package.mujoco, world, frame, self._scene.renderers) if task.arena in TABLES else None
+        physics = self._physics
+        self._lights = key_light(self._env, physics)
+        self._stage = MujocoStage(physics, self._scene.renderers) if task.arena in TABLES else None
         movable = {name: self._objects[name] for name in task.placeable}
-        objects = LiberoObjects(world, movable, self._states, frame, self._settle) if movable else None
         bodies = [f"{thing}_main" for thing in task.things]
         self.scene_controls = SceneControls(
-            cameras=MujocoCameras(self._model, frame),
+            cameras=MujocoCameras(physics),
             lights=self._lights,
-            objects=objects,
-            arm=arm,
-            bodies=MujocoBodies(self._model, bodies, self._settle) if bodies else None,
+            objects=LiberoObjects(physics, movable, self._states) if movable else None,
+            arm=MujocoArm(physics, lambda: self._env.robots[0].controller, tool),
+            bodies=MujocoBodies(physics, bodies) if bodies else None,
             stage=self._stage,
         )
         self._assets = str(package.assets)
@@ -151,7 +149,7 @@ class LiberoSimulation(MujocoSimulation):
         """
         state = self.arm_state() | self._poses(self._objects | self._poses_of)
         state |= {name: joint.qpos.copy() for name, joint in self._angles_of.items()}
-        state["goal_position"], _ = self._frame.pose_from_world(self._goal.xpos, self._goal.xmat)
+        state["goal_position"], _ = self._physics.pose_from_world(self._goal.xpos, self._goal.xmat)
         return state | {"settling_shift": np.array([self._shift])}
 
     def render_device(self) -> str:
@@ -211,13 +209,13 @@ def fixtures_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:
     return poses, angles, data.site(goal) if goal in env.object_sites_dict else data.body(f"{goal}_main")
 
 
-def key_light(env: Any, model: Any, frame: BaseFrame, mujoco: Any) -> MujocoLights:
+def key_light(env: Any, physics: MujocoPhysics) -> MujocoLights:
     """Return the lights of a scene. The kitchen's key light is directional; others have a position in a corner."""
-    types = list(model.light_type)
-    if mujoco.mjtLightType.mjLIGHT_DIRECTIONAL in types:
-        return MujocoLights(model, frame, types.index(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL))
+    types, directional = list(physics.model.light_type), physics.mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    if directional in types:
+        return MujocoLights(physics, types.index(directional))
     lit = np.array(getattr(env, "workspace_offset", (0.0, 0.0, 0.0)), dtype=np.float64)
-    return MujocoLights(model, frame, model.light("light1").id, lit=lit)
+    return MujocoLights(physics, physics.model.light("light1").id, lit=lit)
 
 
 @contextmanager

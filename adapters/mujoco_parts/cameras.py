@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.frames import wxyz_to_xyzw
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.scene_control import Viewpoint
 
 CAMERA_NAMES = {"third_person": "agentview", "wrist": "robot0_eye_in_hand"}
@@ -21,9 +20,8 @@ RIGHT_DOWN_FORWARD = np.diag([1.0, -1.0, -1.0])
 class MujocoCameras:
     """`Cameras` of `scene_control`. Changes the model; poses follow when the scene is next rendered."""
 
-    def __init__(self, model: Any, frame: BaseFrame) -> None:
-        """Take MuJoCo's model and the frame of the robot's base."""
-        self._model, self._frame = model, frame
+    def __init__(self, physics: MujocoPhysics) -> None:
+        self._physics, self._model = physics, physics.model
         self._moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
         """Original position, quaternion and field of view of each camera that was moved."""
 
@@ -38,7 +36,7 @@ class MujocoCameras:
         seen = self._model.camera(CAMERA_NAMES[camera])
         position, quaternion = seen.pos, wxyz_to_xyzw(seen.quat)
         if camera == "third_person":
-            position, quaternion = self._frame.pose_from_world(position, quaternion)
+            position, quaternion = self._physics.pose_from_world(position, quaternion)
         rotation = Rotation.from_quat(quaternion).as_matrix() @ RIGHT_DOWN_FORWARD
         return Viewpoint(np.array(position), rotation, math.radians(float(seen.fovy[0])))
 
@@ -46,7 +44,7 @@ class MujocoCameras:
         """Move a camera, until the next reset."""
         position, turned = viewpoint.position, Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T)
         if camera == "third_person":
-            position, turned = self._frame.to_world(position), self._frame.rotation * turned
+            position, turned = self._physics.to_world(position), self._physics.rotation * turned
         seen = self._model.camera(CAMERA_NAMES[camera])
         self._moved.setdefault(camera, (seen.pos.copy(), seen.quat.copy(), seen.fovy.copy()))
         self._place(camera, position, np.roll(turned.as_quat(), 1), np.array([math.degrees(viewpoint.fovy)]))

@@ -13,8 +13,8 @@ from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, SimulatorUnavailable
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
 from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, no_rendering
 from robogauntlet.adapters.scene_control import SceneControls
@@ -43,7 +43,7 @@ class MujocoSimulation(BaseSimulation):
 
     def _take_arm(self, base: str, tool_centre: str, hand: str, fingers: list[str]) -> None:
         """Take the names of the robot's base body, the tool's site and body, and the fingers' joints."""
-        self._frame = BaseFrame(self._data.body(base))
+        self._physics = MujocoPhysics(self._mujoco, self._model, self._data, base)
         self._tool_centre = self._data.site(tool_centre)
         # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
         self._hand = self._data.body(hand)
@@ -90,15 +90,6 @@ class MujocoSimulation(BaseSimulation):
         image = self._scene.image(CAMERA_NAMES[camera], size, self._stage.draw if self._stage else None)
         return self._lights.develop(image)
 
-    def _settle(self) -> None:
-        """Bring contacts and forces up to date after a reset, with a cold start of the solver.
-
-        The reset itself solves contacts of the last episode's fixtures or of default poses, from which the solver would
-        otherwise start.
-        """
-        self._data.qacc_warmstart[:] = 0.0
-        self._mujoco.mj_forward(self._model, self._data)
-
     def _refresh(self) -> None:
         """Bring poses up to date: a physics step ends with new joint positions, and the poses of the ones before."""
         self._mujoco.mj_kinematics(self._model, self._data)
@@ -108,7 +99,7 @@ class MujocoSimulation(BaseSimulation):
     def arm_state(self) -> dict[str, FloatArray]:
         """Bring poses up to date, and return the entries that every `privileged_state` has."""
         self._refresh()
-        position, quaternion = self._frame.pose_from_world(self._tool_centre.xpos, self._hand.xmat)
+        position, quaternion = self._physics.pose_from_world(self._tool_centre.xpos, self._hand.xmat)
         fingers = np.abs([finger.qpos[0] for finger in self._fingers])  # Distances from the middle (m).
         return {"tcp_position": position, "tcp_quaternion": quaternion, "finger_positions": fingers}
 
@@ -116,7 +107,7 @@ class MujocoSimulation(BaseSimulation):
         """Return `<name>_position` and `<name>_quaternion` of bodies or sites of the data, in the base frame."""
         state: dict[str, FloatArray] = {}
         for name, pose in things.items():
-            position, quaternion = self._frame.pose_from_world(pose.xpos, pose.xmat)
+            position, quaternion = self._physics.pose_from_world(pose.xpos, pose.xmat)
             state |= {f"{name}_position": position, f"{name}_quaternion": quaternion}
         return state
 

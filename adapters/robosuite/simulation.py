@@ -97,17 +97,16 @@ class RobosuiteSimulation(MujocoSimulation):
         self._parts = PARTS[task]
         tool = robot.gripper["right"].important_sites["grip_site"], robot.robot_model.eef_name["right"]
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper["right"].joints)
-        world, frame = (self._model, self._data), self._frame
         objects = {name: self._parts.bodies[name] for name in self._parts.placed}
         sampler, attached = self._env.placement_initializer, self._parts.placed
-        self._lights = MujocoLights(self._model, frame)
-        self._stage = MujocoStage(mujoco, world, frame, self._scene.renderers)
+        self._lights = MujocoLights(self._physics)
+        self._stage = MujocoStage(self._physics, self._scene.renderers)
         self.scene_controls = SceneControls(
-            cameras=MujocoCameras(self._model, frame),
+            cameras=MujocoCameras(self._physics),
             lights=self._lights,
-            objects=RobosuiteObjects(world, objects, attached, sampler, frame, self._settle),
-            arm=MujocoArm(mujoco, world, lambda: robot.part_controllers["right"], tool, frame, self._settle),
-            bodies=MujocoBodies(self._model, objects.values(), self._settle),
+            objects=RobosuiteObjects(self._physics, objects, attached, sampler),
+            arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tool),
+            bodies=MujocoBodies(self._physics, objects.values()),
             stage=self._stage,
         )
         self._env.step(np.zeros(self._env.action_dim))
@@ -122,7 +121,7 @@ class RobosuiteSimulation(MujocoSimulation):
         for sampler in samplers(self._env.placement_initializer):
             sampler.rng = generator
         self._env.reset()
-        self._settle()
+        self._physics.settle()
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step (25 physics steps). Never renders."""

@@ -1,4 +1,4 @@
-"""The frame of the robot's base in MuJoCo's world."""
+"""The physics of a robosuite environment, which its scene controls share."""
 
 from __future__ import annotations
 
@@ -11,12 +11,22 @@ from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.frames import relative_pose
 
 
-class BaseFrame:
-    """Converts points and poses between the base frame and MuJoCo's world."""
+class MujocoPhysics:
+    """MuJoCo's module, model and data, and the frame of the robot's base."""
 
-    def __init__(self, base: Any) -> None:
-        """Take the body of the data that carries the robot."""
-        self._base = base
+    def __init__(self, mujoco: Any, model: Any, data: Any, base: str) -> None:
+        """Take the module, model and data, and the name of the body that carries the robot."""
+        self.mujoco, self.model, self.data = mujoco, model, data
+        self._base = data.body(base)
+
+    def settle(self) -> None:
+        """Bring contacts and forces up to date after a reset or a change, with a cold start of the solver.
+
+        The reset itself solves contacts of the last episode's fixtures or of default poses, from which the solver would
+        otherwise start.
+        """
+        self.data.qacc_warmstart[:] = 0.0
+        self.mujoco.mj_forward(self.model, self.data)
 
     @property
     def rotation(self) -> Rotation:
