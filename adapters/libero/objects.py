@@ -56,12 +56,9 @@ def _corners(model: Any, geom: int) -> FloatArray:
 
 
 def stored_centres(states: FloatArray, start: int, centre: FloatArray) -> FloatArray:
-    """Return an object's centre in stored joint positions, (n, 3), m, world.
+    """Return an object's centre in stored joint positions (n, nq): (n, 3), m, world.
 
-    Args:
-        states: Joint positions, (n, nq).
-        start: Index of the object's pose among them.
-        centre: Of the object, in its body's frame (m).
+    `start` is the index of its pose among the positions, and `centre` (3,) is in its body's frame (m).
     """
     turns = Rotation.from_quat(np.roll(states[:, start + 3 : start + 7], -1, axis=1))
     return np.asarray(states[:, start : start + 3] + turns.apply(centre))

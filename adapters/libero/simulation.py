@@ -83,8 +83,8 @@ class LiberoSimulation(MujocoSimulation):
         spec = ActionSpec(REACHED[0] * float(limits[0]), REACHED[1] * float(limits[3]), CONTROL_HZ)
         super().__init__(package.mujoco, env, view, task.instruction, spec)
         self._states = package.stored_states(task.libero_suite, task.name)
-        if self._states.shape != (STORED_STATES, 1 + self._model.nq + self._model.nv):
-            expected = f"({STORED_STATES}, {1 + self._model.nq + self._model.nv})"
+        expected = (STORED_STATES, 1 + self._model.nq + self._model.nv)
+        if self._states.shape != expected:
             raise AdapterError(
                 f"libero/{task.task}: expected stored states of shape {expected}, found {self._states.shape}: "
                 "install assets and package of the same version"
@@ -199,12 +199,9 @@ def fixtures_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:
     bodies = [model.body(number).name for number in range(model.nbody)]
     for fixture in env.fixtures_dict:
         poses |= {name.removesuffix("_main"): data.body(name) for name in bodies if name.startswith(f"{fixture}_")}
+    starts = tuple(f"{fixture}_" for fixture in env.fixtures_dict)
     joints = [model.joint(number).name for number in range(model.njnt)]
-    angles = {
-        name: data.joint(name)
-        for name in joints
-        if any(name.startswith(f"{fixture}_") for fixture in env.fixtures_dict)
-    }
+    angles = {name: data.joint(name) for name in joints if name.startswith(starts)}
     goal = env.parsed_problem["goal_state"][0][-1]
     return poses, angles, data.site(goal) if goal in env.object_sites_dict else data.body(f"{goal}_main")
 
