@@ -18,15 +18,8 @@ class BaseSimulation(ABC):
     """
 
     def __init__(self, view: View, instruction: str, action_spec: ActionSpec) -> None:
-        """Take what all episodes share.
-
-        Args:
-            view: Cameras and image size for policies.
-            instruction: The goal in words.
-            action_spec: Bounds of an action.
-        """
-        self.view, self.instruction = view, instruction
-        self.action_spec = action_spec
+        """Take the cameras and image size for policies, the goal in words, and the bounds of an action."""
+        self.view, self.instruction, self.action_spec = view, instruction, action_spec
         self.observation_spec = ObservationSpec(view.cameras, view.image_size)
 
     @abstractmethod
@@ -37,10 +30,14 @@ class BaseSimulation(ABC):
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return the true state, as the contract defines it."""
 
+    def arm_state(self) -> Mapping[str, FloatArray]:
+        """Return the entries of the true state that proprioception has; override it where the others cost time."""
+        return self.privileged_state()
+
     def observe(self) -> Observation:
         """Render the cameras of the view and read the arm."""
         images = {camera: self.draw(camera, self.view.image_size) for camera in self.view.cameras}
-        return Observation(images, proprioception(self.privileged_state()), self.instruction)
+        return Observation(images, proprioception(self.arm_state()), self.instruction)
 
     def picture(self) -> Image:
         """Render the third-person view, (256, 256, 3)."""

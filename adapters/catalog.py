@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from importlib.metadata import metadata
 from importlib.util import find_spec
 
 from robogauntlet.adapters.contract import (
@@ -59,13 +60,16 @@ def missing_reason(simulator: Simulator) -> str | None:
     Imports nothing. For other processes, use `robogauntlet.orchestrator.environments`.
     """
     missing = [module for module in simulator.modules if find_spec(module) is None]
-    if missing:
-        if simulator.requirements or simulator.without_dependencies:
-            install = f"robogauntlet env create {simulator.name}"
-        else:
-            install = f'pip install "robogauntlet[{simulator.name}]"'
-        return f"not installed (no module {missing[0]}); install it: {install}"
-    return None
+    if not missing:
+        return None
+    remedy = "install the package that provides it"
+    if simulator.requirements or simulator.without_dependencies:
+        remedy = f"install it: robogauntlet env create {simulator.name}"
+    elif simulator.name in (metadata("robogauntlet").get_all("Provides-Extra") or ()):
+        remedy = f'install it: pip install "robogauntlet[{simulator.name}]"'
+    elif simulator.distributions:
+        remedy = f"install it: pip install {' '.join(simulator.distributions)}"
+    return f"not installed (no module {missing[0]}); {remedy}"
 
 
 def open_simulation(task: str, view: View) -> Simulation:

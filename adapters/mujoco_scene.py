@@ -45,13 +45,9 @@ class MujocoScene:
     """Renders a MuJoCo model and its data. `fast` omits shadows, reflections and multisampling."""
 
     def __init__(self, model: Any, data: Any, profile: RenderProfile, option: Any = None) -> None:
-        """Take the model.
+        """Take the model and its data, whose poses must be up to date before rendering.
 
-        Args:
-            model: MuJoCo's model.
-            data: MuJoCo's data; their poses must be up to date before rendering.
-            profile: Rendering detail.
-            option: MuJoCo's `MjvOption`, which selects groups of shapes; its default if None.
+        `option` is MuJoCo's `MjvOption`, which selects groups of shapes; by default all are rendered as usual.
         """
         self._mujoco = import_mujoco()
         self._model, self._data, self._fast = model, data, profile is RenderProfile.FAST

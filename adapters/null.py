@@ -39,9 +39,7 @@ class NullSimulation:
 
     def __init__(self, task: str, view: View) -> None:
         self.task = task
-        self.action_spec = ActionSpec(
-            max_translation=0.05, max_rotation=0.1, control_hz=20.0, ignored=("rx", "ry", "rz", "gripper")
-        )
+        self.action_spec = ActionSpec(0.05, 0.1, control_hz=20.0, ignored=("rx", "ry", "rz", "gripper"))
         self.observation_spec = ObservationSpec(view.cameras, view.image_size)
         self._view = view
         self._position = np.zeros(3)
@@ -62,10 +60,9 @@ class NullSimulation:
         if folder is None:
             return True
         marker = Path(folder) / f"{self.task}-{seed}"
-        if marker.exists():
-            return False
+        is_first = not marker.exists()
         marker.touch()
-        return True
+        return is_first
 
     def _misbehave(self) -> None:
         if self.task == "Crash":

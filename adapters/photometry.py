@@ -71,8 +71,7 @@ def channel_gains(pairs: Iterable[tuple[Image, Image]]) -> tuple[Floats, float]:
     changed = (before != after).any(axis=1)
     usable = changed[:, None] & (before >= DARKEST) & (before <= BRIGHTEST) & (after >= FAINTEST) & (after <= BRIGHTEST)
     gains = np.full(3, math.nan)
-    for channel in range(3):
-        rows = usable[:, channel]
+    for channel, rows in enumerate(usable.T):
         if rows.any():
             gains[channel] = np.median(linear(after[rows, channel]) / linear(before[rows, channel]))
     return gains, float(changed.mean())
@@ -89,8 +88,7 @@ def temperature_gains(kelvin: float) -> Floats:
     Colours of black bodies: Kang et al., J. Korean Phys. Soc. 41 (2002) 865, from 1667 to 25000 K.
     """
     gains = _black_body(kelvin) / _black_body(DAYLIGHT)
-    balanced: Floats = gains / (gains @ LUMINANCE)
-    return balanced
+    return np.asarray(gains / (gains @ LUMINANCE))
 
 
 def temperature_of(gains: Floats) -> float:

@@ -30,10 +30,7 @@ class OpenRun:
         return f"{self.folder}: suite {document.suite.name}, {document.planned:,} episodes planned, {document.status}"
 
     def episodes(self, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
-        """Return a table with a row per episode.
-
-        Args:
-            fields: Fields of `robogauntlet.EpisodeResult`, the columns of the table.
+        """Return a table with a row per episode and a column per field of `robogauntlet.EpisodeResult`.
 
         Raises:
             RunError: The rows are in a database whose URL was not given.
@@ -47,16 +44,7 @@ class OpenRun:
 
 
 def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
-    """Read fields of a run's episodes as a table.
-
-    Args:
-        url: URL of the store with the rows.
-        run_id: Id of the run.
-        fields: Fields of `robogauntlet.EpisodeResult`, the columns of the table.
-
-    Raises:
-        StoreError: The rows cannot be read.
-    """
+    """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
     return _frame(Store.open(url, run_id), fields)
 
 
@@ -71,11 +59,7 @@ def _frame(rows: Store, fields: Sequence[str]) -> pd.DataFrame:
 
 
 def open_run(folder: Path | str, store: str | None = None) -> OpenRun:
-    """Open a run.
-
-    Args:
-        folder: The run folder.
-        store: URL of its store, if that is not in the folder.
+    """Open a run folder; `store` is the URL of its store, if that is not in the folder.
 
     Raises:
         RunError: The folder is not a run folder.
@@ -84,12 +68,7 @@ def open_run(folder: Path | str, store: str | None = None) -> OpenRun:
 
 
 def open_entry(history: History, entry: RunEntry, document: RunDocument | None = None) -> OpenRun:
-    """Open a run of a history.
-
-    Args:
-        history: The history with the run.
-        entry: The run.
-        document: Its document; None to read it from the history.
+    """Open a run of a history; without `document`, read it from the history.
 
     Raises:
         RunError: Its rows are not accessible.
@@ -129,10 +108,10 @@ def compare(
     `print` shows the result as text; notebooks show it as a table.
 
     Args:
-        run: The run to judge.
+        run: A run or its folder.
         baseline: The run to compare with.
-        alpha: Maximum probability of a false alarm; None for the value of the run's suite.
-        margin: Largest decrease of a rate that counts as no worse; None for the value of the run's suite.
+        alpha: Maximum probability of a false alarm; by default that of the run's suite.
+        margin: Largest decrease of a rate that counts as no worse; by default that of the run's suite.
         only: Names of policies; empty for all.
         allowed: Differences of the runs that do not prevent the comparison.
 

@@ -1,4 +1,4 @@
-"""Folders that one process writes into at a time."""
+"""Locks of folders, so that one process at a time writes into each."""
 
 from __future__ import annotations
 
@@ -19,14 +19,10 @@ class FolderError(Exception):
 
 @contextlib.contextmanager
 def lock_folder(folder: Path, *, for_run: bool = False) -> Iterator[None]:
-    """Hold the lock of a folder, which is made if necessary, for the duration of the block.
-
-    Args:
-        folder: The folder to write into.
-        for_run: Whether it is the folder of a run, into which nothing else is written.
+    """Create a folder if necessary, and hold its lock during the block. Run folders are locked with `for_run` only.
 
     Raises:
-        FolderError: It cannot be written, another process writes into it, or it holds a run.
+        FolderError: It cannot be written, another process writes into it, or it is a run folder.
     """
     if not for_run and (folder / RUN_FILE).exists():
         raise FolderError(f"{folder}: expected another folder than that of a run; give one with --out")

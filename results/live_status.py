@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict
 
 STALE_S = 60.0
-"""A run without a new status for this time is considered dead (s)."""
+"""Time without a new status after which a run is considered dead (s)."""
 
 
 class _Model(BaseModel):

@@ -1,4 +1,4 @@
-"""The record of one episode: what the store keeps, the Parquet file holds and every table is made from."""
+"""The record of one episode, as stores and Parquet files keep it and tables use it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Status(StrEnum):
     SUCCESS = "success"
     """The task's predicate held for `SUCCESS_HOLD` control steps in a row."""
     FAILURE = "failure"
-    """It did not, within the horizon."""
+    """It did not hold for as long within the horizon."""
     ERROR = "error"
     """The episode could not be played; it says nothing about the policy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeResult:
-    """One row. Fields up to `error` are the same wherever and however often it is run; the rest is telemetry."""
+    """One row. Fields up to `error` are the same whenever the episode is run; the rest is telemetry."""
 
     episode_id: Annotated[str, "Hash of policy content, task, condition, seed and protocol: one row per id."]
     pair_id: Annotated[str, "The same hash without the policy: equal for the two sides of a paired comparison."]
@@ -85,7 +85,7 @@ class EpisodeResult:
 
     @classmethod
     def from_episode(cls, episode: Episode, **outcome: Any) -> EpisodeResult:
-        """A record with the identity of `episode` and the given outcome."""
+        """Return a record with the identity of `episode` and the given outcome."""
         view = episode.protocol.view
         return cls(
             episode_id=episode.id,
@@ -107,7 +107,7 @@ class EpisodeResult:
 
     @classmethod
     def failed_to_run(cls, episode: Episode, error: str, **telemetry: Any) -> EpisodeResult:
-        """The record of an episode that could not be played."""
+        """Return the record of an episode that could not be played."""
         return cls.from_episode(
             episode,
             status=str(Status.ERROR),
@@ -127,32 +127,16 @@ class EpisodeResult:
         )
 
 
-TELEMETRY = (
-    "attempts",
-    "worker",
-    "started_at",
-    "build_s",
-    "load_s",
-    "reset_s",
-    "physics_s",
-    "render_s",
-    "inference_s",
-    "query_p50_s",
-    "query_p95_s",
-    "query_max_s",
-    "routing_s",
-    "wait_s",
-    "wall_s",
-)
-"""Fields that differ from run to run."""
-
 FIELDS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(EpisodeResult))
-OUTCOME: tuple[str, ...] = tuple(name for name in FIELDS if name not in TELEMETRY)
-"""Fields that are the same wherever the episode is run."""
+_LAST_OUTCOME = FIELDS.index("error") + 1
+OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
+"""Fields that are the same wherever the episode is run, and fields that differ from run to run."""
+CELL = ("policy_digest", "task", "axis", "severity")
+"""Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 
 
 def describe_fields() -> dict[str, tuple[type, bool, str]]:
-    """Field name to (type, may be None, sentence)."""
+    """Return (type, may be None, sentence) by field name."""
     described = {}
     for name, hint in get_type_hints(EpisodeResult, include_extras=True).items():
         base, sentence = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, "")
@@ -165,15 +149,12 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 
 
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
-    """The values of the `OUTCOME` fields, in order, alike before and after a database: zero has no sign there."""
-    values = (getattr(result, name) for name in OUTCOME)
-    return tuple(
-        value + 0.0 if name in _REAL and value is not None else value
-        for name, value in zip(OUTCOME, values, strict=True)
-    )
+    """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases."""
+    values = [(name, getattr(result, name)) for name in OUTCOME]
+    return tuple(value + 0.0 if name in _REAL and value is not None else value for name, value in values)
 
 
 def rows_hash(rows: Iterable[tuple[Any, ...]]) -> str:
-    """One hash for a set of outcome rows, whatever their order: equal for two runs that found the same."""
+    """Hash a set of outcome rows in any order: equal for two runs with the same outcomes."""
     digests = sorted(hashlib.sha256(json.dumps(row).encode()).digest() for row in rows)
     return hashlib.sha256(b"".join(digests)).hexdigest()[:16]

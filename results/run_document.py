@@ -1,4 +1,4 @@
-"""The run folder: what was planned, with what, where, and how far it came. `run.json` beside the store."""
+"""The run document, `run.json` in the run folder: plan, provenance and status of a run."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ RUN_FILE = "run.json"
 STORE_FILE = "episodes.sqlite"
 FORMAT: Literal[1] = 1
 EVERYWHERE = ("robogauntlet", "ray", "numpy", "scipy", "torch")
-"""Distributions that every run records; the others that it records are its simulators'."""
+"""Distributions that every run records beside its simulators'."""
 
 
 class RunStatus(StrEnum):
-    """How far a run came."""
+    """The status of a run."""
 
     RUNNING = "running"
     COMPLETE = "complete"
     """Every planned episode has a row."""
     INTERRUPTED = "interrupted"
-    """Stopped from outside (Ctrl-C, a signal); running it again continues."""
+    """By Ctrl-C or a signal; the same command continues the run."""
     STOPPED = "stopped"
-    """Ended itself early; `reason` says why."""
+    """Ended early by itself; see `reason`."""
 
 
 class RunError(Exception):
-    """A folder that is not a run, or not the run that was asked for; the message says what was expected."""
+    """A folder that is not a run folder, or not that of the expected run."""
 
 
 class _Model(BaseModel):
@@ -53,7 +53,7 @@ class PlannedCell(_Model):
 
 
 class Unsupported(_Model):
-    """An axis that a task of the plan cannot have; no episode of the two together is planned."""
+    """An axis that a task of the plan does not support, so that no episode of both is planned."""
 
     axis: str
     task: str
@@ -61,34 +61,34 @@ class Unsupported(_Model):
 
 
 class Decided(_Model):
-    """A comparison under one condition that was decided before its episodes were used up."""
+    """A comparison under one condition that was decided early."""
 
     policy: str
-    """The other; the baseline is that of the comparison."""
+    """The policy that is compared with the suite's baseline policy."""
     axis: str
     severity: int
     pairs: int
     seeds: int
-    """Per task, when it was decided."""
+    """Seeds per task when it was decided."""
     evidence: float
     """E-value."""
 
 
 class EnvironmentRecord(_Model):
-    """A Python environment beside the run's own, in which a simulator ran."""
+    """A Python environment other than the run's own, in which a simulator ran."""
 
     name: str
     hash: str
-    """Of what the environment is made of, as the suite, the user's configuration or the adapter says."""
+    """Hash of its definition in the suite, the user's configuration or the adapter."""
     python: str
     inherits: bool
-    """Whether the run's own packages were seen behind the environment's."""
+    """Whether the run's own packages are visible behind the environment's."""
     packages: dict[str, str]
-    """Distribution to version, as installed there: the simulator's, and those that were asked for."""
+    """Distribution to installed version: the simulator's, and the required ones."""
 
 
 class Provenance(_Model):
-    """With what the run was made."""
+    """Software and hardware of the run."""
 
     git_commit: str | None = None
     git_dirty: bool | None = None
@@ -100,9 +100,9 @@ class Provenance(_Model):
     packages: dict[str, str] = Field(default_factory=dict)
     """Distribution to version."""
     environments: dict[str, EnvironmentRecord] = Field(default_factory=dict)
-    """Simulator to the environment that it ran in, if it was not the run's own."""
+    """Simulator to its environment, if it was not the run's own."""
     definitions: dict[str, str] = Field(default_factory=dict)
-    """Task to the hash of the file that defines it, for tasks that users write such files for."""
+    """Task to the hash of the file that defines it, for simulators whose users write such files."""
 
     @property
     def versions(self) -> dict[str, str]:
@@ -116,16 +116,16 @@ class Provenance(_Model):
 
 
 class RunDocument(_Model):
-    """What `run.json` says."""
+    """The content of `run.json`."""
 
     format: Literal[1] = FORMAT
     run_id: str
     suite: Suite
-    """What was played, in part if only a part was asked for, and how the report compares it."""
+    """The suite, reduced to the selected part."""
     suite_hash: str
-    """Hash of what is evaluated; equal for suites that plan the same episodes."""
+    """Hash of the planned episodes; equal for suites that plan the same ones."""
     suite_text: str
-    """The suite file, word for word."""
+    """The text of the suite file."""
     suite_path: str
     store_url: str | None = None
     """URL of the store (password hidden), or None for the file in the run folder."""
@@ -140,19 +140,19 @@ class RunDocument(_Model):
     plan: tuple[PlannedCell, ...]
     unsupported: tuple[Unsupported, ...] = ()
     instructions: dict[str, str] = Field(default_factory=dict)
-    """Task to its goal in words."""
+    """Task to its instruction."""
     decided: tuple[Decided, ...] = ()
     workers: dict[str, int] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session; empty if all simulators shared `shared_workers`."""
     shared_workers: int | None = None
     inference: str = "worker"
-    """Where policies that look at images computed in the last session: "worker" or "served"."""
+    """Place of inference of policies that use images in the last session: "worker" or "served"."""
     skipped: dict[str, str] = Field(default_factory=dict)
     """Simulator to the reason why it could not run here."""
     render_devices: dict[str, str] = Field(default_factory=dict)
-    """Simulator to what drew its images."""
+    """Simulator to its render device."""
     rows_hash: str | None = None
-    """Hash of all stored rows, timing aside."""
+    """Hash of all stored rows without telemetry."""
     provenance: Provenance = Provenance()
 
     @property
@@ -162,10 +162,10 @@ class RunDocument(_Model):
 
 
 def read_run(folder: Path) -> RunDocument:
-    """The document of a run folder.
+    """Read the document of a run folder.
 
     Raises:
-        RunError: The folder is no run folder, or its document has another format.
+        RunError: The folder is not a run folder, or its document has another format.
     """
     path = folder / RUN_FILE
     if not folder.is_dir():
@@ -180,11 +180,7 @@ def read_run(folder: Path) -> RunDocument:
 
 
 def parse_run(text: str, where: str) -> RunDocument:
-    """A document from its JSON.
-
-    Args:
-        text: What `run.json`, or a store, holds.
-        where: Where it is from, for messages.
+    """Parse the JSON of a document; `where` names its source in messages.
 
     Raises:
         RunError: It is not a run document of format `FORMAT`.
@@ -201,15 +197,15 @@ def parse_run(text: str, where: str) -> RunDocument:
 
 
 def write_run(folder: Path, document: RunDocument) -> None:
-    """Write `run.json` so that a crash leaves either the old or the new one. Raises OSError."""
+    """Replace `run.json` atomically. Raises OSError."""
     write_whole(folder / RUN_FILE, document.model_dump_json(indent=1) + "\n")
 
 
 def store_url(folder: Path, document: RunDocument, url: str | None = None) -> str:
-    """URL of a run's store: the one given, or the file in the run folder.
+    """Return the URL of a run's store: `url`, or the file in the run folder.
 
     Raises:
-        RunError: The rows are in a database whose URL (with its password) has to be given.
+        RunError: The rows are in a database, whose URL with its password has to be given.
     """
     if url is not None:
         return url

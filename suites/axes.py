@@ -55,15 +55,15 @@ class Axis:
     name: str
     """The only name of the axis, in suites and reports."""
     changes: Changes
-    unit: str
-    levels: tuple[float, ...]
-    """The value at severity 1 (mild) to 5 (extreme but solvable). A control has one value."""
-    tolerance: float
-    """Largest difference between requested and delivered value in an episode (same unit). Infinite where one episode is
-    too short to measure it."""
     summary: str
     references: str
     """Published perturbations that the levels are aligned with."""
+    unit: str = "control"
+    levels: tuple[float, ...] = (1.0,)
+    """The value at severity 1 (mild) to 5 (extreme but solvable). A control has one value."""
+    tolerance: float = 0.0
+    """Largest difference between requested and delivered value in an episode (same unit). Infinite if one episode is
+    too short to measure it."""
     secondary_levels: tuple[float, ...] = ()
     """A second quantity that changes with the severity, explained in the summary."""
 
@@ -270,27 +270,18 @@ _CONTROLS = (
     Axis(
         name="blind",
         changes=Changes.IMAGES,
-        unit="control",
-        levels=(1.0,),
-        tolerance=0.0,
         summary="All images are black. Success that remains does not depend on vision.",
         references="this success rate is the lower limit for every axis that changes images",
     ),
     Axis(
         name="blank-instruction",
         changes=Changes.INSTRUCTION,
-        unit="control",
-        levels=(1.0,),
-        tolerance=0.0,
         summary="The instruction is empty. Success that remains does not depend on the instruction.",
         references="LIBERO-Plus reports that it changes little (2510.13626)",
     ),
     Axis(
         name="wrong-goal",
         changes=Changes.INSTRUCTION,
-        unit="control",
-        levels=(1.0,),
-        tolerance=0.0,
         summary="The instruction asks for another goal that is possible in the same scene. A policy that still reaches "
         "the task's goal ignores the instruction.",
         references="LIBERO-Plus reports that instruction following collapses (2510.13626)",
@@ -298,9 +289,6 @@ _CONTROLS = (
     Axis(
         name="again",
         changes=Changes.NOTHING,
-        unit="control",
-        levels=(1.0,),
-        tolerance=0.0,
         summary="The clean episode is repeated. If a repetition is not bit-identical, the numbers of this run contain "
         "nondeterminism.",
         references="users of LIBERO-Plus report that repeated runs agree on 91 % of the episodes (its issue 61)",

@@ -1,4 +1,4 @@
-"""The words every room shares: condition, view, protocol, episode. Frozen values, standard library only."""
+"""Condition, view, protocol, episode and cell: frozen values that all packages share. Standard library only."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from functools import cached_property
 
 CLEAN = "clean"
 CONTROLS = ("blind", "blank-instruction", "wrong-goal", "again")
-"""Conditions of one severity in which a policy that does what it is said to do should fail."""
+"""Control conditions, which have one severity."""
 CAMERAS = ("third_person", "wrist")
 SUCCESS_HOLD = 5
 """Control steps in a row for which a task's success predicate must hold before the episode counts as a success."""
 
 
 class RenderProfile(StrEnum):
-    """How much of a scene is drawn. SuiteSelection of what is measured, hence of an episode's identity."""
+    """Detail of rendering, which is part of an episode's identity."""
 
     STANDARD = "standard"
-    """As the simulator's own benchmark draws it: shadows, reflections and multisampling where it has them."""
+    """As in the simulator's own benchmark, with shadows, reflections and multisampling where it has them."""
     FAST = "fast"
     """Without shadows, reflections and multisampling."""
 
@@ -40,10 +40,10 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What a simulation is asked to render when a policy looks."""
+    """The images that a simulation renders for a policy."""
 
     cameras: tuple[str, ...] = CAMERAS
-    """Names out of `CAMERAS`, in the order in which the policy is given them."""
+    """Names out of `CAMERAS`, in the order in which the policy receives them."""
     image_size: int = 96
     """Height and width of each image, in pixels."""
     render_profile: RenderProfile = RenderProfile.STANDARD
@@ -56,7 +56,7 @@ class Protocol:
     horizon: int
     """Control steps after which an episode without success is a failure."""
     replan_every: int = 8
-    """Steps of an action chunk that are executed before the policy is asked again (fewer if the chunk is shorter)."""
+    """Steps of an action chunk that are executed before the policy is queried again (fewer for shorter chunks)."""
     view: View = field(default_factory=View)
 
 
@@ -81,15 +81,9 @@ class Episode:
 
     @cached_property
     def pair_id(self) -> str:
-        """Hash of everything but the policy: equal for the episodes that a paired comparison sets side by side."""
-        return content_hash(
-            {
-                "task": self.task,
-                "seed": self.seed,
-                "condition": asdict(self.condition),
-                "protocol": asdict(self.protocol),
-            }
-        )
+        """Hash of everything except the policy: equal for the episodes that a paired comparison compares."""
+        condition, protocol = asdict(self.condition), asdict(self.protocol)
+        return content_hash({"task": self.task, "seed": self.seed, "condition": condition, "protocol": protocol})
 
     @cached_property
     def id(self) -> str:
@@ -99,7 +93,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Cell:
-    """One policy on one task under one condition: the episodes that differ in their seed only."""
+    """One policy on one task under one condition: episodes that differ only in their seed."""
 
     policy: str
     policy_digest: str
@@ -113,11 +107,11 @@ class Cell:
         return self.task.partition("/")[0]
 
     def episode(self, seed: int) -> Episode:
-        """The cell's episode of that seed."""
+        """Return the cell's episode with this seed."""
         return Episode(self.policy, self.policy_digest, self.task, seed, self.protocol, self.condition)
 
 
 def content_hash(content: object, *, length: int = 16) -> str:
-    """SHA-256 of the canonical JSON of `content` (sorted keys, no spaces, no NaN), as `length` hexadecimal digits."""
+    """Return SHA-256 of the canonical JSON of `content` (sorted keys, no spaces, no NaN), in hexadecimal digits."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:length]

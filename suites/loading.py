@@ -1,8 +1,8 @@
-"""Reads suite and configuration files. Every mistake is reported, each with file, line and the nearest valid name."""
+"""Reads suite and configuration files. Reports every mistake with file, line and the nearest valid name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -21,6 +21,7 @@ from robogauntlet.suites.schema import (
     CompareEntry,
     ConditionEntry,
     MergingEntry,
+    Mistake,
     Place,
     PolicyEntry,
     Seeds,
@@ -46,7 +47,7 @@ class Problem:
 
 
 class SuiteError(Exception):
-    """A suite file that cannot be run. Its text has one line per problem."""
+    """A suite file with mistakes. The message has one line per problem."""
 
     def __init__(self, problems: list[Problem]) -> None:
         self.problems = sorted(problems, key=lambda p: p.line or 0)
@@ -54,14 +55,7 @@ class SuiteError(Exception):
 
 
 def load_suite(path: Path, names: Registry) -> Suite:
-    """Read and validate a suite file.
-
-    Args:
-        path: A YAML file.
-        names: The names that exist.
-
-    Returns:
-        The suite, its task patterns expanded.
+    """Read and validate a suite file, with names of the registry only, and expand its task patterns.
 
     Raises:
         SuiteError: Holds every problem found.
@@ -71,42 +65,38 @@ def load_suite(path: Path, names: Registry) -> Suite:
 
 
 def load_config(path: Path, names: Sequence[str]) -> Config:
-    """Read and validate a configuration file.
-
-    Args:
-        path: A YAML file; an empty one is a configuration that says nothing.
-        names: Whose environments may be named.
+    """Read and validate a configuration file, which may be empty, with environments of these simulators.
 
     Raises:
         SuiteError: Holds every problem found.
     """
 
-    def unknown(config: Config) -> list[tuple[Place, str]]:
+    def unknown(config: Config) -> list[Mistake]:
         wrong = [name for name in config.environments if name not in names]
         return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
 
     return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
 
 
-def _load(
-    path: Path, model: type[Model], check: Callable[[Model], Sequence[tuple[Place, str]]], what: str, keys: str
-) -> Model:
+def _load(path: Path, model: type[Model], check: Callable[[Model], Sequence[Mistake]], what: str, keys: str) -> Model:
     text = _read(path, what)
-    says = any(line.strip() and not line.lstrip().startswith("#") for line in text.splitlines())
-    data, lines = _parse(path, text if says or model is Suite else "{}", keys)
+    is_empty = all(not line.strip() or line.lstrip().startswith("#") for line in text.splitlines())
+    data, lines = _parse(path, "{}" if is_empty and model is Config else text, keys)
     try:
         loaded = model.model_validate(data)
     except ValidationError as error:
-        problems = [
-            Problem(str(path), _line(lines, _place(e["loc"])), _say(e, model))
-            for e in error.errors()
-            if not _is_echo(e)
-        ]
-        raise SuiteError(_unique(problems)) from None
-    problems = [Problem(str(path), _line(lines, place), message) for place, message in check(loaded)]
-    if problems:
-        raise SuiteError(_unique(problems))
+        # A list with wrong entries is also called too short.
+        errors = (e for e in error.errors() if e["type"] != "too_short" or not e["input"])
+        raise _refusal(path, lines, ((_place(e["loc"]), _message(e, model)) for e in errors)) from None
+    if mistakes := check(loaded):
+        raise _refusal(path, lines, mistakes)
     return loaded
+
+
+def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake]) -> SuiteError:
+    # Each problem once: a value that fits neither side of a union is reported by both.
+    problems = (Problem(str(path), _line(lines, place), message) for place, message in mistakes)
+    return SuiteError([*dict.fromkeys(problems)])
 
 
 def _read(path: Path, what: str) -> str:
@@ -131,7 +121,7 @@ def _read(path: Path, what: str) -> str:
 
 
 def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place, int]]:
-    """The file's data, and the line on which each place in it stands."""
+    """Return the file's data, and the line number of each place in it."""
 
     def refuse(mark: Any, message: str) -> SuiteError:
         return SuiteError([Problem(str(path), mark.line + 1 if mark else None, message)])
@@ -187,26 +177,18 @@ def _index(
 
 
 def _line(lines: dict[Place, int], place: Place) -> int | None:
-    """The line of the longest prefix of `place` that stands in the file."""
-    for length in range(len(place), -1, -1):
-        if place[:length] in lines:
-            return lines[place[:length]]
-    return None
+    """Return the line of the longest prefix of `place` that is in the file."""
+    prefixes = (place[:length] for length in range(len(place), -1, -1))
+    return next((lines[prefix] for prefix in prefixes if prefix in lines), None)
 
 
 def _place(loc: Place) -> Place:
-    """A pydantic location without the names of union branches."""
-    return tuple(
-        part for i, part in enumerate(loc) if not (i and loc[0] == "workers" and part in ("int", "dict", "auto"))
-    )
+    """Return a location of pydantic without the names of union branches, which `workers` has."""
+    branches = ("int", "dict", "auto") if loc[:1] == ("workers",) else ()
+    return tuple(part for part in loc if part not in branches)
 
 
-def _is_echo(error: Any) -> bool:
-    """A list is also called too short when its entries are wrong."""
-    return error["type"] == "too_short" and bool(error["input"])
-
-
-def _say(error: Any, model: type[BaseModel]) -> str:
+def _message(error: Any, model: type[BaseModel]) -> str:
     place = _place(error["loc"])
     where = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
     came = error.get("input")
@@ -214,8 +196,9 @@ def _say(error: Any, model: type[BaseModel]) -> str:
         case "missing":
             return f"missing key '{place[-1]}'"
         case "extra_forbidden":
-            near = get_close_matches(str(place[-1]), list(_fields(place, model)), n=1, cutoff=0.5)
-            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(_fields(place, model))}"
+            known = _fields(place, model)
+            near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.5)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(known)}"
             return f"unknown key '{place[-1]}'{hint}"
         case "too_short":
             return f"{where}: expected at least one entry, found an empty list"
@@ -224,9 +207,8 @@ def _say(error: Any, model: type[BaseModel]) -> str:
         case "enum" | "literal_error":
             return f"{where}: expected {error['ctx']['expected']}, found {came!r}"
         case "string_pattern_mismatch":
-            return (
-                f"{where}: expected letters, digits, '.', '_' or '-', starting with a letter or digit; found {came!r}"
-            )
+            rule = "letters, digits, '.', '_' or '-', starting with a letter or digit"
+            return f"{where}: expected {rule}; found {came!r}"
         case _:
             expected = error["msg"].replace("Input should be", "expected").replace("Value error, ", "")
             return f"{where}: {expected}, found {_kind(came)}"
@@ -261,8 +243,3 @@ def _kind(value: Any) -> str:
     }
     name = names.get(type(value), type(value).__name__)
     return name if isinstance(value, dict | list) else f"{name} ({value!r})"
-
-
-def _unique(problems: list[Problem]) -> list[Problem]:
-    """Each problem once: a value that fits neither side of a union is reported by both."""
-    return list(dict.fromkeys(problems))

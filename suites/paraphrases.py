@@ -1,7 +1,7 @@
-"""Instructions in other words: for each task's own sentence one per severity, each asking for the same thing.
+"""Paraphrases of the tasks' instructions, one per severity, and instructions that ask for another goal.
 
-1 adds a filler, 2 takes synonyms, 3 turns the syntax round, 4 names things by what they are or where they lie, 5 puts
-an irrelevant clause in front. Sentences have at most 15 words, which is what the smallest policies read.
+1 adds a filler, 2 uses synonyms, 3 changes the syntax, 4 refers to objects by kind or place, 5 adds an irrelevant
+clause. Sentences have at most 15 words, the limit of the smallest policies.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
         ),
     }
 )
-"""A task's instruction to its five."""
+"""Instruction to its five paraphrases."""
 OTHER_GOALS: Mapping[str, str] = MappingProxyType(
     {
         "push the blue cube onto the red and white target": "pull the blue cube away from the red and white target",
@@ -90,4 +90,4 @@ OTHER_GOALS: Mapping[str, str] = MappingProxyType(
         "turn the handle down and pull the door open": "leave the handle alone and keep the door shut",
     }
 )
-"""A task's instruction to that of something else which its scene allows."""
+"""Instruction to one with another goal that is possible in the same scene."""

@@ -1,4 +1,4 @@
-"""Finding things by name: what entry points declare, and the name that a misspelt one was meant to be."""
+"""Plug-ins declared by entry points, and suggestions for misspelt names."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from importlib import metadata
 from typing import Protocol, TypeVar
 
 LISTED = 12
-"""Known names that a message lists at most."""
+"""Maximum number of known names in a message."""
 
 
 class _Named(Protocol):
@@ -22,33 +22,31 @@ Plugin = TypeVar("Plugin", bound=_Named)
 
 @dataclass(frozen=True)
 class BrokenPlugin:
-    """An entry point that could not be loaded, or holds something else than its group promises."""
+    """An entry point that cannot be loaded, or has the wrong type or name."""
 
     name: str
     reason: str
 
 
 def load_plugins(group: str, kind: type[Plugin]) -> tuple[Mapping[str, Plugin], tuple[BrokenPlugin, ...]]:
-    """What the entry points of a group declare, by name, and those that are broken.
+    """Return the plug-ins of a group of entry points by name, and the broken entry points.
 
-    Args:
-        group: Name of the group.
-        kind: What each entry point must hold; its `name` must be the entry point's.
+    Each entry point must hold a `kind` whose `name` is the entry point's.
     """
     plugins: dict[str, Plugin] = {}
     broken: list[BrokenPlugin] = []
     for entry in sorted(metadata.entry_points(group=group), key=lambda e: e.name):
+        reason = ""
         try:
             plugin = entry.load()
-        except Exception as error:  # a plug-in may fail in any way, and must not take the others along
+        except Exception as error:  # A plug-in may fail in any way, and must not affect the others.
             reason = f"{entry.value} cannot be loaded: {type(error).__name__}: {error}"
-            broken.append(BrokenPlugin(entry.name, reason))
-            continue
-        if not isinstance(plugin, kind):
-            reason = f"{entry.value} is a {type(plugin).__name__}, expected a {kind.__name__}"
-            broken.append(BrokenPlugin(entry.name, reason))
-        elif plugin.name != entry.name:
-            reason = f"{entry.value} calls itself '{plugin.name}', its entry point '{entry.name}'"
+        else:
+            if not isinstance(plugin, kind):
+                reason = f"{entry.value} is a {type(plugin).__name__}, expected a {kind.__name__}"
+            elif plugin.name != entry.name:
+                reason = f"{entry.value} is named '{plugin.name}', its entry point '{entry.name}'"
+        if reason:
             broken.append(BrokenPlugin(entry.name, reason))
         else:
             plugins[entry.name] = plugin
@@ -56,7 +54,7 @@ def load_plugins(group: str, kind: type[Plugin]) -> tuple[Mapping[str, Plugin], 
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: `; did you mean 'X'?`, or what there is."""
+    """Return the end of a message about an unknown name: `; did you mean 'X'?`, or the known names."""
     known = sorted(known)
     near = get_close_matches(name, known, n=1, cutoff=0.5) or [k for k in known if k.split("/")[-1].startswith(name)]
     if near:

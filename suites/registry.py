@@ -1,4 +1,4 @@
-"""The names that suites may use: gathered by whoever knows the catalogs, so that suites import nothing of ours."""
+"""The names that suites may use. The orchestrator collects them, so that suites import no catalogs."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 
 @dataclass(frozen=True)
 class KnownTask:
-    """A task that some adapter offers."""
+    """A task of an adapter."""
 
     horizon: int
     internal: bool = False
-    """Whether it is there for tests, so that nobody is told of it."""
+    """Whether it is for tests only, and not suggested to users."""
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class KnownPolicy:
 
     options: frozenset[str] = frozenset()
     tasks: frozenset[str] | None = None
-    """Tasks it can act in, or None for all."""
+    """Tasks in which it can act, or None for all."""
     has_environment: bool = False
-    """Whether it may have a Python environment of its own."""
+    """Whether it can have its own Python environment."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Registry:
     """The names that a suite may use."""
 
     tasks: Mapping[str, KnownTask]
-    """`simulator/task` to what is known of it."""
+    """By `simulator/task`."""
     policies: Mapping[str, KnownPolicy]
     axes: Mapping[str, int] = field(default_factory=dict)
     """Perturbation axis to its highest severity."""
@@ -43,5 +43,5 @@ class Registry:
 
     @property
     def public(self) -> Registry:
-        """Those to tell of."""
+        """The registry without internal tasks."""
         return replace(self, tasks={name: task for name, task in self.tasks.items() if not task.internal})

@@ -1,4 +1,4 @@
-"""How a suite is run: what each simulator's workers need, and where policies compute. No part of what is evaluated."""
+"""Resources of workers and place of inference. They do not affect the identity of episodes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Positive = Annotated[float, Field(gt=0, le=10_000)]
 
 
 class Resources(BaseModel):
-    """What a worker of a simulator needs. Ray starts it where there is so much."""
+    """Resources that Ray reserves for a worker of a simulator."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -18,7 +18,7 @@ class Resources(BaseModel):
     num_gpus: Annotated[float, Field(ge=0, le=64)] = 0.0
     """Share of a GPU; 0.25 lets four workers share one."""
     memory_gb: Positive | None = None
-    """GiB that a worker may come to hold: reserved for it, and the worker is replaced when it holds more."""
+    """GiB that are reserved for a worker, which is replaced if it uses more."""
 
     @property
     def memory_bytes(self) -> int | None:
@@ -26,25 +26,26 @@ class Resources(BaseModel):
         return None if self.memory_gb is None else int(self.memory_gb * 1024**3)
 
     def ray_options(self) -> dict[str, float]:
-        """As options of a Ray actor."""
-        asked: dict[str, float] = {"num_cpus": self.num_cpus, "num_gpus": self.num_gpus}
-        return asked | ({} if self.memory_bytes is None else {"memory": self.memory_bytes})
+        """Return the options of a Ray actor."""
+        options: dict[str, float | None]
+        options = {"num_cpus": self.num_cpus, "num_gpus": self.num_gpus, "memory": self.memory_bytes}
+        return {name: value for name, value in options.items() if value is not None}
 
 
 class Inference(BaseModel):
-    """Where policies that look at images compute."""
+    """Place of inference of policies that use images."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     place: Literal["worker", "served", "auto"] = "worker"
-    """In each worker; or in processes of their own that answer the workers' queries in batches; or wherever a query is
-    answered sooner, measured before the run."""
+    """In each worker, or in separate processes that answer the workers' queries in batches; auto: the faster of both,
+    measured before the run."""
     batch: Annotated[int, Field(strict=True, ge=1, le=1024)] = 16
-    """Queries answered at once, at most. With 1 a served policy acts to the bit as in a worker on the same device."""
+    """Maximum batch size. With 1, actions are bit-identical to those in a worker on the same device."""
     wait_ms: Annotated[float, Field(ge=0, le=10_000)] = 2.0
-    """For how long a query waits for others, at most."""
+    """Maximum time that a query waits for others."""
     replicas: Annotated[int, Field(strict=True, ge=1, le=256)] = 1
-    """Serving processes; a worker always asks the same one."""
+    """Inference processes; a worker always uses the same one."""
     num_gpus: Annotated[float, Field(ge=0, le=64)] = 0.0
     """Share of a GPU for each of them."""
 

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from itertools import chain
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import (
@@ -32,6 +32,10 @@ SHORT_FORMS = {"openpi": "address", "python": "callable", "lerobot": "checkpoint
 LONGEST_NAME = 80
 Count = Annotated[int, Field(strict=True, ge=1)]
 Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=LONGEST_NAME)]
+Names = Annotated[
+    tuple[Name, ...], BeforeValidator(lambda value: [value] if isinstance(value, str) else value), Field(min_length=1)
+]
+"""A name, or a list of them."""
 Place = tuple[str | int, ...]
 """Keys and list indices of a value in the file."""
 Mistake = tuple[Place, str]
@@ -99,57 +103,52 @@ class Seeds(_Model):
         return iter(range(self.start, self.start + self.count))
 
 
-class MergingEntry(_Model):
+class _Sides(_Model):
+    """Names of policies that are compared."""
+
+    key: ClassVar[str]
+    """The entry's key in the suite file."""
+
+    def places(self) -> list[Mistake]:
+        """Return every policy name with its place in the file."""
+        places: list[Mistake] = []
+        for field, value in self:
+            if isinstance(value, str):
+                places.append(((self.key, field), value))
+            else:
+                places += [((self.key, field, i), name) for i, name in enumerate(value)]
+        return places
+
+
+class MergingEntry(_Sides):
     """The roles of the suite's policies in a comparison of experts with the model merged from them."""
 
+    key = "merging"
     expert: Name
     """The experts, each in its own task."""
     oracle_routed: Name
     """The merged policy that is given the true task."""
-    routed: tuple[Name, ...] = Field(min_length=1)
+    routed: Names
     """The merged policy inferring the task, once for each router compared."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _shorthand(cls, value: Any) -> Any:
-        if isinstance(value, dict) and isinstance(value.get("routed"), str):
-            return {**value, "routed": [value["routed"]]}
-        return value
 
-    def places(self) -> list[Mistake]:
-        """Return every policy name with its place in the file."""
-        routed = [(("merging", "routed", i), name) for i, name in enumerate(self.routed)]
-        return [(("merging", "expert"), self.expert), (("merging", "oracle_routed"), self.oracle_routed), *routed]
-
-
-class CompareEntry(_Model):
+class CompareEntry(_Sides):
     """Policies that are compared under perturbations."""
 
+    key = "compare"
     baseline: Name
-    others: tuple[Name, ...] = Field(min_length=1)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _shorthand(cls, value: Any) -> Any:
-        if isinstance(value, dict) and isinstance(value.get("others"), str):
-            return {**value, "others": [value["others"]]}
-        return value
-
-    def places(self) -> list[Mistake]:
-        """Return every policy name with its place in the file."""
-        others = [(("compare", "others", i), name) for i, name in enumerate(self.others)]
-        return [(("compare", "baseline"), self.baseline), *others]
+    others: Names
 
 
 class AdaptiveEntry(_Model):
-    """When the comparison under a condition counts as decided, so that other conditions get its episodes."""
+    """The rule that stops a condition when its comparison is decided, so that others get its episodes."""
 
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     """Largest probability that a comparison without a difference is decided."""
     round: Count = 10
-    """Seeds between two looks at the evidence."""
+    """Seeds between two evaluations of the evidence."""
     most: Count
-    """Most seeds of a condition; without stopping, each has those of `seeds`."""
+    """Maximum number of seeds of a condition; without stopping, each has those of `seeds`."""
 
 
 class RegressionEntry(_Model):
@@ -162,18 +161,18 @@ class RegressionEntry(_Model):
 
 
 class Suite(_Model):
-    """Tasks x policies x conditions x seeds, plus how to run and judge them."""
+    """Tasks x policies x conditions x seeds, and how they are run and compared."""
 
     name: Name
     description: str = ""
     policies: tuple[PolicyEntry, ...] = Field(min_length=1)
     tasks: tuple[str, ...] = Field(min_length=1)
-    """`simulator/task`; a pattern such as `maniskill/*` stands for all tasks that match."""
+    """`simulator/task`, or a pattern such as `maniskill/*`."""
     conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
     seeds: Seeds
 
     replan_every: Count = 8
-    """Steps of an action chunk executed before the policy is asked again."""
+    """Steps of an action chunk executed before the policy is queried again."""
     cameras: tuple[str, ...] = Field(default=CAMERAS, min_length=1)
     image_size: Annotated[int, Field(strict=True, ge=16, le=1024)] = 96
     render_profile: RenderProfile = RenderProfile.STANDARD
@@ -186,7 +185,7 @@ class Suite(_Model):
         | Annotated[Literal["auto"], Tag("auto")],
         Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
     ] = 1
-    """Worker processes per simulator; "auto": as many for all simulators together as cores and memory allow."""
+    """Worker processes per simulator; "auto": as many for all simulators as cores and memory allow."""
     resources: dict[str, Resources] = Field(default_factory=dict)
     """Simulator to the needs of each of its workers; one core by default."""
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
@@ -214,10 +213,10 @@ class Suite(_Model):
     @property
     def comparison(self) -> CompareEntry | None:
         """The comparison under perturbations: `compare`, or the policies of `merging`."""
-        if self.compare is None and self.merging is not None:
-            others = (self.merging.oracle_routed, *self.merging.routed)
-            return CompareEntry(baseline=self.merging.expert, others=others)
-        return self.compare
+        if self.compare is not None or self.merging is None:
+            return self.compare
+        others = (self.merging.oracle_routed, *self.merging.routed)
+        return CompareEntry(baseline=self.merging.expert, others=others)
 
     def worker_count(self, simulator: str) -> int:
         """Return the worker processes of a simulator; one by default."""
@@ -234,25 +233,17 @@ class Suite(_Model):
         return [condition for entry in self.conditions for condition in entry.conditions()]
 
     def cells(self, names: Registry, digests: Mapping[str, str]) -> list[Cell]:
-        """Return every (policy, task, condition), tasks outermost so that neighbours share an open simulation.
+        """Return every (policy, task, condition), by task so that neighbours share an open simulation.
 
-        Args:
-            names: Gives each task's horizon.
-            digests: Policy name to the hash of its content.
+        `digests` has the hash of each policy's content.
         """
         view = View(self.cameras, self.image_size, self.render_profile)
-        return [
-            Cell(
-                policy=policy.name,
-                policy_digest=digests[policy.name],
-                task=task,
-                protocol=Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view),
-                condition=condition,
-            )
-            for task in self.tasks
-            for condition in self.all_conditions()
-            for policy in self.policies
-        ]
+        cells = []
+        for task in self.tasks:
+            protocol = Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view)
+            for condition in self.all_conditions():
+                cells += [Cell(p.name, digests[p.name], task, protocol, condition) for p in self.policies]
+        return cells
 
     def content_hash(self, digests: Mapping[str, str], names: Registry) -> str:
         """Hash the planned episodes: equal for suites with the same episodes, however they are run."""
@@ -268,10 +259,8 @@ def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> lis
     """Return the names of the tasks that match the patterns, in their order; a plain name is kept."""
     expanded: list[str] = []
     for pattern in patterns:
-        if any(sign in pattern for sign in "*?["):
-            expanded += [task for task in known if fnmatchcase(task, pattern)]
-        else:
-            expanded.append(pattern)
+        is_plain = not set(pattern) & set("*?[")
+        expanded += [pattern] if is_plain else [task for task in known if fnmatchcase(task, pattern)]
     return expanded
 
 

@@ -1,4 +1,4 @@
-"""A part of a suite: some of its policies, tasks or seeds. Its episodes are the whole suite's, with the same ids."""
+"""Selection of some policies, tasks or seeds of a suite. Its episodes keep their ids."""
 
 from __future__ import annotations
 
@@ -11,28 +11,25 @@ from robogauntlet.suites.schema import CompareEntry, MergingEntry, Seeds, Suite
 
 
 class SelectionError(Exception):
-    """The suite has nothing that was asked for."""
+    """The selection matches nothing in the suite."""
 
 
 @dataclass(frozen=True)
 class SuiteSelection:
-    """What to keep of a suite; everything by default."""
+    """The selected part of a suite; everything by default."""
 
     policies: tuple[str, ...] = ()
     """Names, or patterns such as `ties-*`."""
     tasks: tuple[str, ...] = ()
     """`simulator/task`, or patterns."""
     seeds: int | None = None
-    """The first so many."""
+    """Number of seeds, from the first."""
 
     def apply_to(self, suite: Suite) -> Suite:
-        """The suite with nothing else in it. A comparison of which a policy is left out is left out too.
-
-        Args:
-            suite: With its task patterns replaced, see `Suite.with_names`.
+        """Return the selected part of a suite with expanded task patterns; comparisons need all their policies.
 
         Raises:
-            SelectionError: A name or pattern that finds nothing, or more seeds than the suite has.
+            SelectionError: A name or pattern without a match, or more seeds than the suite has.
         """
         names = match_patterns("policy", self.policies, [policy.name for policy in suite.policies])
         count = suite.seeds.count if self.seeds is None else self.seeds
@@ -59,21 +56,17 @@ def _within(sides: MergingEntry | CompareEntry | None, names: set[str]) -> bool:
 
 
 def match_patterns(what: str, patterns: Iterable[str], names: Sequence[str], *, whole: str = "suite") -> set[str]:
-    """The names that some pattern finds; all of them if there is no pattern.
+    """Return the names that match any of the patterns (see `fnmatch`); all names without patterns.
 
-    Args:
-        what: Kind of the names, for messages.
-        patterns: Names, or patterns as `fnmatch` has them.
-        names: All there are.
-        whole: Of what they are, for messages.
+    `what` and `whole` name their kind and origin in messages.
 
     Raises:
-        SelectionError: A pattern finds nothing.
+        SelectionError: A pattern without a match.
     """
     kept: set[str] = set()
     for pattern in patterns:
-        found = {name for name in names if fnmatchcase(name, pattern)}
-        if not found:
+        matches = {name for name in names if fnmatchcase(name, pattern)}
+        if not matches:
             raise SelectionError(f"the {whole} has no {what} '{pattern}'{did_you_mean(pattern, names)}")
-        kept |= found
+        kept |= matches
     return kept or set(names)

@@ -1,4 +1,4 @@
-"""Expressions that say where a number is: names, attributes, items, calls with constants, comparisons. Nothing else."""
+"""Expressions in mapping files: names, attributes, items, calls with constants and comparisons only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from robogauntlet.suites.plugins import did_you_mean
 
 NAMES = ("observation", "info", "reward", "terminated", "unwrapped")
-"""What an expression begins with: what reset and step gave, and the environment without its wrappers."""
+"""Names in expressions: the results of reset and step, and the environment without its wrappers."""
 _ALLOWED = (
     *(ast.Expression, ast.Name, ast.Load, ast.Constant, ast.UnaryOp, ast.USub, ast.Attribute, ast.Call),
     *(ast.Subscript, ast.Slice, ast.Compare, ast.Lt, ast.LtE, ast.Gt, ast.GtE),
@@ -17,10 +17,10 @@ _ALLOWED = (
 
 
 def check_expression(text: str) -> str:
-    """The expression, such as `observation["goal"]`, `unwrapped.data.site("grip").xpos` or `reward >= 0.5`.
+    """Return an expression such as `observation["goal"]`, `unwrapped.data.site("grip").xpos` or `reward >= 0.5`.
 
     Raises:
-        ValueError: It is none, or does something else.
+        ValueError: It is not an expression, or contains anything else.
     """
     try:
         nodes = list(ast.walk(ast.parse(text, mode="eval")))
@@ -29,24 +29,23 @@ def check_expression(text: str) -> str:
     for node in nodes:
         hidden = isinstance(node, ast.Attribute) and node.attr.startswith("_")
         if hidden or not isinstance(node, _ALLOWED) or (isinstance(node, ast.Call) and node.keywords):
-            raise ValueError(
-                f"'{text}': only names, .attributes, [items], calls and comparisons, nothing with _ in front"
-            )
+            allowed = "names, .attributes, [items], calls and comparisons, none of which begins with _"
+            raise ValueError(f"'{text}': expected only {allowed}")
         if isinstance(node, ast.Name) and node.id not in NAMES:
             raise ValueError(f"'{text}': unknown name '{node.id}'{did_you_mean(node.id, NAMES)}")
     return text
 
 
 def value_of(text: str, names: Mapping[str, Any]) -> Any:
-    """What a checked expression says now.
+    """Evaluate a checked expression.
 
     Raises:
-        ValueError: There is no such thing.
+        ValueError: It cannot be evaluated.
     """
     try:
         return eval(compile(ast.parse(text, mode="eval"), text, "eval"), {"__builtins__": {}}, dict(names))
     except AttributeError as error:
         known = [name for name in dir(error.obj) if not name.startswith("_")]
         raise ValueError(f"'{text}': no '{error.name}' there{did_you_mean(str(error.name), known)}") from None
-    except Exception as error:  # what is called may raise anything
+    except Exception as error:  # A call may raise anything.
         raise ValueError(f"'{text}': {type(error).__name__}: {' '.join(str(error).split())}") from None

@@ -1,4 +1,4 @@
-"""Mapping files: what the numbers of a gymnasium environment are. One YAML file is one task, named as the file."""
+"""Mapping files, which describe the numbers of gymnasium environments. Each YAML file is a task named like the file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import first_line
 
 FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
-"""Environment variable: folders with mapping files of one's own, separated as in PATH. They win over the shipped."""
+"""Environment variable: folders with further mapping files, separated as in PATH. They replace shipped ones."""
 
 Expression = Annotated[str, AfterValidator(check_expression)]
 Vector = tuple[float, float, float]
@@ -28,7 +28,7 @@ class _Strict(BaseModel):
 
 
 class Drive(_Strict):
-    """One of our numbers at work: it adds `offset + scale * number` to one of the environment's action."""
+    """Adds `offset + scale * number` of an action to one number of the environment's action."""
 
     index: Annotated[int, Field(ge=0)]
     scale: float
@@ -36,20 +36,20 @@ class Drive(_Strict):
 
 
 class Orbit(_Strict):
-    """A camera of one's own in a MuJoCo environment."""
+    """A free camera in a MuJoCo environment."""
 
     at: Expression | Vector
-    """What is in the middle of the image, the environment's world (m)."""
+    """Centre of the image in the environment's world (m)."""
     distance: Annotated[float, Field(gt=0)]
-    """From there (m)."""
+    """Distance from the centre (m)."""
     azimuth: float
-    """Where it looks (degrees); 0 is along the world's x."""
+    """Viewing direction about the vertical (degrees); 0 is along the world's x."""
     elevation: float
-    """And how far upwards (degrees); -90 is straight down."""
+    """Viewing direction upwards (degrees); -90 is straight down."""
 
 
 class Cameras(_Strict):
-    """In MuJoCo the name of a camera or an orbit; elsewhere `render`, for what the environment's own `render` draws."""
+    """In MuJoCo the name of a camera or an orbit; elsewhere `render`, for the image of the environment's `render`."""
 
     third_person: str | Orbit = "render"
     wrist: str | Orbit | None = None
@@ -74,25 +74,25 @@ class EnvironmentMapping(_Strict):
     horizon: Annotated[int, Field(ge=1)]
     control_hz: Annotated[float, Field(gt=0)]
     max_translation: Annotated[float, Field(ge=0)]
-    """What one step moves the tool by at most (m), per axis."""
+    """Largest translation of the tool per axis and step (m)."""
     max_rotation: Annotated[float, Field(ge=0)] = 0.0
     action: Annotated[dict[Literal["dx", "dy", "dz", "rx", "ry", "rz", "gripper"], Drive], Field(min_length=1)]
     """Numbers that are left out are ignored."""
     base: Base = Base()
     state: dict[str, Expression | list[Expression | float]]
-    """Privileged state, by the contract's names. Positions and orientations (matrices or quaternions xyzw) are turned
-    into the base frame. Lists are put together; such of plain numbers stand as they are."""
+    """Privileged state, by the contract's names. Positions and orientations (matrices or quaternions xyzw) are
+    converted to the base frame. Lists are concatenated; lists of plain numbers are not converted."""
     tool: Vector = (0.0, 0.0, 0.0)
-    """Turns what `tcp_quaternion` reads so that z points out of the gripper and the fingers open along y: Euler angles
-    xyz about its own axes (degrees)."""
+    """Rotates `tcp_quaternion` so that z points out of the gripper and the fingers open along y: intrinsic Euler angles
+    xyz (degrees)."""
     success: Expression
     terminates: bool = False
-    """The environment cannot be stepped past `terminated`: it is then left as it is."""
+    """Whether the environment cannot be stepped after `terminated`."""
     cameras: Cameras = Cameras()
 
 
 def mapping_files() -> Iterator[tuple[str, Path]]:
-    """Task and file, the shipped ones first."""
+    """Yield tasks and files, shipped ones first."""
     own = filter(None, os.environ.get(FOLDERS, "").split(os.pathsep))
     for folder in (Path(__file__).with_name("mappings"), *map(Path, own)):
         yield from ((path.stem, path) for path in sorted(folder.glob("*.yaml")))
@@ -107,21 +107,21 @@ def load_mapping(path: Path) -> EnvironmentMapping:
     try:
         return EnvironmentMapping.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     except ValidationError as error:
-        raise AdapterError("\n".join(dict.fromkeys(f"{path}: {_said(one)}" for one in error.errors()))) from None
+        raise AdapterError("\n".join(dict.fromkeys(f"{path}: {_message(one)}" for one in error.errors()))) from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise AdapterError(f"{path}: not a mapping file: {' '.join(str(error).split())}") from None
 
 
 def definition(path: Path) -> str:
-    """Hash of what a mapping file says."""
+    """Return the hash of a mapping file."""
     try:
         return content_hash(path.read_text(encoding="utf-8", errors="replace"))
     except OSError:
         return "cannot be read"
 
 
-def load_card(path: Path) -> TaskDescription:
-    """The card of a mapping file; that of a file with mistakes says the first."""
+def load_description(path: Path) -> TaskDescription:
+    """Return the description of a mapping file's task, or of the file's first mistake."""
     try:
         mapping = load_mapping(path)
     except AdapterError as error:
@@ -130,8 +130,8 @@ def load_card(path: Path) -> TaskDescription:
     return TaskDescription(mapping.instruction, mapping.horizon, cameras=cameras)
 
 
-def _said(problem: Any) -> str:
-    """One of pydantic's mistakes as a line."""
+def _message(problem: Any) -> str:
+    """Return one of pydantic's errors as a line."""
     where = [str(part) for part in problem["loc"]] or ["file"]
     place = ".".join(where)
     match problem["type"]:

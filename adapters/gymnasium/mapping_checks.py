@@ -1,4 +1,4 @@
-"""Fits a mapping file and the environment that it is for together. What does not is a `ValueError` of one line."""
+"""Applies a mapping file to its environment. Raises `ValueError` with one line if they do not fit."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from robogauntlet.adapters.gymnasium.mapping import EnvironmentMapping
 from robogauntlet.suites.plugins import did_you_mean
 
 SIZES = {"tcp_position": 3, "tcp_quaternion": 4, "finger_positions": 2}
-"""What every state holds, and of how many numbers."""
+"""Required entries of the state, and their numbers of values."""
 
 
 def action_spec(mapping: EnvironmentMapping) -> ActionSpec:
-    """What the mapping says that a step accepts."""
+    """Return the bounds of an action."""
     ignored = tuple(name for name in ACTION_NAMES if name not in mapping.action)
     return ActionSpec(mapping.max_translation, mapping.max_rotation, mapping.control_hz, ignored)
 
 
 def action_map(mapping: EnvironmentMapping, space: Any) -> tuple[FloatArray, FloatArray]:
-    """Matrix (n, 7) and offset (n,) that make an action of the environment from one of ours.
+    """Return the matrix (n, 7) and offset (n,) that convert an action to that of the environment.
 
     Raises:
-        ValueError: There is no such number in its action, or ours go beyond its bounds.
+        ValueError: The environment's action lacks a number, or its bounds would be exceeded.
     """
     if len(getattr(space, "shape", None) or ()) != 1:
         raise ValueError(f"action: expected actions that are a row of numbers, {mapping.env} takes {space}")
@@ -49,11 +49,11 @@ def action_map(mapping: EnvironmentMapping, space: Any) -> tuple[FloatArray, Flo
 
 
 def make(mapping: EnvironmentMapping) -> Any:
-    """The environment, without a limit of time.
+    """Make the environment without a time limit.
 
     Raises:
         SimulatorUnavailable: A package is missing.
-        ValueError: gymnasium has no such environment, or it cannot be made so.
+        ValueError: gymnasium cannot make the environment.
     """
     os.environ.setdefault("MUJOCO_GL", "egl")
     import gymnasium
@@ -63,25 +63,22 @@ def make(mapping: EnvironmentMapping) -> Any:
         return gymnasium.make(mapping.env, disable_env_checker=True, max_episode_steps=-1, **rendered | mapping.make)
     except ModuleNotFoundError as error:
         raise SimulatorUnavailable(f"{mapping.env}: {error}; install the package that provides it") from error
-    except Exception as error:  # a constructor may raise anything
+    except Exception as error:  # A constructor may raise anything.
         raise ValueError(f"env: gymnasium cannot make '{mapping.env}': {' '.join(str(error).split())}") from error
 
 
 def is_mujoco(world: Any) -> bool:
-    """Whether an environment without its wrappers shows the world of MuJoCo that it is made of."""
+    """Whether an environment without its wrappers gives access to MuJoCo's model and data."""
     return hasattr(world, "model") and hasattr(world, "data")
 
 
 def in_base_frame(name: str, value: FloatArray, mapping: EnvironmentMapping) -> FloatArray:
-    """A value of the environment's world, turned into the base frame if its name says that it is a pose.
+    """Convert a value of the environment's world to the base frame, unless its name is that of another quantity.
 
-    Args:
-        name: `*_position` (3,), `*_quaternion` (a quaternion xyzw (4,) or a matrix, row by row, (9,)), or another.
-        value: In the environment's world.
-        mapping: Says where the base is, and how the tool's frame is turned.
+    Poses are `*_position` (3,) and `*_quaternion`, a quaternion xyzw (4,) or a matrix, row by row, (9,).
 
     Raises:
-        ValueError: It has another size.
+        ValueError: A pose has another size.
     """
     sizes = {"position": (3,), "quaternion": (4, 9)}.get(name.rpartition("_")[2], (value.size,))
     if value.size not in sizes:
@@ -99,11 +96,7 @@ def in_base_frame(name: str, value: FloatArray, mapping: EnvironmentMapping) -> 
 
 
 def check_camera(camera: str, mapping: EnvironmentMapping, world: Any) -> None:
-    """Refuse a camera that the environment cannot draw.
-
-    Raises:
-        ValueError: With what it can.
-    """
+    """Check that the environment can render a camera. Raises ValueError."""
     source = getattr(mapping.cameras, camera)
     if source is None:
         raise ValueError(f"no camera '{camera}' is mapped; add it to `cameras`, or let the suite do without it")
@@ -121,16 +114,12 @@ def check_camera(camera: str, mapping: EnvironmentMapping, world: Any) -> None:
 
 
 def scaled(image: Image, size: int) -> Image:
-    """The middle of an image (height, width, 3), as an image (size, size, 3) of its own."""
+    """Return the middle of an image (height, width, 3), scaled to (size, size, 3)."""
     return np.array(ImageOps.fit(Pillow.fromarray(image), (size, size)))
 
 
 def check_state(state: Mapping[str, FloatArray]) -> None:
-    """Refuse a state that lacks something, or in which something has the wrong size.
-
-    Raises:
-        ValueError: With what was expected.
-    """
+    """Check the required entries of a state and their sizes. Raises ValueError."""
     for name, size in SIZES.items():
         if name not in state:
             raise ValueError(f"state: missing key '{name}'")

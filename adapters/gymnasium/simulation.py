@@ -1,7 +1,7 @@
 """Any gymnasium environment that a mapping file describes (see `robogauntlet.adapters.gymnasium.mapping`).
 
-The environment keeps its own physics, drawing and idea of success; the mapping only says which of its numbers are which
-of ours. Whether equal seeds give equal worlds is the environment's affair: the conformance suite finds out.
+Physics, rendering and success are those of the environment; the mapping only names its numbers. Whether equal seeds
+give equal episodes depends on the environment; the conformance checks test it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from robogauntlet.adapters.gymnasium.mapping import (
     EnvironmentMapping,
     Orbit,
     definition,
-    load_card,
+    load_description,
     load_mapping,
 )
 from robogauntlet.adapters.gymnasium.mapping_checks import (
@@ -59,18 +59,18 @@ class GymnasiumSimulation(BaseSimulation):
         check_state(self.privileged_state())
 
     def reset(self, seed: int) -> None:
-        """Start the episode of `seed`, from which the environment draws what it draws."""
+        """Start the episode of `seed`, from which the environment draws its state."""
         observation, info = self._env.reset(seed=seed)
-        self._said = {"observation": observation, "info": info, "reward": 0.0, "terminated": False}
+        self._outcome = {"observation": observation, "info": info, "reward": 0.0, "terminated": False}
         self._ended: StepOutcome | None = None
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply `action` (7,) for one step of the environment, whose reward it is."""
+        """Apply `action` (7,) for one step. The reward is the environment's."""
         if self._ended:
             return self._ended
         command = self._gain @ np.clip(action, self.action_spec.low, self.action_spec.high) + self._offset
         observation, reward, terminated, _, info = self._env.step(command.astype(self._env.action_space.dtype))
-        self._said = {"observation": observation, "info": info, "reward": reward, "terminated": terminated}
+        self._outcome = {"observation": observation, "info": info, "reward": reward, "terminated": terminated}
         success = bool(np.all(self._value(self._mapping.success)))
         if terminated and self._mapping.terminates:
             self._ended = StepOutcome(0.0, success)
@@ -78,25 +78,23 @@ class GymnasiumSimulation(BaseSimulation):
         return StepOutcome(float(reward), success)
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """What the mapping names, in the base frame."""
+        """Return the state that the mapping describes, in the base frame."""
         return {name: self._read(name, source) for name, source in self._mapping.state.items()}
 
     def state_hash(self) -> str:
-        """Hash of the observation and, in MuJoCo, of the state of its world."""
+        """Hash the observation and, in MuJoCo, the physical state."""
         from gymnasium.spaces import flatten
 
-        seen = {"observation": flatten(self._env.observation_space, self._said["observation"])}
+        seen = {"observation": flatten(self._env.observation_space, self._outcome["observation"])}
         return hash_state(seen | (mujoco_state(self._world.model, self._world.data) if self._scene else {}))
 
     def draw(self, camera: str, size: int) -> Image:
-        """What the mapping's camera shows, (size, size, 3); what `render` gives is cut to a square and scaled."""
+        """Render a camera of the mapping, (size, size, 3); images of `render` are cropped to a square and scaled."""
         source = getattr(self._mapping.cameras, camera)
         if self._scene is None:
             return scaled(self._env.render(), size)
         world, data = self._world, self._world.data
-        world.data = copy(
-            data
-        )  # gymnasium-robotics' callback, which puts the goal's marker in its place, changes more.
+        world.data = copy(data)  # gymnasium-robotics' callback, which places the goal's marker, changes more.
         try:
             getattr(world, "_render_callback", bool)()
             if isinstance(source, Orbit):
@@ -107,21 +105,21 @@ class GymnasiumSimulation(BaseSimulation):
             world.data = data
 
     def render_device(self) -> str:
-        """OpenGL's name of what draws; an environment's own `render` does not say."""
+        """Return OpenGL's name of the renderer, which is unknown for an environment's own `render`."""
         self.draw("third_person", self.view.image_size)
         return drawing_device() if self._scene else f"render of {self._mapping.env}"
 
     def close(self) -> None:
-        """Free environment and renderers."""
+        """Close environment and renderers."""
         if self._scene:
             self._scene.close()
         self._env.close()
 
     def _value(self, expression: str) -> Any:
-        return value_of(expression, {**self._said, "unwrapped": self._world})
+        return value_of(expression, {**self._outcome, "unwrapped": self._world})
 
     def _read(self, name: str, source: Any) -> FloatArray:
-        """One entry of the state."""
+        """Return one entry of the state."""
         parts = source if isinstance(source, list) else [source]
         values = [self._value(part) if isinstance(part, str) else part for part in parts]
         value = np.concatenate([np.ravel(value).astype(np.float64) for value in values])
@@ -134,7 +132,7 @@ def open_environment(task: str, view: View) -> GymnasiumSimulation:
 
     Raises:
         SimulatorUnavailable: A package is missing.
-        AdapterError: The file has mistakes, or does not fit the environment; one line for each.
+        AdapterError: The file has mistakes, or does not fit the environment; the message has a line for each.
     """
     mapping = load_mapping(FILES[task])
     try:
@@ -146,7 +144,7 @@ def open_environment(task: str, view: View) -> GymnasiumSimulation:
 SIMULATOR = Simulator(
     name="gymnasium",
     title="gymnasium (by mapping file)",
-    tasks={task: load_card(path) for task, path in FILES.items()},
+    tasks={task: load_description(path) for task, path in FILES.items()},
     modules=("gymnasium",),
     distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
     open=open_environment,

@@ -117,7 +117,7 @@ def read_states(path: Path) -> FloatArray:
         Shape (50, 1 + nq + nv): time, joint positions and velocities of MuJoCo's model.
 
     Raises:
-        AdapterError: The file has anything but an array of numbers.
+        AdapterError: The file contains anything except an array of numbers.
     """
     try:
         with zipfile.ZipFile(path) as packed:
@@ -132,14 +132,9 @@ def read_states(path: Path) -> FloatArray:
 class ArrayUnpickler(pickle.Unpickler):
     """Unpickles arrays of numbers and refuses everything else, so that a file cannot run code."""
 
-    allowed = frozenset(
-        {
-            ("numpy.core.multiarray", "_reconstruct"),
-            ("numpy._core.multiarray", "_reconstruct"),
-            ("numpy", "ndarray"),
-            ("numpy", "dtype"),
-            ("_codecs", "encode"),
-        }
+    allowed = (
+        *(("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct")),
+        *(("numpy", "ndarray"), ("numpy", "dtype"), ("_codecs", "encode")),
     )
 
     def find_class(self, module: str, name: str) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.frames import wxyz_to_xyzw
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.scene_control import PlacementRegion
 
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -56,12 +56,9 @@ def _corners(model: Any, geom: int) -> FloatArray:
 
 
 def stored_centres(states: FloatArray, start: int, centre: FloatArray) -> FloatArray:
-    """Return an object's centre in stored joint positions, (n, 3), m, world.
+    """Return an object's centre in stored joint positions (n, nq): (n, 3), m, world.
 
-    Args:
-        states: Joint positions, (n, nq).
-        start: Index of the object's pose among them.
-        centre: Of the object, in its body's frame (m).
+    `start` is the index of its pose among the positions, and `centre` (3,) is in its body's frame (m).
     """
     turns = Rotation.from_quat(np.roll(states[:, start + 3 : start + 7], -1, axis=1))
     return np.asarray(states[:, start : start + 3] + turns.apply(centre))
@@ -70,25 +67,15 @@ def stored_centres(states: FloatArray, start: int, centre: FloatArray) -> FloatA
 class LiberoObjects:
     """`Objects` of `scene_control`. Every reset sets the whole state, so there is no `undo`."""
 
-    def __init__(
-        self,
-        simulator: tuple[Any, Any],
-        objects: Mapping[str, LiberoObject],
-        states: FloatArray,
-        frame: BaseFrame,
-        settle: Callable[[], None],
-    ) -> None:
+    def __init__(self, physics: MujocoPhysics, objects: Mapping[str, LiberoObject], states: FloatArray) -> None:
         """Take the objects.
 
         Args:
-            simulator: MuJoCo's model and data.
+            physics: Of the objects.
             objects: Movable objects that stand on the ground, by name, the main object of the task first.
             states: The stored states, shape (n, 1 + nq + nv).
-            frame: The robot's base.
-            settle: Brings forces and contacts up to date.
         """
-        self._model, self._data = simulator
-        self._frame, self._settle = frame, settle
+        self._physics, self._model, self._data = physics, physics.model, physics.data
         self._objects = objects
         self._stored = states[:, 1:]
 
@@ -99,8 +86,8 @@ class LiberoObjects:
     def move(self, name: str, offset: FloatArray) -> None:
         """Move an object by an offset (2,), x and y, until the next reset."""
         start = self._start(self._objects[name])
-        self._data.qpos[start : start + 3] += self._frame.rotation.apply([*offset, 0.0])
-        self._settle()
+        self._data.qpos[start : start + 3] += self._physics.rotation.apply([*offset, 0.0])
+        self._physics.settle()
 
     def _start(self, movable: LiberoObject) -> int:
         """Return the index of an object's pose among the joint positions."""
@@ -108,5 +95,5 @@ class LiberoObjects:
 
     def _box(self, movable: LiberoObject) -> PlacementRegion:
         centres = stored_centres(self._stored, self._start(movable), movable.centre)
-        points = np.array([self._frame.from_world(point) for point in centres])[:, :2]
+        points = np.array([self._physics.from_world(point) for point in centres])[:, :2]
         return PlacementRegion(points.min(axis=0) - SLIP, points.max(axis=0) + SLIP)

@@ -35,8 +35,8 @@ from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.bodies import MujocoBodies
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
 from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
 from robogauntlet.adapters.scene_control import SceneControls
@@ -70,7 +70,7 @@ class LiberoSimulation(MujocoSimulation):
             SimulatorUnavailable: This machine cannot render.
         """
         with silenced():
-            self._env = package.environment(
+            env = package.environment(
                 bddl_file_name=str(package.description(task.libero_suite, task.name)),
                 control_freq=CONTROL_HZ,
                 ignore_done=True,
@@ -78,42 +78,33 @@ class LiberoSimulation(MujocoSimulation):
                 has_offscreen_renderer=False,
                 use_camera_obs=False,
             ).env
-        for name in self._env.observation_names:  # Updated 25 times in a control step, and not used.
-            self._env.modify_observable(name, "enabled", False)
-        world = self._env.sim.model._model, self._env.sim.data._data
-        super().__init__(package.mujoco, world, view, task.instruction)
+        robot = env.robots[0]
+        limits = robot.controller.output_max
+        spec = ActionSpec(REACHED[0] * float(limits[0]), REACHED[1] * float(limits[3]), CONTROL_HZ)
+        super().__init__(package.mujoco, env, view, task.instruction, spec)
         self._states = package.stored_states(task.libero_suite, task.name)
-        if self._states.shape != (STORED_STATES, 1 + self._model.nq + self._model.nv):
-            expected = f"({STORED_STATES}, {1 + self._model.nq + self._model.nv})"
+        expected = (STORED_STATES, 1 + self._model.nq + self._model.nv)
+        if self._states.shape != expected:
             raise AdapterError(
                 f"libero/{task.task}: expected stored states of shape {expected}, found {self._states.shape}: "
                 "install assets and package of the same version"
             )
 
-        robot = self._env.robots[0]
-        limits = robot.controller.output_max
-        self.action_spec = ActionSpec(
-            max_translation=REACHED[0] * float(limits[0]),
-            max_rotation=REACHED[1] * float(limits[3]),
-            control_hz=CONTROL_HZ,
-        )
         tool = robot.gripper.important_sites["grip_site"], robot.robot_model.eef_name
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper.joints)
         self._objects = {name: libero_object(self._model, self._data, name) for name in self._env.objects_dict}
         self._poses_of, self._angles_of, self._goal = fixtures_of(self._env)
-        frame = BaseFrame(self._base)
-        arm = MujocoArm(package.mujoco, world, lambda: self._env.robots[0].controller, tool, frame, self._settle)
-        self._lights = key_light(self._env, self._model, frame, package.mujoco)
-        self._stage = MujocoStage(package.mujoco, world, frame, self._scene.renderers) if task.arena in TABLES else None
+        physics = self._physics
+        self._lights = key_light(self._env, physics)
+        self._stage = MujocoStage(physics, self._scene.renderers) if task.arena in TABLES else None
         movable = {name: self._objects[name] for name in task.placeable}
-        objects = LiberoObjects(world, movable, self._states, frame, self._settle) if movable else None
         bodies = [f"{thing}_main" for thing in task.things]
         self.scene_controls = SceneControls(
-            cameras=MujocoCameras(self._model, self._base),
+            cameras=MujocoCameras(physics),
             lights=self._lights,
-            objects=objects,
-            arm=arm,
-            bodies=MujocoBodies(self._model, bodies, self._settle) if bodies else None,
+            objects=LiberoObjects(physics, movable, self._states) if movable else None,
+            arm=MujocoArm(physics, lambda: self._env.robots[0].controller, tool),
+            bodies=MujocoBodies(physics, bodies) if bodies else None,
             stage=self._stage,
         )
         self._assets = str(package.assets)
@@ -156,9 +147,9 @@ class LiberoSimulation(MujocoSimulation):
         `goal_position`, of the object or place in the first of the goal's predicates. `settling_shift` (1,) is the
         largest horizontal distance that an object moved while settling (m), since a few stored states are not stable.
         """
-        state = self._arm_state() | self._poses(self._objects | self._poses_of)
+        state = self.arm_state() | self._poses(self._objects | self._poses_of)
         state |= {name: joint.qpos.copy() for name, joint in self._angles_of.items()}
-        state["goal_position"], _ = self._in_base(self._goal.xpos, self._goal.xmat)
+        state["goal_position"], _ = self._physics.pose_from_world(self._goal.xpos, self._goal.xmat)
         return state | {"settling_shift": np.array([self._shift])}
 
     def render_device(self) -> str:
@@ -208,23 +199,20 @@ def fixtures_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:
     bodies = [model.body(number).name for number in range(model.nbody)]
     for fixture in env.fixtures_dict:
         poses |= {name.removesuffix("_main"): data.body(name) for name in bodies if name.startswith(f"{fixture}_")}
+    starts = tuple(f"{fixture}_" for fixture in env.fixtures_dict)
     joints = [model.joint(number).name for number in range(model.njnt)]
-    angles = {
-        name: data.joint(name)
-        for name in joints
-        if any(name.startswith(f"{fixture}_") for fixture in env.fixtures_dict)
-    }
+    angles = {name: data.joint(name) for name in joints if name.startswith(starts)}
     goal = env.parsed_problem["goal_state"][0][-1]
     return poses, angles, data.site(goal) if goal in env.object_sites_dict else data.body(f"{goal}_main")
 
 
-def key_light(env: Any, model: Any, frame: BaseFrame, mujoco: Any) -> MujocoLights:
+def key_light(env: Any, physics: MujocoPhysics) -> MujocoLights:
     """Return the lights of a scene. The kitchen's key light is directional; others have a position in a corner."""
-    types = list(model.light_type)
-    if mujoco.mjtLightType.mjLIGHT_DIRECTIONAL in types:
-        return MujocoLights(model, frame, types.index(mujoco.mjtLightType.mjLIGHT_DIRECTIONAL))
+    types, directional = list(physics.model.light_type), physics.mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    if directional in types:
+        return MujocoLights(physics, types.index(directional))
     lit = np.array(getattr(env, "workspace_offset", (0.0, 0.0, 0.0)), dtype=np.float64)
-    return MujocoLights(model, frame, model.light("light1").id, lit=lit)
+    return MujocoLights(physics, physics.model.light("light1").id, lit=lit)
 
 
 @contextmanager

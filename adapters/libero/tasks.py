@@ -14,10 +14,7 @@ from pathlib import Path
 
 from robogauntlet.adapters.contract import TaskDescription
 
-SUITES = {"spatial": "libero_spatial", "object": "libero_object", "goal": "libero_goal"} | {
-    "10": "libero_10",
-    "90": "libero_90",
-}
+SUITES = {name: f"libero_{name}" for name in ("spatial", "object", "goal", "10", "90")}
 """Our names of suites to LIBERO's."""
 HORIZONS = {"spatial": 220, "object": 280, "goal": 300, "10": 520, "90": 400}
 """Control steps after settling, as in OpenVLA's evaluation (experiments/robot/libero/run_libero_eval.py) and later

@@ -1,4 +1,4 @@
-"""Brings the arm of ManiSkill's tasks elsewhere."""
+"""Moves the arm of ManiSkill's tasks to another start."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from robogauntlet.adapters.maniskill.bodies import renew_physics
 from robogauntlet.adapters.scene_control import Unreachable
 
 NEAR, ALIGNED = 1e-3, 0.01
-"""How well a pose has to be met (m, rad)."""
+"""Largest error of a pose (m, rad)."""
 GLANCE = 1e-6
 """Duration of the physics step that finds contacts (s)."""
 
 
 class ManiSkillArm:
-    """See `scene_control.Arm`. The joints are found by the inverse kinematics of ManiSkill's own controller."""
+    """`Arm` of `scene_control`. Uses the inverse kinematics of ManiSkill's own controller."""
 
     turns = True
 
     def __init__(self, env: Any, base_from_world: Any) -> None:
-        """Args: env: ManiSkill's environment; base_from_world: SAPIEN pose."""
+        """Take ManiSkill's environment, and SAPIEN's pose of the world in the base frame."""
         self._env, self._base_from_world = env, base_from_world
 
     def place_tool(self, position: FloatArray, quaternion: FloatArray) -> None:
-        """Bring the arm, at rest, to where its tool centre point is at a pose, until the next reset.
+        """Bring the tool, at rest, to a pose, until the next reset.
 
         Raises:
-            Unreachable: It cannot, or would touch something.
+            Unreachable: The error would exceed 1 mm or 0.01 rad, or the robot would touch something.
         """
         own = self._robot.qpos, self._robot.qvel
         there = self._solve(position, quaternion), np.zeros_like(own[1])
@@ -52,7 +52,7 @@ class ManiSkillArm:
         return self._env.agent.controller.controllers["arm"].kinematics
 
     def _solve(self, position: FloatArray, quaternion: FloatArray) -> Any:
-        """Joints that bring the tool there, or as close as can be, found from the present ones. The fingers stay."""
+        """Return joint positions near the present ones that bring the tool closest to a pose. The fingers stay."""
         import sapien
 
         moved = self._kinematics.qmask.numpy()
@@ -67,13 +67,13 @@ class ManiSkillArm:
         return np.where(moved, found, self._robot.qpos).astype(np.float32)
 
     def _bring(self, qpos: Any, qvel: Any) -> None:
-        """Set joints and their velocities, and have the controllers hold them."""
+        """Set joint positions and velocities, which the controllers then hold."""
         self._robot.set_qpos(qpos)
         self._robot.set_qvel(qvel)
         self._env.agent.controller.reset()
 
     def _missed(self, position: FloatArray, quaternion: FloatArray) -> str:
-        """Why the arm is not as it was asked for; empty if it is."""
+        """Return why the present pose is not acceptable; empty if it is."""
         low, high = self._robot.qlimits.T
         if ((self._robot.qpos < low) | (self._robot.qpos > high))[self._kinematics.qmask.numpy()].any():
             return "a joint would be beyond its limit"
@@ -85,10 +85,10 @@ class ManiSkillArm:
 
 
 def _touching(env: Any) -> str:
-    """What the robot touches, itself included; empty if nothing.
+    """Return a contact of the robot, with itself or another body; empty without contacts.
 
-    PhysX finds contacts only as it steps. It makes the shortest of steps, which is then taken back; the joints have to
-    be set again.
+    PhysX finds contacts only when it steps, so it makes a very short step, which is undone; the joints have to be set
+    again.
     """
     import sapien
 

@@ -1,4 +1,4 @@
-"""Sets mass and friction of the objects of ManiSkill's tasks, and renews their physics."""
+"""Sets mass and friction of the objects of ManiSkill's tasks, and creates new physics scenes."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from robogauntlet.adapters.scene_control import DynamicsFactors
 
 @dataclass(frozen=True)
 class _Own:
-    """What a body has of its own, to the bit."""
+    """The original values of a body."""
 
     mass: float
     inertia: Any
     materials: tuple[Any, ...]
-    """SAPIEN's, one for each collision shape. Other things share them, so they are exchanged and never changed."""
+    """SAPIEN's materials of the collision shapes. Other bodies share them, so they are replaced and never changed."""
 
 
 class ManiSkillBodies:
-    """See `scene_control.BodyDynamics`. PhysX takes the mean of the two coefficients of friction of a contact."""
+    """`BodyDynamics` of `scene_control`. PhysX takes the mean of the two friction coefficients of a contact."""
 
-    def __init__(self, things: Iterable[Any]) -> None:
-        """Args: things: SAPIEN's entities, those that can be moved."""
+    def __init__(self, entities: Iterable[Any]) -> None:
+        """Take SAPIEN's entities of the movable objects."""
         import sapien
 
-        self._bodies = [thing.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent) for thing in things]
+        self._bodies = [entity.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent) for entity in entities]
         self._own = [
             _Own(body.mass, body.inertia, tuple(shape.physical_material for shape in body.collision_shapes))
             for body in self._bodies
@@ -34,7 +34,7 @@ class ManiSkillBodies:
         self._changed = False
 
     def undo(self) -> None:
-        """Give every thing its own mass and friction back."""
+        """Restore mass and friction."""
         if self._changed:
             for body, own in zip(self._bodies, self._own, strict=True):
                 body.mass, body.inertia = own.mass, own.inertia
@@ -43,27 +43,21 @@ class ManiSkillBodies:
             self._changed = False
 
     def dynamics(self) -> DynamicsFactors:
-        """The factors, as PhysX has them; all things have the same."""
+        """Return the present factors, which are equal for all objects, from PhysX."""
         body, own = self._bodies[0], self._own[0]
         friction = body.collision_shapes[0].physical_material.dynamic_friction
         return DynamicsFactors(body.mass / own.mass, friction / own.materials[0].dynamic_friction)
 
     def set_dynamics(self, dynamics: DynamicsFactors) -> None:
-        """Give the task's things other masses and frictions, until the next reset."""
+        """Scale mass and friction, until the next reset."""
+        import sapien
+
         self._changed = True
         for body, own in zip(self._bodies, self._own, strict=True):
             body.mass, body.inertia = own.mass * dynamics.mass, own.inertia * dynamics.mass
             for shape, material in zip(body.collision_shapes, own.materials, strict=True):
-                shape.physical_material = _scaled(material, dynamics.friction)
-
-
-def _scaled(material: Any, friction: float) -> Any:
-    """A material of its own, with the static and dynamic friction scaled."""
-    import sapien
-
-    return sapien.physx.PhysxMaterial(
-        material.static_friction * friction, material.dynamic_friction * friction, material.restitution
-    )
+                static, sliding = (dynamics.friction * f for f in (material.static_friction, material.dynamic_friction))
+                shape.physical_material = sapien.physx.PhysxMaterial(static, sliding, material.restitution)
 
 
 def renew_physics(env: Any) -> None:
@@ -85,7 +79,7 @@ def renew_physics(env: Any) -> None:
 
 
 def wake(entities: Iterable[Any]) -> None:
-    """Reset the time that PhysX has seen each entity with a dynamic body at rest."""
+    """Wake entities with a dynamic body: reset the time for which PhysX has seen them at rest."""
     import sapien
 
     for entity in entities:

@@ -17,22 +17,22 @@ RIGHT_DOWN_FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.
 
 
 class ManiSkillCameras:
-    """See `scene_control.Cameras`. SAPIEN's own cameras are moved: ManiSkill takes its configuration as fixed."""
+    """`Cameras` of `scene_control`. Moves SAPIEN's own cameras, since ManiSkill's configuration is fixed."""
 
     def __init__(self, env: Any, base_from_world: Any) -> None:
-        """Args: env: ManiSkill's environment; base_from_world: SAPIEN pose."""
+        """Take ManiSkill's environment, and SAPIEN's pose of the world in the base frame."""
         self._env, self._base_from_world = env, base_from_world
         self._moved: dict[str, tuple[Any, float]] = {}
-        """Own pose and field of view of each camera that was moved, to the bit."""
+        """Original pose and field of view of each camera that was moved."""
 
     def undo(self) -> None:
-        """Give every camera its own viewpoint back."""
+        """Restore every viewpoint."""
         for name, (pose, fovy) in self._moved.items():
             self._place(name, pose, fovy)
         self._moved.clear()
 
     def viewpoint(self, camera: str) -> Viewpoint:
-        """A camera's viewpoint, as SAPIEN has it; that of the wrist in the frame of its mount."""
+        """Return a camera's present viewpoint; that of the wrist in the frame of its mount."""
         seen = self._component(SENSORS[camera])
         pose = seen.get_local_pose()
         if camera == "third_person":
@@ -41,7 +41,7 @@ class ManiSkillCameras:
         return Viewpoint(pose.p.astype(np.float64), rotation, float(seen.fovy))
 
     def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
-        """Give a camera another viewpoint, until the next reset."""
+        """Move a camera, until the next reset."""
         import sapien
 
         quaternion = Rotation.from_matrix(viewpoint.rotation @ RIGHT_DOWN_FORWARD.T).as_quat()
@@ -61,6 +61,6 @@ class ManiSkillCameras:
         seen.set_fovy(fovy, compute_x=True)
 
     def _component(self, name: str) -> Any:
-        """SAPIEN's own camera behind ManiSkill's."""
+        """Return SAPIEN's camera behind that of ManiSkill."""
         scene = self._env.scene
         return (scene.human_render_cameras if name == PICTURE else scene.sensors)[name].camera._render_cameras[0]

@@ -1,4 +1,4 @@
-"""Dims, colours and turns the lamps of ManiSkill's scenes."""
+"""Dims, colours and rotates the lamps of ManiSkill's scenes."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from robogauntlet.adapters.photometry import gain_of, pixel_factor
 from robogauntlet.adapters.scene_control import Light, unit
 
 USUAL = 153.0
-"""A pixel of the usual brightness of these scenes."""
+"""Usual pixel value of these scenes."""
 POWER = 2.2
-"""A pixel is SAPIEN's light to the power of one over this."""
+"""A pixel value is SAPIEN's light to the power of 1 / POWER."""
 SHINES = np.array([1.0, 0.0, 0.0])
-"""Where SAPIEN's directional lamps shine, in their own frame."""
+"""Direction in which SAPIEN's directional lamps shine, in their own frame."""
 
 
 class ManiSkillLights:
-    """See `robogauntlet.adapters.scene_control.Lights`.
+    """`Lights` of `scene_control`.
 
-    The key light is the first of two equally bright lamps, which shines askew; the other shines straight down.
+    The key light is the first of two equally bright lamps, which shines at an angle; the other shines straight down.
     """
 
     def __init__(self, env: Any, base_from_world: Any) -> None:
-        """Args: env: ManiSkill's environment; base_from_world: SAPIEN pose."""
+        """Take ManiSkill's environment, and SAPIEN's pose of the world in the base frame."""
         self._env = env
         self._base_from_world = Rotation.from_quat(wxyz_to_xyzw(base_from_world.q))
         self._ambient = self._system.ambient_light
@@ -37,30 +37,26 @@ class ManiSkillLights:
         self._own_light = self.light()
 
     def undo(self) -> None:
-        """Give every lamp its own colour and direction back."""
+        """Restore the light."""
         if self._changed:
             self._shine(np.ones(3))
             self._key_lamp.pose = self._own[self._key][1]
             self._changed = False
 
     def light(self) -> Light:
-        """The light, as SAPIEN has it: that of the key lamp."""
+        """Return the present light of the key lamp, from SAPIEN."""
         lamp = self._key_lamp
         shines = Rotation.from_quat(wxyz_to_xyzw(lamp.pose.q)).apply(SHINES)
         factor = np.asarray(lamp.color, np.float64) / self._own[self._key][0]
         return Light(gain_of(factor ** (1 / POWER), USUAL), unit(-self._base_from_world.apply(shines)))
 
     def set_light(self, light: Light) -> None:
-        """Give the scene another light, until the next reset.
-
-        Its own light comes back to the bit, which a pose computed from a direction would not.
-        """
+        """Set the light, until the next reset. The original light is restored exactly."""
         import sapien
 
-        if np.array_equal(light.gain, self._own_light.gain) and np.array_equal(
-            light.direction, self._own_light.direction
-        ):
-            self.undo()
+        own = self._own_light
+        if np.array_equal(light.gain, own.gain) and np.array_equal(light.direction, own.direction):
+            self.undo()  # A pose computed from the direction would differ in the last bits.
             return
         self._changed = True
         self._shine(pixel_factor(light.gain, USUAL) ** POWER)
@@ -69,7 +65,7 @@ class ManiSkillLights:
         lamp.pose = sapien.Pose(lamp.pose.p, sapien.math.shortest_rotation(SHINES, shines))
 
     def _shine(self, factor: FloatArray) -> None:
-        """Scale all lamps, the ambient one too."""
+        """Scale all lamps and the ambient light."""
         self._system.ambient_light = self._ambient * factor
         for lamp, (colour, _) in zip(self._system.lights, self._own, strict=True):
             lamp.color = colour * factor

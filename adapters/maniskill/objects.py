@@ -1,4 +1,4 @@
-"""Puts the things of ManiSkill's tasks elsewhere."""
+"""Moves the objects of ManiSkill's tasks."""
 
 from __future__ import annotations
 
@@ -14,30 +14,29 @@ from robogauntlet.adapters.scene_control import PlacementRegion
 
 
 class ManiSkillObjects:
-    """See `adapters.scene_control.Objects`. The cubes can be moved; a goal region stays where the reset put it."""
+    """`Objects` of `scene_control`. The cubes can be moved, a goal region cannot."""
 
-    def __init__(self, things: Mapping[str, Any], spread: tuple[float, float], base_from_world: Any) -> None:
-        """Remember what can be moved.
+    def __init__(self, objects: Mapping[str, Any], spread: tuple[float, float], base_from_world: Any) -> None:
+        """Take the objects.
 
         Args:
-            things: Our name to SAPIEN's entity.
-            spread: Resets put each centre within this of the world's origin, along x and y (m).
-            base_from_world: SAPIEN pose.
+            objects: Names to SAPIEN's entities.
+            spread: Largest distance of a centre from the world's origin after a reset, along x and y (m).
+            base_from_world: SAPIEN's pose of the world in the base frame.
         """
-        self._things = things
+        self._objects = objects
         self._turn = Rotation.from_quat(wxyz_to_xyzw(base_from_world.q))
         corners = np.array([[-spread[0], -spread[1], 0.0], [spread[0], spread[1], 0.0]])
         corners = (self._turn.apply(corners) + base_from_world.p)[:, :2]
         self._box = PlacementRegion(corners.min(axis=0), corners.max(axis=0))
 
     def placeable(self) -> Mapping[str, PlacementRegion]:
-        """What can be moved, and where resets put it."""
-        return dict.fromkeys(self._things, self._box)
+        """Return the region of the objects, which is the same for all."""
+        return dict.fromkeys(self._objects, self._box)
 
     def move(self, name: str, offset: FloatArray) -> None:
-        """Move a thing by an offset (2,), until the next reset."""
+        """Move an object by an offset (2,), until the next reset."""
         import sapien
 
-        thing = self._things[name]
-        pose = thing.pose
-        thing.set_pose(sapien.Pose(pose.p + self._turn.inv().apply([*offset, 0.0]), pose.q))
+        pose = self._objects[name].pose
+        self._objects[name].set_pose(sapien.Pose(pose.p + self._turn.inv().apply([*offset, 0.0]), pose.q))

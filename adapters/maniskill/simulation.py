@@ -3,16 +3,16 @@
 What differs from ManiSkill's own defaults, and why:
 
 - The arm controller (`pd_ee_delta_pose`) is a spring and damper without memory of its last target: in one control step
-  it covers 1 - exp(-stiffness/damping * dt) = 39 % of the way commanded. The adapter commands that much more, so that
-  the tool centre point moves by the action; `ActionSpec` states what remains of the controller's range.
-- The third-person camera looks at the work space from the front left. In ManiSkill's own base cameras the gripper hides
-  PushCube's cube, and PullCube's arm is not in the picture.
-- Every reset moves the world into a new PhysX scene (0.3 ms). In a scene that is kept, the order in which PhysX solves
-  contacts depends on the contacts of earlier episodes, and equal seeds can part when the gripper lets go of a cube.
-  Things are woken too: how long PhysX has seen them at rest, after which they sleep, outlasts the scene.
+  it covers 1 - exp(-stiffness/damping * dt) = 39 % of the commanded offset. The adapter commands correspondingly more,
+  so that the tool centre point moves by the action; `ActionSpec` states the range that remains.
+- The third-person camera looks at the workspace from the front left. In ManiSkill's own cameras the gripper hides
+  PushCube's cube, and PullCube's arm is outside the image.
+- Every reset moves all entities into a new PhysX scene (0.3 ms). Otherwise the order in which PhysX solves contacts
+  would depend on earlier episodes, and equal seeds could differ after the gripper releases a cube. Objects are woken
+  too, since the time for which PhysX has seen them at rest, after which they sleep, outlasts the scene.
 
-ManiSkill draws sensors with SAPIEN's `minimal` shader: no shadows, reflections or multisampling. There is nothing to
-switch off, so the render profiles `standard` and `fast` draw the same.
+Sensors are rendered with SAPIEN's `minimal` shader, without shadows, reflections or multisampling, so the render
+profiles `standard` and `fast` are equal.
 """
 
 from __future__ import annotations
@@ -26,19 +26,18 @@ from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
     FloatArray,
     Image,
-    Observation,
-    ObservationSpec,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
     TaskDescription,
 )
-from robogauntlet.adapters.frames import hash_state, proprioception, wxyz_to_xyzw
+from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
 from robogauntlet.adapters.maniskill.bodies import ManiSkillBodies, renew_physics, wake
 from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
@@ -50,11 +49,11 @@ from robogauntlet.suites.episode import View
 
 ROBOT = "panda_wristcam"
 CONTROLLER_RANGE = 0.1
-"""What 1.0 means to ManiSkill's controller: metres per axis, radians of the whole rotation."""
+"""Meaning of 1.0 in ManiSkill's controller: metres per axis, radians of the whole rotation."""
 EYE = (0.5, 0.5, 0.5)
-"""Third-person camera relative to the point it looks at (m)."""
+"""Third-person camera relative to its target (m)."""
 FIELD_OF_VIEW = 0.75
-"""Of the third-person camera, vertical (rad)."""
+"""Vertical field of view of the third-person camera (rad)."""
 
 TASKS = {
     "PushCube-v1": TaskDescription("push the blue cube onto the red and white target", horizon=45),
@@ -65,14 +64,14 @@ TASKS = {
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where a task's things are: ManiSkill's actor names, and what the third-person camera looks at."""
+    """Names and places in a task's scene."""
 
     objects: Mapping[str, str]
-    """Our name to ManiSkill's."""
+    """Names in `privileged_state` to ManiSkill's actors."""
     look_at: tuple[float, float, float]
-    """World frame (m): the origin lies on the table, 0.615 m in front of the robot's base."""
+    """Target of the third-person camera in the world (m): the origin is on the table, 0.615 m in front of the base."""
     spread: tuple[float, float]
-    """Resets put each object's centre within this of the world's origin, along x and y (m)."""
+    """Largest distance of an object's centre from the world's origin after a reset, along x and y (m)."""
     goal: str | None = None
 
 
@@ -83,21 +82,17 @@ LAYOUTS = {
 }
 
 
-class ManiSkillSimulation:
-    """One ManiSkill task. See `robogauntlet.adapters.contract.Simulation` for what each method promises."""
+class ManiSkillSimulation(BaseSimulation):
+    """One task of ManiSkill, see `robogauntlet.adapters.contract.Simulation`."""
 
     def __init__(self, task: str, view: View, env: Any) -> None:
-        self._task, self._view, self._env = task, view, env
+        self._env = env
         spring = env.agent.controller.controllers["arm"].config
-        # The force of a spring k with damper d brings the arm exp(-k/d t) close to where it is sent.
+        # A spring k with a damper d leaves exp(-k/d t) of the offset.
         share = 1.0 - np.exp(-spring.stiffness / spring.damping / env.control_freq)
         self._gain = 1.0 / share
-        self.action_spec = ActionSpec(
-            max_translation=CONTROLLER_RANGE * share,
-            max_rotation=CONTROLLER_RANGE * share,
-            control_hz=float(env.control_freq),
-        )
-        self.observation_spec = ObservationSpec(view.cameras, view.image_size)
+        reach = CONTROLLER_RANGE * share
+        super().__init__(view, TASKS[task].instruction, ActionSpec(reach, reach, float(env.control_freq)))
         layout = LAYOUTS[task]
         self._robot = env.agent.robot._objs[0]
         self._tcp = env.agent.tcp._objs[0]
@@ -121,21 +116,20 @@ class ManiSkillSimulation:
         self._env.reset(seed=seed)
         wake(self._objects.values())
 
-    def observe(self) -> Observation:
-        """Render the cameras of the view, and read the robot's proprioception."""
+    def draw(self, camera: str, size: int) -> Image:
+        """Render a camera of the view. ManiSkill fixes the size of its cameras when the task is opened."""
         self._env.scene.update_render()
-        images = {name: _capture(self._env.scene.sensors[SENSORS[name]]) for name in self._view.cameras}
-        return Observation(images, proprioception(self.privileged_state()), TASKS[self._task].instruction)
+        return _capture(self._env.scene.sensors[SENSORS[camera]])
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Apply one action; the reward is ManiSkill's sparse one (1 on success)."""
+        """Apply `action` for one control step. The reward is ManiSkill's sparse one (1 on success)."""
         action = np.clip(action, self._low, self._high)
         _, _, _, _, info = self._env.step(_command(action, self._gain))
         success = bool(info["success"])
         return StepOutcome(reward=float(success), success=success)
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """Poses in the base frame, as the contract names them; the goal is the centre of the target's disc."""
+        """Return tool, fingers, objects and goal, which is the centre of the target's disc."""
         position, quaternion = self._pose(self._tcp.entity_pose)
         state = {
             "tcp_position": position,
@@ -149,23 +143,18 @@ class ManiSkillSimulation:
         return state
 
     def state_hash(self) -> str:
-        """Hash of joint positions and velocities, and of all actors' poses and velocities, the goal among them."""
+        """Hash joint positions and velocities, and the poses and velocities of all actors, including the goal."""
         state = self._env.get_state_dict()
-        return hash_state(
-            {
-                f"{kind}/{name}": values.numpy()
-                for kind in ("actors", "articulations")
-                for name, values in state[kind].items()
-            }
-        )
+        kinds = ("actors", "articulations")
+        return hash_state({f"{kind}/{name}": value.numpy() for kind in kinds for name, value in state[kind].items()})
 
     def picture(self) -> Image:
-        """The third-person view, (256, 256, 3)."""
+        """Render the third-person view, (256, 256, 3)."""
         self._env.scene.update_render()
         return _capture(self._env.scene.human_render_cameras[PICTURE])
 
     def render_device(self) -> str:
-        """The Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`."""
+        """Return the name of the Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`."""
         import sapien
 
         return _device_name(sapien.render.get_device_summary())
@@ -179,13 +168,13 @@ class ManiSkillSimulation:
         self.scene_controls = SceneControls()
 
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
-        """A SAPIEN pose in the world as position (3,) and quaternion xyzw (4,) in the base frame."""
+        """Convert a SAPIEN pose in the world to position (3,) and quaternion xyzw (4,) in the base frame."""
         pose = self._base_from_world * pose
         return pose.p.astype(np.float64), wxyz_to_xyzw(pose.q)
 
 
 def open_task(task: str, view: View) -> ManiSkillSimulation:
-    """Open a task. Costs 3 s for a process' first, 0.2 s then; its first frame without a GPU costs 5 s once.
+    """Open a task. The first in a process takes 3 s, later ones 0.2 s; without a GPU, the first image takes 5 s once.
 
     Raises:
         SimulatorUnavailable: ManiSkill is not installed, or SAPIEN finds no Vulkan device to render with.
@@ -201,9 +190,8 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
         raise SimulatorUnavailable(
             f'ManiSkill cannot be imported ({error}); install it: pip install "robogauntlet[maniskill]"'
         ) from error
-    # One world has nothing to share among threads, and spinning ones slow other workers down.
-    torch.set_num_threads(1)
-    # It warns that this robot is not on the tasks' lists. Their scene builder knows it, and gives it its own rest pose.
+    torch.set_num_threads(1)  # More threads do not help a single environment, and slow other workers down.
+    # ManiSkill warns that the tasks do not list this robot, but their scene builder supports it.
     logger.setLevel(logging.ERROR)
 
     centre = np.array(LAYOUTS[task].look_at)
@@ -238,7 +226,7 @@ _VULKAN_FIX = (
 
 
 def _render_backend(sapien: Any) -> str:
-    """`gpu` if SAPIEN can draw on a CUDA device, else `cpu`, which Mesa's lavapipe serves."""
+    """Return `gpu` if SAPIEN can render on a CUDA device, else `cpu` for Mesa's lavapipe."""
     try:
         return "gpu" if sapien.Device("cuda").can_render() else "cpu"
     except RuntimeError:
@@ -247,9 +235,9 @@ def _render_backend(sapien: Any) -> str:
 
 @functools.cache
 def _keep_renderer(device: str) -> Any:
-    """A reference that lasts as long as the process.
+    """Keep a reference for the lifetime of the process.
 
-    With the last scene SAPIEN would free its renderer, and compile its shaders again for the next: 7 s and memory each.
+    Otherwise SAPIEN would free its renderer with the last scene and compile its shaders again (7 s, and more memory).
     """
     import sapien
 
@@ -257,7 +245,7 @@ def _keep_renderer(device: str) -> Any:
 
 
 def _command(action: FloatArray, gain: float) -> Any:
-    """Our action (7,) as ManiSkill's normalised one, a tensor (1, 7)."""
+    """Convert an action (7,) to ManiSkill's normalised one, a tensor (1, 7)."""
     import torch
 
     command = np.empty((1, 7), dtype=np.float32)
@@ -270,9 +258,9 @@ def _command(action: FloatArray, gain: float) -> Any:
 
 
 def _euler_xyz(x: float, y: float, z: float, *, longest: float) -> tuple[float, float, float]:
-    """Euler angles about x, y', z'' of an axis-angle vector, which is shortened to `longest` (rad) first.
+    """Return Euler angles about x, y', z'' of an axis-angle vector, which is shortened to `longest` (rad) first.
 
-    Plain floats, since SciPy's general conversion costs as much as a tenth of the physics.
+    Plain floats, since SciPy's general conversion takes a tenth of the time of the physics.
     """
     angle = math.hypot(x, y, z)
     if angle < 1e-9:
@@ -288,14 +276,14 @@ def _euler_xyz(x: float, y: float, z: float, *, longest: float) -> tuple[float, 
 
 
 def _capture(camera: Any) -> Image:
-    """What a ManiSkill camera sees now, upright RGB."""
+    """Return the present upright RGB image of a camera."""
     camera.capture()
     rgb = camera.get_obs(rgb=True, depth=False, position=False, segmentation=False)["rgb"]
     return np.array(rgb[0].cpu().numpy(), dtype=np.uint8)
 
 
 def _device_name(summary: str) -> str:
-    """The first device that SAPIEN's summary calls supported."""
+    """Return the first supported device in SAPIEN's summary."""
     name = "unknown"
     for line in summary.splitlines():
         label, _, value = line.strip().partition(":")

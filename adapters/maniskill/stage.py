@@ -1,4 +1,4 @@
-"""Paints the table of ManiSkill's scenes and puts props on it. All of it is drawn only: PhysX knows nothing of it."""
+"""Paints the table of ManiSkill's scenes and adds props, which are only rendered."""
 
 from __future__ import annotations
 
@@ -14,41 +14,38 @@ from robogauntlet.adapters.scene_control import Form, Prop
 
 TABLE = "table-workspace"
 ABOVE = 5e-4
-"""Of the painted sheet above the table, half of what the goal region has (m)."""
+"""Height of the painted sheet above the table, half that of the goal region (m)."""
 UPRIGHT = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0])
-"""Quaternion wxyz that turns SAPIEN's cylinders, which lie along x, to stand."""
+"""Quaternion wxyz that makes SAPIEN's cylinders, which lie along x, upright."""
 
 
 class ManiSkillStage:
-    """See `robogauntlet.adapters.scene_control.TableControl`. A table is painted by a sheet that covers it."""
+    """`TableControl` of `scene_control`. A painted sheet covers the table."""
 
     def __init__(self, env: Any, base_from_world: Any) -> None:
-        """Args: env: ManiSkill's environment, whose table's surface is at height 0; base_from_world: SAPIEN pose."""
+        """Take ManiSkill's environment (table at height 0) and SAPIEN's pose of the world in the base frame."""
         self._env, self._base_from_world = env, base_from_world
         self.table_height = float(base_from_world.p[2])
         self._props: list[Any] = []
         self._sheet: Any = None
 
     def undo(self) -> None:
-        """Take away the props and the paint."""
+        """Remove props and paint."""
         self.show([])
         self._uncover()
 
     def show(self, props: Sequence[Prop]) -> None:
-        """Draw props in place of those before, until the next reset."""
+        """Show these props instead of the previous ones, until the next reset."""
         for entity in self._props:
             entity.remove_from_scene()
         self._props = [self._drawn(_shape(prop), self._pose(prop), "prop") for prop in props]
 
     def shown(self) -> Sequence[FloatArray]:
-        """Where the props are now, as SAPIEN has them."""
+        """Return the centres of the props, from SAPIEN."""
         return [(self._base_from_world * entity.pose).p.astype(np.float64) for entity in self._props]
 
     def paint_table(self, texture: Image) -> None:
-        """Draw the table's surface with a texture, until the next reset.
-
-        From above, with the robot at the bottom, the texture is upright.
-        """
+        """Cover the table with a texture until the next reset; seen by the robot from above, it is upright."""
         import sapien
 
         self._uncover()
@@ -62,7 +59,7 @@ class ManiSkillStage:
             self._sheet = None
 
     def _drawn(self, shape: Any, pose: Any, name: str) -> Any:
-        """A new entity of the scene with this shape."""
+        """Add an entity with this shape to the scene."""
         import sapien
 
         body = sapien.render.RenderBodyComponent()
@@ -75,7 +72,7 @@ class ManiSkillStage:
         return entity
 
     def _pose(self, prop: Prop) -> Any:
-        """A prop's, in the world."""
+        """Return a prop's pose in the world."""
         import sapien
 
         turn = Rotation.from_euler("z", prop.yaw).as_quat()
@@ -83,7 +80,7 @@ class ManiSkillStage:
 
 
 def _shape(prop: Prop) -> Any:
-    """What is drawn of a prop, without gloss."""
+    """Return the shape of a prop, without gloss."""
     import sapien
 
     half = prop.size / 2
@@ -98,7 +95,7 @@ def _shape(prop: Prop) -> Any:
 
 
 def _plane(low: FloatArray, high: FloatArray, texture: Image) -> Any:
-    """A sheet between two corners (2,) with a texture stretched over it."""
+    """Return a sheet between two corners (2,) with a texture stretched over it."""
     import sapien
 
     corners = [[high[0], high[1], 0], [high[0], low[1], 0], [low[0], low[1], 0], [low[0], high[1], 0]]
@@ -118,7 +115,7 @@ def _plane(low: FloatArray, high: FloatArray, texture: Image) -> Any:
 
 
 def _matt(colour: Sequence[float]) -> Any:
-    """A material as ManiSkill's cubes have it."""
+    """Return a material like that of ManiSkill's cubes."""
     import sapien
 
     return sapien.render.RenderMaterial(base_color=colour, roughness=1.0, specular=0.0, metallic=0.0)

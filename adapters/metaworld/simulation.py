@@ -1,12 +1,12 @@
-"""Meta-World (MuJoCo): a Sawyer at a table with fifty tasks. Its world has y forward; ours is turned a quarter.
+"""Meta-World (MuJoCo): a Sawyer at a table with fifty tasks. Its world has y forward, so poses are rotated.
 
-- A mocap body pulls the hand by a soft weld. An action moves that body, within the box that the task allows it, and in
-  steady motion the tool follows by about 0.9 of it. Rotations are ignored: the gripper keeps pointing down, its fingers
-  one before the other (y of the tool is x of the base). The gripper's number is a force: close to zero, it holds still.
-- Object and goal are drawn anew for every seed, as in the benchmark's MT50 and ML45. The goal is hidden from
-  proprioception; where the task has a marker for it, the images show it, as Meta-World's own do.
-- `third_person` is the camera `corner2` from nearby (where 3.1 has `corner4`). It hangs upside down: its images are
-  turned. `wrist` is `gripperPOV`.
+- A soft weld pulls the hand to a mocap body. An action moves that body, within the box that the task allows, and in
+  steady motion the tool covers about 0.9 of it. Rotations are ignored: the gripper keeps pointing down, and its fingers
+  open along the base's x (the tool's y). The gripper's number is a force: close to zero, the gripper holds still.
+- Object and goal are drawn from each seed, as in the benchmark's MT50 and ML45. The goal is not in proprioception; if
+  the task has a marker for it, images show it, as Meta-World's own do.
+- `third_person` is the camera `corner2`, moved closer (to where 3.1 has `corner4`). It is mounted upside down, so its
+  images are rotated. `wrist` is `gripperPOV`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from robogauntlet.suites.episode import View
 
 CAMERAS = {"third_person": "corner2", "wrist": "gripperPOV"}
 NEARBY = (0.75, 0.075, 0.7)
-"""Where the third-person camera hangs (m, Meta-World's world)."""
+"""Position of the third-person camera in Meta-World's world (m)."""
 BASE = Rotation.from_euler("z", 90, degrees=True)
 """The base frame in Meta-World's world. Both have their origin in the robot's base."""
 TOOL = Rotation.from_euler("y", 90, degrees=True)
@@ -69,12 +69,7 @@ class MetaWorldSimulation(BaseSimulation):
         self._model, self._data = self._env.model, self._env.data
         self._model.camera("corner2").pos = NEARBY
         self._scene = MujocoScene(self._model, self._data, view.render_profile)
-        spec = ActionSpec(
-            max_translation=self._env.action_scale,
-            max_rotation=0.0,
-            control_hz=1.0 / self._env.dt,
-            ignored=("rx", "ry", "rz"),
-        )
+        spec = ActionSpec(self._env.action_scale, 0.0, control_hz=1.0 / self._env.dt, ignored=("rx", "ry", "rz"))
         super().__init__(view, TASKS[task].instruction, spec)
 
     def reset(self, seed: int) -> None:
@@ -90,7 +85,7 @@ class MetaWorldSimulation(BaseSimulation):
         return StepOutcome(reward=float(reward), success=bool(info["success"]))
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """Tool and fingers, `hand_position`, `goal_position`, `object_position` and, in some, `other_position`."""
+        """Return tool, fingers, `hand_position`, `goal_position`, `object_position` and, in some, `other_position`."""
         world, hand = BASE.inv(), self._data.body("hand")
         fingers = np.concatenate([self._data.joint("r_close").qpos, self._data.joint("l_close").qpos])
         state = {
@@ -104,16 +99,16 @@ class MetaWorldSimulation(BaseSimulation):
         return state | dict(zip(("object_position", "other_position"), objects, strict=False))
 
     def state_hash(self) -> str:
-        """Hash of joints, mocap body, fixed bodies and goal."""
+        """Hash joints, mocap body, fixed bodies and goal."""
         return hash_state(mujoco_state(self._model, self._data) | {"goal": self._env._get_pos_goal()})
 
     def draw(self, camera: str, size: int) -> Image:
-        """What a camera shows, (size, size, 3)."""
+        """Render an upright image of a camera, (size, size, 3)."""
         image = self._scene.image(CAMERAS[camera], size)
         return image[::-1, ::-1].copy() if camera == "third_person" else image
 
     def render_device(self) -> str:
-        """OpenGL's name of what draws."""
+        """Return OpenGL's name of the renderer."""
         self.draw("third_person", self.view.image_size)
         return drawing_device()
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.scene_control import Unreachable
 
 NEAR, ALIGNED = 1e-3, 1e-2
@@ -23,27 +23,16 @@ class MujocoArm:
 
     turns = True
 
-    def __init__(
-        self,
-        mujoco: Any,
-        simulator: tuple[Any, Any],
-        controller: Callable[[], Any],
-        tool: tuple[str, str],
-        frame: BaseFrame,
-        settle: Callable[[], None],
-    ) -> None:
+    def __init__(self, physics: MujocoPhysics, controller: Callable[[], Any], tool: tuple[str, str]) -> None:
         """Take the arm.
 
         Args:
-            mujoco: The module.
-            simulator: MuJoCo's model and data.
+            physics: Of the arm.
             controller: Returns robosuite's present controller; resets create a new one.
             tool: Names of the tool centre point's site and of the hand's body.
-            frame: The robot's base.
-            settle: Brings forces and contacts up to date.
         """
-        self._mujoco, self._controller, self._frame, self._settle = mujoco, controller, frame, settle
-        self._model, self._data = simulator
+        self._physics, self._controller = physics, controller
+        self._mujoco, self._model, self._data = physics.mujoco, physics.model, physics.data
         self._site, self._hand = self._model.site(tool[0]).id, self._model.body(tool[1]).id
         arm = controller()
         self._joints, self._qpos, self._dofs = arm.joint_index, arm.qpos_index, arm.qvel_index
@@ -56,7 +45,7 @@ class MujocoArm:
         Raises:
             Unreachable: The error would exceed 1 mm or 0.01 rad, or something would be touched.
         """
-        goal = self._frame.to_world(np.asarray(position)), self._frame.rotation * Rotation.from_quat(quaternion)
+        goal = self._physics.to_world(np.asarray(position)), self._physics.rotation * Rotation.from_quat(quaternion)
         joints, error = self._reach(*goal)
         where = ", ".join(f"{value:.3f}" for value in position)
         distance, angle = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
@@ -70,7 +59,7 @@ class MujocoArm:
         self._data.qpos[self._qpos], self._data.qvel[self._dofs] = joints, 0.0
         # The controller pulls idle joints to their initial positions. Resets create a new one.
         self._controller().update_initial_joints(joints)
-        self._settle()
+        self._physics.settle()
 
     def _reach(self, position: FloatArray, rotation: Rotation) -> tuple[FloatArray, FloatArray]:
         """Return nearby joint positions that bring the tool to a world pose, and the remaining error (6,).

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.scene_control import DynamicsFactors
 
 MASSES = ("body_mass", "body_inertia", "body_subtreemass", "dof_M0")
@@ -26,15 +26,10 @@ class MujocoBodies:
     fingertips (2) has no effect there.
     """
 
-    def __init__(self, model: Any, objects: Iterable[str], settle: Callable[[], None]) -> None:
-        """Take the objects.
-
-        Args:
-            model: MuJoCo's model.
-            objects: Names of bodies; all bodies of the same tree count.
-            settle: Brings forces and contacts up to date.
-        """
-        self._model, self._settle = model, settle
+    def __init__(self, physics: MujocoPhysics, objects: Iterable[str]) -> None:
+        """Take the names of the objects' bodies; all bodies of the same tree count."""
+        self._physics, self._model = physics, physics.model
+        model = physics.model
         roots = [model.body_rootid[model.body(name).id] for name in objects]
         bodies = np.isin(model.body_rootid, roots)
         self._rows = {"body": bodies, "dof": bodies[model.dof_bodyid], "geom": bodies[model.geom_bodyid]}
@@ -57,7 +52,7 @@ class MujocoBodies:
         for name in COMPLIANCES:
             getattr(self._model, name)[self._chosen(name)] /= dynamics.mass
         self._model.geom_friction[self._chosen("geom_friction"), SLIDING] *= dynamics.friction
-        self._settle()
+        self._physics.settle()
 
     def _chosen(self, name: str) -> NDArray[np.bool_]:
         """Return the rows of an array of the model that belong to the objects."""

@@ -8,13 +8,11 @@ equals dimmed lamps wherever the limit is not reached.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray, Image
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.photometry import encoded, linear
 from robogauntlet.adapters.scene_control import Light, unit
 
@@ -22,16 +20,16 @@ from robogauntlet.adapters.scene_control import Light, unit
 class MujocoLights:
     """`Lights` of `scene_control`. Images pass through `develop`; directions follow at the next rendering."""
 
-    def __init__(self, model: Any, frame: BaseFrame, key: int = 0, *, lit: FloatArray | None = None) -> None:
+    def __init__(self, physics: MujocoPhysics, key: int = 0, *, lit: FloatArray | None = None) -> None:
         """Take the lamps.
 
         Args:
-            model: MuJoCo's model.
-            frame: The robot's base.
+            physics: Of the scene.
             key: Number of the key light. The headlight, which follows the camera, has no direction.
             lit: For a key light with a position: the point (3,) of the world, m, about which it is rotated.
         """
-        self._model, self._frame, self._key, self._lit = model, frame, key, lit
+        self._physics, self._model, self._key, self._lit = physics, physics.model, key, lit
+        model = physics.model
         self._own_direction, self._own_position = model.light_dir[key].copy(), model.light_pos[key].copy()
         self._gain = np.ones(3)
         self._developed: Image | None = None
@@ -47,11 +45,11 @@ class MujocoLights:
         """Return the gain of images, and the key light's present direction."""
         model = self._model
         away = -model.light_dir[self._key] if self._lit is None else model.light_pos[self._key] - self._lit
-        return Light(self._gain.copy(), unit(self._frame.rotation.inv().apply(away)))
+        return Light(self._gain.copy(), unit(self._physics.rotation.inv().apply(away)))
 
     def set_light(self, light: Light) -> None:
         """Set the light, until the next reset."""
-        away = self._frame.rotation.apply(light.direction)
+        away = self._physics.rotation.apply(light.direction)
         if self._lit is None:
             self._model.light_dir[self._key] = -away
         else:  # Moved on a sphere; its aim relative to the point stays.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray, Image
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.scene_control import Form, Prop
 
 TABLE = "table_visual"
@@ -22,21 +22,14 @@ TOP = 4
 class MujocoStage:
     """`TableControl` of `scene_control`. Props are added to the rendered scene, not to the model."""
 
-    def __init__(self, mujoco: Any, simulator: tuple[Any, Any], frame: BaseFrame, renderers: Mapping[int, Any]) -> None:
-        """Take the table.
-
-        Args:
-            mujoco: The module.
-            simulator: MuJoCo's model and data, with poses up to date.
-            frame: The robot's base.
-            renderers: The present renderers.
-        """
-        self._mujoco, self._frame, self._renderers = mujoco, frame, renderers
-        self._model, data = simulator
+    def __init__(self, physics: MujocoPhysics, renderers: Mapping[int, Any]) -> None:
+        """Take the physics, with poses up to date, and the present renderers."""
+        self._physics, self._renderers = physics, renderers
+        self._mujoco, self._model = physics.mujoco, physics.model
         table = self._model.geom(TABLE)
         self._table, self._own_material = table.id, int(table.matid[0])
-        top = data.geom(TABLE).xpos + np.array([0.0, 0.0, table.size[2]])
-        self.table_height = float(frame.from_world(top)[2])
+        top = physics.data.geom(TABLE).xpos + np.array([0.0, 0.0, table.size[2]])
+        self.table_height = float(physics.from_world(top)[2])
         self._props: list[Any] = []
 
     def undo(self) -> None:
@@ -50,7 +43,7 @@ class MujocoStage:
 
     def shown(self) -> Sequence[FloatArray]:
         """Return the centres of the props, from the shapes that MuJoCo renders."""
-        return [self._frame.from_world(shape.pos.astype(np.float64)) for shape in self._props]
+        return [self._physics.from_world(shape.pos.astype(np.float64)) for shape in self._props]
 
     def paint_table(self, texture: Image) -> None:
         """Paint the table with a texture (n, n, 3), until the next reset.
@@ -82,13 +75,13 @@ class MujocoStage:
         """Return a prop as a shape of MuJoCo."""
         types = self._mujoco.mjtGeom
         form = {Form.BOX: types.mjGEOM_BOX, Form.SPHERE: types.mjGEOM_SPHERE, Form.CYLINDER: types.mjGEOM_CYLINDER}
-        turned = self._frame.rotation * Rotation.from_euler("z", prop.yaw)
+        turned = self._physics.rotation * Rotation.from_euler("z", prop.yaw)
         shape = self._mujoco.MjvGeom()
         self._mujoco.mjv_initGeom(
             shape,
             form[prop.form],
             np.full(3, prop.size / 2.0),
-            self._frame.to_world(prop.position),
+            self._physics.to_world(prop.position),
             turned.as_matrix().ravel(),
             np.array([*prop.colour, 1.0], dtype=np.float32),
         )

@@ -17,10 +17,8 @@ ROUNDS = 100
 """Most calls of the inverse kinematics, of 20 iterations each."""
 CONVERGED = 1e-5
 """Distance and angle at which it has converged (m, rad)."""
-TOLERANCE = 1e-3
-"""Largest distance from a pose (m)."""
-ANGLE_TOLERANCE = 0.01
-"""Largest angle from a pose (rad)."""
+TOLERANCE, ANGLE_TOLERANCE = 1e-3, 0.01
+"""Largest distance and angle from a pose (m, rad)."""
 JOINTS = range(7)
 FIXED_LINK = -1
 """The robot's base, which stands on the table."""
@@ -85,13 +83,11 @@ class PyBulletArm:
         angles = np.array([state[0] for state in self._client.getJointStates(self._body, JOINTS)])
         if (angles < self._low).any() or (angles > self._high).any():
             return "a joint would be beyond its limits"
-        contacts = [name for name, body in self._env.sim._bodies_idx.items() if self._touches(body)]
-        return f"the arm would touch the {contacts[0]}" if contacts else ""
-
-    def _touches(self, body: int) -> bool:
-        if body == self._body:
-            return False
-        return any(point[3] != FIXED_LINK for point in self._client.getClosestPoints(self._body, body, 0.0))
+        for name, body in self._env.sim._bodies_idx.items():
+            points = self._client.getClosestPoints(self._body, body, 0.0) if body != self._body else ()
+            if any(point[3] != FIXED_LINK for point in points):
+                return f"the arm would touch the {name}"
+        return ""
 
 
 def _angle(first: FloatArray, other: FloatArray) -> float:

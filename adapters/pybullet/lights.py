@@ -7,7 +7,7 @@ has no colour, so a coloured light is rendered once for each channel. The white 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -64,10 +64,4 @@ class PyBulletLights:
 
 def _dimmed(light: Light, factor: float) -> Lamps:
     x, y, z = light.direction.tolist()
-    return replace(
-        OWN,
-        direction=(x, y, z),
-        ambient=factor * OWN.ambient,
-        diffuse=factor * OWN.diffuse,
-        specular=factor * OWN.specular,
-    )
+    return Lamps((x, y, z), OWN.colour, OWN.distance, factor * OWN.ambient, factor * OWN.diffuse, factor * OWN.specular)

@@ -4,16 +4,16 @@ Parts of panda-gym and of this adapter:
 
 - Robot, tasks, goals, success predicates and the controller are panda-gym's. Its episodes end at the first success;
   here only the predicate is used.
-- Drawing is ours, since panda-gym's camera makes the 4 cm cube two pixels wide and sets no light. The renderer is
-  PyBullet's TinyRenderer, which draws the translucent goal as opaque: goal and cube would be one green, so the goal is
-  painted red in both render profiles. `standard` draws shadows as panda-gym does, `fast` does not; there is neither
-  reflection nor multisampling to switch off. Empty background is white.
+- The adapter renders images, since panda-gym's camera makes the 4 cm cube two pixels wide and sets no light. PyBullet's
+  TinyRenderer draws the translucent goal as opaque and in the cube's green, so the goal is painted red. `standard`
+  draws shadows as panda-gym does, `fast` does not; there are no reflections and no multisampling. Empty background is
+  white.
 - The controller keeps the gripper pointing straight down, so rotations are ignored; in Reach and Push the fingers are
-  held closed, so the gripper is ignored too. In one control step the joint motors cover 60 to 100 % of the
-  displacement that they are given, depending on the direction. So the adapter adds up what was commanded and gives them
-  the way to there; what they left over is made up for in the next steps.
+  held closed, so the gripper is ignored too. In one control step the joint motors cover 60 to 100 % of the commanded
+  displacement, depending on the direction. The adapter therefore adds up the commands and gives the motors the way to
+  the sum, so that later steps cover the rest.
 - Poses of links are those of the last of the 20 physics steps in a control step, before its integration (2 ms old), as
-  everywhere in panda-gym. Asking PyBullet to recompute them would change what the controller does next.
+  everywhere in panda-gym. Recomputing them would change the controller's next command.
 """
 
 from __future__ import annotations
@@ -75,13 +75,8 @@ class PyBulletSimulation(BaseSimulation):
 
     def __init__(self, env: Any, description: TaskDescription, view: View) -> None:
         """Take over `env`, an unwrapped panda-gym environment."""
-        rotations = ("rx", "ry", "rz")
-        action_spec = ActionSpec(
-            max_translation=MAX_TRANSLATION,
-            max_rotation=0.0,
-            control_hz=1.0 / env.sim.dt,
-            ignored=(*rotations, "gripper") if env.robot.block_gripper else rotations,
-        )
+        ignored = ("rx", "ry", "rz", *(("gripper",) if env.robot.block_gripper else ()))
+        action_spec = ActionSpec(MAX_TRANSLATION, 0.0, control_hz=1.0 / env.sim.dt, ignored=ignored)
         super().__init__(view, description.instruction, action_spec)
         self._env = env
         self._robot, self._task, self._sim = env.robot, env.task, env.sim
@@ -136,18 +131,17 @@ class PyBulletSimulation(BaseSimulation):
         self._robot.set_action(command)
         self._sim.step()
         achieved, goal = self._task.get_achieved_goal(), self._task.goal
-        return StepOutcome(
-            reward=float(self._task.compute_reward(achieved, goal, {})),
-            success=bool(self._task.is_success(achieved, goal)),
-        )
+        reward = float(self._task.compute_reward(achieved, goal, {}))
+        return StepOutcome(reward, success=bool(self._task.is_success(achieved, goal)))
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return tool, fingers, `goal_position` and, except in Reach, `cube_position` and `cube_quaternion`."""
         position, quaternion = tool_pose(self._env)
+        fingers = self._client.getJointStates(self._bodies["panda"], FINGERS)
         state = {
             "tcp_position": position,
             "tcp_quaternion": quaternion,
-            "finger_positions": self._finger_positions(),
+            "finger_positions": np.array([joint[0] for joint in fingers]),
             "goal_position": self._task.goal - BASE_IN_WORLD,
         }
         if "object" in self._bodies:
@@ -176,9 +170,6 @@ class PyBulletSimulation(BaseSimulation):
     def close(self) -> None:
         """Disconnect from the physics server. Safe to call twice."""
         self._env.close()
-
-    def _finger_positions(self) -> FloatArray:
-        return np.array([joint[0] for joint in self._client.getJointStates(self._bodies["panda"], FINGERS)])
 
     def draw(self, camera: str, size: int) -> Image:
         """Render an upright RGB image (size, size, 3) of the present state."""

@@ -66,14 +66,14 @@ class PyBulletStage:
         self._client.changeVisualShape(cover, -1, textureUniqueId=self._texture(texture))
 
     def _create(self, prop: Prop) -> int:
-        client = self._client
-        colour, half = [*prop.colour, 1.0], prop.size / 2.0
-        if prop.form is Form.BOX:
-            shape = client.createVisualShape(client.GEOM_BOX, halfExtents=[half] * 3, rgbaColor=colour)
-        elif prop.form is Form.SPHERE:
-            shape = client.createVisualShape(client.GEOM_SPHERE, radius=half, rgbaColor=colour)
-        else:
-            shape = client.createVisualShape(client.GEOM_CYLINDER, radius=half, length=prop.size, rgbaColor=colour)
+        client, half = self._client, prop.size / 2.0
+        forms: dict[Form, tuple[int, dict[str, Any]]] = {
+            Form.BOX: (client.GEOM_BOX, {"halfExtents": [half] * 3}),
+            Form.SPHERE: (client.GEOM_SPHERE, {"radius": half}),
+            Form.CYLINDER: (client.GEOM_CYLINDER, {"radius": half, "length": prop.size}),
+        }
+        geometry, sizes = forms[prop.form]
+        shape = client.createVisualShape(geometry, rgbaColor=[*prop.colour, 1.0], **sizes)
         return self._body(shape, prop.position + BASE_IN_WORLD, prop.yaw)
 
     def _body(self, shape: int, position: FloatArray, yaw: float = 0.0) -> int:

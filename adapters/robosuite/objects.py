@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.frames import wxyz_to_xyzw
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.scene_control import PlacementRegion
 
 
@@ -18,26 +18,18 @@ class RobosuiteObjects:
     """`Objects` of `scene_control`. Every reset places all objects, so there is no `undo`."""
 
     def __init__(
-        self,
-        simulator: tuple[Any, Any],
-        objects: Mapping[str, str],
-        attached: Mapping[str, tuple[str, ...]],
-        sampler: Any,
-        frame: BaseFrame,
-        settle: Callable[[], None],
+        self, physics: MujocoPhysics, objects: Mapping[str, str], attached: Mapping[str, tuple[str, ...]], sampler: Any
     ) -> None:
         """Take the objects.
 
         Args:
-            simulator: MuJoCo's model and data.
+            physics: Of the objects.
             objects: Names to bodies, the main object of the task first.
             attached: Names to the bodies that are mounted on each.
             sampler: robosuite's placement initializer.
-            frame: The robot's base.
-            settle: Brings forces and contacts up to date.
         """
-        self._model, self._data = simulator
-        self._attached, self._sampler, self._frame, self._settle = attached, sampler, frame, settle
+        self._physics, self._model, self._data = physics, physics.model, physics.data
+        self._attached, self._sampler = attached, sampler
         self._bodies = {name: self._model.body(body).id for name, body in objects.items()}
 
     def placeable(self) -> Mapping[str, PlacementRegion]:
@@ -47,13 +39,13 @@ class RobosuiteObjects:
     def move(self, name: str, offset: FloatArray) -> None:
         """Move an object by an offset (2,), x and y, until the next reset."""
         root = self._model.body_rootid[self._bodies[name]]
-        shift = self._frame.rotation.apply([*offset, 0.0])
+        shift = self._physics.rotation.apply([*offset, 0.0])
         if self._model.body_dofnum[root] == 6:
             start = self._model.jnt_qposadr[self._model.body_jntadr[root]]
             self._data.qpos[start : start + 3] += shift
         else:
             self._model.body_pos[root] += shift
-        self._settle()
+        self._physics.settle()
 
     def _box(self, name: str) -> PlacementRegion:
         """Return the region of an object's centre. Resets place and rotate its root; the door is mounted beside it."""
@@ -64,7 +56,7 @@ class RobosuiteObjects:
         ranges = np.array([sampler.x_range, sampler.y_range, (0.0, 0.0)])
         low = ranges[:, 0] + sampler.reference_pos + sweep.min(axis=0)
         high = ranges[:, 1] + sampler.reference_pos + sweep.max(axis=0)
-        corners = self._frame.from_world(low)[:2], self._frame.from_world(high)[:2]
+        corners = self._physics.from_world(low)[:2], self._physics.from_world(high)[:2]
         return PlacementRegion(*corners, attached=self._attached[name])
 
     def _lever(self, body: int) -> FloatArray:

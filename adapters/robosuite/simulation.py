@@ -24,9 +24,8 @@ from robogauntlet.adapters.contract import ActionSpec, FloatArray, Simulator, St
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.bodies import MujocoBodies
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
-from robogauntlet.adapters.mujoco_parts.frame import BaseFrame
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
-from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco, reached_share
+from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco
 from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
 from robogauntlet.adapters.scene_control import SceneControls
@@ -77,7 +76,7 @@ class RobosuiteSimulation(MujocoSimulation):
             SimulatorUnavailable: robosuite or MuJoCo is missing, or this machine cannot render.
         """
         mujoco, robosuite = import_with_mujoco("robosuite", "robosuite")
-        self._env = robosuite.make(
+        env = robosuite.make(
             task,
             robots="Panda",
             control_freq=CONTROL_HZ,
@@ -90,33 +89,24 @@ class RobosuiteSimulation(MujocoSimulation):
             renderer="mujoco",
             seed=BUILD_SEED,
         )
-        for name in self._env.observation_names:  # Updated 25 times in a control step, and not used.
-            self._env.modify_observable(name, "enabled", False)
-        world = self._env.sim.model._model, self._env.sim.data._data
-        super().__init__(mujoco, world, view, TASKS[task].instruction)
-        self._parts = PARTS[task]
-
-        robot = self._env.robots[0]
+        robot = env.robots[0]
         controller = robot.part_controllers["right"]
-        share = reached_share(controller.kp[0], CONTROL_HZ)
-        self.action_spec = ActionSpec(
-            max_translation=share * float(controller.output_max[0]),
-            max_rotation=share * float(controller.output_max[3]),
-            control_hz=CONTROL_HZ,
-        )
+        share = float(np.sqrt(controller.kp[0])) / 2.0 / CONTROL_HZ  # Of an offset, see the module's docstring.
+        translation, rotation = (share * float(controller.output_max[i]) for i in (0, 3))
+        super().__init__(mujoco, env, view, TASKS[task].instruction, ActionSpec(translation, rotation, CONTROL_HZ))
+        self._parts = PARTS[task]
         tool = robot.gripper["right"].important_sites["grip_site"], robot.robot_model.eef_name["right"]
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper["right"].joints)
-        frame = BaseFrame(self._base)
         objects = {name: self._parts.bodies[name] for name in self._parts.placed}
         sampler, attached = self._env.placement_initializer, self._parts.placed
-        self._lights = MujocoLights(self._model, frame)
-        self._stage = MujocoStage(mujoco, world, frame, self._scene.renderers)
+        self._lights = MujocoLights(self._physics)
+        self._stage = MujocoStage(self._physics, self._scene.renderers)
         self.scene_controls = SceneControls(
-            cameras=MujocoCameras(self._model, self._base),
+            cameras=MujocoCameras(self._physics),
             lights=self._lights,
-            objects=RobosuiteObjects(world, objects, attached, sampler, frame, self._settle),
-            arm=MujocoArm(mujoco, world, lambda: robot.part_controllers["right"], tool, frame, self._settle),
-            bodies=MujocoBodies(self._model, objects.values(), self._settle),
+            objects=RobosuiteObjects(self._physics, objects, attached, sampler),
+            arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tool),
+            bodies=MujocoBodies(self._physics, objects.values()),
             stage=self._stage,
         )
         self._env.step(np.zeros(self._env.action_dim))
@@ -131,7 +121,7 @@ class RobosuiteSimulation(MujocoSimulation):
         for sampler in samplers(self._env.placement_initializer):
             sampler.rng = generator
         self._env.reset()
-        self._settle()
+        self._physics.settle()
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step (25 physics steps). Never renders."""
@@ -147,7 +137,7 @@ class RobosuiteSimulation(MujocoSimulation):
         two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
         0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad.
         """
-        state = self._arm_state()
+        state = self.arm_state()
         state |= self._poses({name: self._data.body(body) for name, body in self._parts.bodies.items()})
         state |= self._poses({name: self._data.site(site) for name, site in self._parts.sites.items()})
         return state | {name: self._data.joint(joint).qpos.copy() for name, joint in self._parts.angles.items()}

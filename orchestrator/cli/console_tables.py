@@ -9,7 +9,7 @@ from rich.table import Table
 from robogauntlet.orchestrator.cli.common import out
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.report import Report
-from robogauntlet.results.report.formatting import NOTHING, TextTable, rate_text, summary_table
+from robogauntlet.results.report.formatting import NOTHING, TextTable, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
 from robogauntlet.suites.episode import Condition
 
@@ -62,7 +62,7 @@ def _per_task(tables: Tables, conditions: Sequence[Condition]) -> TextTable:
             (
                 task,
                 *((str(condition),) if several else ()),
-                *(NOTHING if cell is None else rate_text(cell.tally) for cell in cells),
+                *(NOTHING if cell is None else share(cell.tally) for cell in cells),
                 "/".join(map(str, counts)),
                 str(sum(cell.tally.errors for cell in cells if cell is not None)),
             )
@@ -77,7 +77,7 @@ def _per_condition(tables: Tables) -> TextTable:
     rows = []
     for condition in tables.conditions:
         totals = [total_of.get((condition, policy)) for policy in tables.policies]
-        rows.append((str(condition), *(NOTHING if total is None else rate_text(total.tally) for total in totals)))
+        rows.append((str(condition), *(NOTHING if total is None else share(total.tally) for total in totals)))
     return TextTable(("condition", *tables.policies), tuple(rows), 1)
 
 

@@ -1,9 +1,9 @@
-"""Two runs of one suite against each other: what became worse, what better, and whether that can be said at all.
+"""Comparison of a run with a baseline run of the same suite.
 
-Episodes are paired by identity (task, condition, seed and protocol: `pair_id`), policy by policy of the same name, so
-that what differs is the policy or the program and nothing else. Each task of each policy is tested by McNemar's exact
-test, and so is a policy over all its tasks; the p-values of one direction are adjusted together by Holm's method. So a
-run without any change is called worse at most once in 1 / alpha times, however many tasks it has.
+Episodes are paired by `pair_id` (task, condition, seed and protocol) and by the policy's name. McNemar's exact test is
+made for each task of each policy and for each policy over all its tasks; the p-values of one direction are adjusted
+together by Holm's method. A run without a change is therefore called worse with a probability of at most alpha,
+whatever its number of tasks.
 """
 
 from __future__ import annotations
@@ -34,66 +34,66 @@ if TYPE_CHECKING:
 
 OWN = "the run's own environment"
 COLUMNS = ("pair_id", "policy", "policy_digest", "simulator", "task", "status", "state_hash", "actions_hash")
-"""Fields of the record that a comparison is made from."""
+"""Fields of the record that a comparison needs."""
 
 
 class Verdict(StrEnum):
-    """What a comparison comes to."""
+    """The result of a comparison."""
 
     REGRESSED = "regressed"
     IMPROVED = "improved"
     NO_EVIDENCE = "no evidence"
-    """Neither; which is not the same as no difference, see `PolicyComparison.no_worse`."""
+    """Neither, which does not mean no difference, see `PolicyComparison.no_worse`."""
     NOT_COMPARABLE = "not comparable"
 
 
 class Difference(StrEnum):
-    """In what two runs can differ besides the policies."""
+    """A difference of two runs besides the policies."""
 
     SUITE = "suite"
     SIMULATOR = "simulator"
     RENDERER = "renderer"
     UNFINISHED = "unfinished"
-    """One of them has not come to its end."""
+    """One of them is not complete."""
     WORLD = "world"
-    """Episodes of the same seed start from other physical states."""
+    """Episodes of the same seed start from different physical states."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A task of a policy, or all its tasks together, now and in the baseline."""
+    """A task of a policy, or all its tasks, in the run and in the baseline."""
 
     task: str | None
-    """None for all together."""
+    """None for all tasks."""
     pairs: Pairs
     """First side: the run; second: the baseline."""
     difference: Estimate | None
     """Rate of the run minus rate of the baseline, with a confidence of 1 - 2 alpha."""
     detectable: float | None
-    """The smallest drop that this number of pairs would show in four of five cases, see `pairs.detectable_drop`."""
+    """The smallest drop that this number of pairs shows in four of five cases, see `pairs.detectable_drop`."""
     p_worse: float = 1.0
     """Adjusted over all lines of the comparison."""
     p_better: float = 1.0
-    """The same, of the other direction."""
+    """The same in the other direction."""
 
 
 @dataclass(frozen=True)
 class PolicyComparison:
-    """A policy, now and in the baseline."""
+    """A policy in the run and in the baseline."""
 
     policy: str
     changed: bool
-    """Whether its content is another than in the baseline."""
+    """Whether its content differs from that in the baseline."""
     differing: int
-    """Pairs whose actions differ; if the policy has not changed, that is the program's or the simulator's doing."""
+    """Pairs whose actions differ; if the policy has not changed, the cause is the program or the simulator."""
     tasks: tuple[Line, ...]
     whole: Line
     no_worse: bool
-    """Whether it is shown to be no worse than the baseline by more than the margin, over all tasks."""
+    """Whether it is shown, over all tasks, to be worse than the baseline by less than the margin."""
 
     @property
     def lines(self) -> tuple[Line, ...]:
-        """What is tested: the tasks, and all together if there are several."""
+        """The tested lines: the tasks, and all tasks if there are several."""
         return (*self.tasks, self.whole) if len(self.tasks) > 1 else self.tasks
 
 
@@ -109,7 +109,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What two runs say of each other."""
+    """The comparison of a run with a baseline."""
 
     run: str
     baseline: str
@@ -118,14 +118,14 @@ class Comparison:
     verdict: Verdict
     policies: tuple[PolicyComparison, ...]
     differences: Mapping[Difference, str]
-    """What else differs, in words, whether it was allowed or not."""
+    """Other differences in words, including those that were allowed."""
     allowed: Set[Difference]
     unpaired: Mapping[str, tuple[int, int]]
     """Policy to its episodes in the run alone and in the baseline alone; errors are in neither."""
     errors: Mapping[str, tuple[int, int]]
     """Policy to its errors in the run and in the baseline."""
     processors: tuple[str, str] = ("", "")
-    """On what the run and the baseline were played."""
+    """Processors of the run and of the baseline."""
 
     @property
     def pairs(self) -> int:
@@ -142,17 +142,9 @@ def compare_runs(
     only: Sequence[str] = (),
     allowed: Set[Difference] = frozenset(),
 ) -> Comparison:
-    """Compare a run with a baseline.
-
-    Args:
-        run: The newer one.
-        baseline: What it is compared with.
-        alpha: Chance at most of a false "regressed", and of a false "improved".
-        margin: A rate that is lower by less than this counts as no worse.
-        only: Names of policies; empty for all that both have.
-        allowed: Differences that do not forbid the comparison.
-    """
-    sides = [_judged(one, only) for one in (run, baseline)]
+    """Compare a run with a baseline, see `robogauntlet.compare`."""
+    rows = [side.rows[side.rows["policy"].isin(only)] if only else side.rows for side in (run, baseline)]
+    sides = [of_side[of_side["status"] != str(Status.ERROR)] for of_side in rows]
     pairs = sides[0].merge(sides[1], on=["policy", "pair_id"], suffixes=("", "_before"))
     differences = _differences(run, baseline, pairs)
     names = list(dict.fromkeys(pairs["policy"]))
@@ -168,15 +160,9 @@ def compare_runs(
         differences=differences,
         allowed=allowed,
         unpaired=_unpaired(sides, pairs),
-        errors=_errors(run, baseline, only),
+        errors=_errors(rows),
         processors=(run.document.provenance.processor, baseline.document.provenance.processor),
     )
-
-
-def _judged(run: Run, only: Sequence[str]) -> pd.DataFrame:
-    """Rows with a verdict, of these policies."""
-    rows = run.rows[run.rows["status"] != str(Status.ERROR)]
-    return rows[rows["policy"].isin(only)] if only else rows
 
 
 def _policy(name: str, pairs: pd.DataFrame, alpha: float, margin: float) -> PolicyComparison:
@@ -200,31 +186,27 @@ def _line(task: str | None, pairs: Pairs, alpha: float) -> Line:
 
 
 def family_p_values(family: Sequence[Pairs], alpha: float) -> list[tuple[float, float]]:
-    """Adjusted p-values of worse and of better, for each of a family of comparisons of a run with its baseline.
+    """Adjusted p-values (worse, better) for each of a family of comparisons of a run with its baseline.
 
-    What could not come to alpha however its pairs fell is not of the family, and has 1: see `pairs.can_reject`.
+    Comparisons that cannot reach alpha do not belong to the family and have 1, see `pairs.can_reject`.
     """
     tested = [place for place, pairs in enumerate(family) if can_reject(pairs, alpha)]
-    worse = holm([mcnemar_worse(family[place]) for place in tested])
-    better = holm([mcnemar_worse(_turned(family[place])) for place in tested])
+    chosen = [family[place] for place in tested]
+    worse = holm([mcnemar_worse(pairs) for pairs in chosen])
+    better = holm([mcnemar_worse(Pairs(p.both, p.second_only, p.first_only, p.neither)) for p in chosen])
     found = dict(zip(tested, zip(worse, better, strict=True), strict=True))
     return [found.get(place, (1.0, 1.0)) for place in range(len(family))]
 
 
 def _adjusted(policies: Sequence[PolicyComparison], alpha: float) -> list[PolicyComparison]:
-    """With p-values: all tasks of all policies, and each policy over several tasks, are one family."""
+    """Add p-values: all tasks of all policies, and each policy over several tasks, are one family."""
     p_values = iter(family_p_values([line.pairs for one in policies for line in one.lines], alpha))
-
     adjusted = []
     for one in policies:
         found = zip(one.lines, islice(p_values, len(one.lines)), strict=True)
         lines = tuple(replace(line, p_worse=worse, p_better=better) for line, (worse, better) in found)
         adjusted.append(replace(one, tasks=lines[: len(one.tasks)], whole=replace(lines[-1], task=None)))
     return adjusted
-
-
-def _turned(pairs: Pairs) -> Pairs:
-    return Pairs(pairs.both, pairs.second_only, pairs.first_only, pairs.neither)
 
 
 def _verdict(policies: Sequence[PolicyComparison], alpha: float) -> Verdict:
@@ -261,7 +243,7 @@ def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Differenc
 
 
 def _plan(document: RunDocument) -> set[tuple[str, str, str, int, int]]:
-    """Cells without what a policy is made of; adaptive runs plan as they go, so their numbers do not count."""
+    """Cells of the plan without digests, and without the number of seeds in adaptive runs, which changes."""
 
     def seeds(cell: PlannedCell) -> int:
         return 0 if document.suite.adaptive else cell.planned
@@ -270,18 +252,18 @@ def _plan(document: RunDocument) -> set[tuple[str, str, str, int, int]]:
 
 
 def _versions(now: Provenance, before: Provenance) -> list[str]:
-    """The simulators' packages that both runs name in different versions, and simulators that have moved."""
+    """Packages of simulators that have different versions in both runs, and simulators in other environments."""
     then = before.versions
     changed = [
         f"{name} {then[name]}, now {version}"
         for name, version in sorted(now.versions.items())
         if name not in EVERYWHERE and then.get(name, version) != version
     ]
-    homes = [{name: f"environment {one.hash}" for name, one in made.environments.items()} for made in (before, now)]
+    was, new = ({name: f"environment {one.hash}" for name, one in run.environments.items()} for run in (before, now))
     moved = [
-        f"{name} in {homes[0].get(name, OWN)}, now in {homes[1].get(name, OWN)}"
-        for name in sorted(homes[0].keys() | homes[1].keys())
-        if homes[0].get(name) != homes[1].get(name)
+        f"{name} in {was.get(name, OWN)}, now in {new.get(name, OWN)}"
+        for name in sorted(was.keys() | new.keys())
+        if was.get(name) != new.get(name)
     ]
     return changed + moved
 
@@ -294,10 +276,9 @@ def _unpaired(sides: Sequence[pd.DataFrame], pairs: pd.DataFrame) -> dict[str, t
     return {name: (alone[0], alone[1]) for name, alone in found.items() if any(alone)}
 
 
-def _errors(run: Run, baseline: Run, only: Sequence[str]) -> dict[str, tuple[int, int]]:
-    counts = []
-    for side in (run, baseline):
-        wrong = side.rows[side.rows["status"] == str(Status.ERROR)]
-        counts.append((wrong[wrong["policy"].isin(only)] if only else wrong)["policy"].value_counts())
-    names = dict.fromkeys(str(name) for one in counts for name in one.index)
-    return {name: (int(counts[0].get(name, 0)), int(counts[1].get(name, 0))) for name in names}
+def _errors(sides: Sequence[pd.DataFrame]) -> dict[str, tuple[int, int]]:
+    now, before = (side["policy"][side["status"] == str(Status.ERROR)].value_counts() for side in sides)
+    return {
+        str(name): (int(now.get(name, 0)), int(before.get(name, 0)))
+        for name in dict.fromkeys([*now.index, *before.index])
+    }

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import reduce
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument
@@ -15,8 +17,9 @@ from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 
 if TYPE_CHECKING:
     import pandas as pd
-    from numpy.typing import NDArray
 
+Column = TypeVar("Column", int, Condition)
+Seeds = NDArray[np.int64]
 LEAST_SOLVED = 0.95
 """Share of seeds that the oracle gate must solve at a level. Below it, the level is left out for the task."""
 
@@ -74,61 +77,43 @@ class EligibleEpisodes:
     capped: Set[tuple[str, str, int]]
 
     def outcomes(self, cells: Sequence[PlannedCell], levels: Sequence[int]) -> list[Outcomes]:
-        """Return success per task, shape (seeds, levels). Tasks without a verdict are left out.
+        """Return success per task, shape (seeds, levels), of one policy under one axis and the clean condition.
 
-        Args:
-            cells: Cells of one policy under one axis and the clean condition.
-            levels: Severities.
+        Tasks without a verdict are left out.
         """
-        tables = [self._table(cells, task) for task in dict.fromkeys(cell.task for cell in cells)]
-        return [table.reindex(columns=list(levels)).to_numpy(dtype=float) for table in tables if table is not None]
+        tables = (self._table(cells, task, levels) for task in dict.fromkeys(cell.task for cell in cells))
+        return [outcomes for seeds, outcomes in tables if len(seeds)]
 
     def by_condition(self, cells: Sequence[PlannedCell], conditions: Sequence[Condition]) -> dict[str, Outcomes]:
-        """Return success by task, shape (seeds, conditions). Tasks without a verdict are left out.
+        """Return success of one policy by task, shape (seeds, conditions); seeds are rejected per axis.
 
-        Args:
-            cells: Cells of one policy.
-            conditions: Conditions of any axes; seeds are rejected per axis.
+        Tasks without a verdict are left out.
         """
         by_task = {}
         for task in dict.fromkeys(cell.task for cell in cells):
-            own = [cell for cell in cells if cell.task == task and not self._is_capped(cell)]
-            columns = {Condition(cell.axis, cell.severity): self._successes(cell) for cell in own}
-            seeds = np.unique(np.concatenate([seeds for seeds, _ in columns.values()] or [np.empty(0, np.int64)]))
+            columns = {
+                Condition(cell.axis, cell.severity): self._successes(cell, self.rejected.get((task, cell.axis), set()))
+                for cell in cells
+                if cell.task == task and not self._is_capped(cell)
+            }
+            seeds, outcomes = _side_by_side(columns, conditions)
             if len(seeds):
-                by_task[task] = outcomes = np.full((len(seeds), len(conditions)), np.nan)
-                for place, condition in enumerate(conditions):
-                    if condition in columns:
-                        outcomes[np.searchsorted(seeds, columns[condition][0]), place] = columns[condition][1]
+                by_task[task] = outcomes
         return by_task
 
-    def _successes(self, cell: PlannedCell) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Seeds of a cell that count, and their success."""
-        rows, rejected = self.rows.of_cell(cell), self.rejected.get((cell.task, cell.axis), ())
-        seeds = rows["seed"].to_numpy(dtype=np.int64)
-        won = (rows["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
-        eligible = ~np.isin(seeds, list(rejected))
-        return seeds[eligible], won[eligible]
-
     def paired(self, sides: Sequence[Sequence[PlannedCell]], levels: Sequence[int]) -> list[Outcomes]:
-        """Return outcomes of several policies on their common seeds.
-
-        Args:
-            sides: Per policy, its cells under one axis and the clean condition.
-            levels: Severities.
+        """Return outcomes of several policies on their common seeds, under one axis and the clean condition.
 
         Returns:
             Per task that every policy has, shape (seeds, policies x levels).
         """
-        import pandas as pd
-
         found = []
         for task in dict.fromkeys(cell.task for cell in sides[0]):
-            tables = [self._table(cells, task) for cells in sides]
-            if not any(table is None for table in tables):
-                wide = [table.reindex(columns=list(levels)) for table in tables if table is not None]
-                found.append(pd.concat(wide, axis=1, join="inner").to_numpy(dtype=float))
-        return [outcomes for outcomes in found if len(outcomes)]
+            tables = [self._table(cells, task, levels) for cells in sides]
+            common = reduce(np.intersect1d, (seeds for seeds, _ in tables))
+            if len(common):
+                found.append(np.hstack([outcomes[np.searchsorted(seeds, common)] for seeds, outcomes in tables]))
+        return found
 
     def verdicts(self, cells: Sequence[PlannedCell]) -> pd.DataFrame:
         """Return the rows of these cells that count."""
@@ -141,66 +126,56 @@ class EligibleEpisodes:
                 parts.append(rows[~rows["seed"].isin(self.rejected.get((cell.task, cell.axis), ()))])
         return pd.concat(parts) if parts else self.rows.frame[:0]
 
-    def _table(self, cells: Sequence[PlannedCell], task: str) -> pd.DataFrame | None:
-        """Success by seed and severity in one task; None without a verdict."""
-        import pandas as pd
-
+    def _table(self, cells: Sequence[PlannedCell], task: str, levels: Sequence[int]) -> tuple[Seeds, Outcomes]:
+        """Seeds of a task, and success by seed and level. Seeds that any of the axes rejects are left out."""
         of_task = [cell for cell in cells if cell.task == task]
-        verdicts = [self.rows.of_cell(cell) for cell in of_task if not self._is_capped(cell)]
-        if not verdicts:
-            return None
-        rows = pd.concat(verdicts)
-        rejected = set().union(*(self.rejected.get((task, axis), ()) for axis in {cell.axis for cell in of_task}))
-        rows = rows[~rows["seed"].isin(rejected)]
-        if not len(rows):
-            return None
-        won = (rows["status"] == str(Status.SUCCESS)).astype(float)
-        return won.groupby([rows["seed"], rows["severity"]]).first().unstack()
+        rejected = set().union(*(self.rejected.get((task, cell.axis), ()) for cell in of_task))
+        kept = [cell for cell in of_task if not self._is_capped(cell)]
+        return _side_by_side({cell.severity: self._successes(cell, rejected) for cell in kept}, levels)
+
+    def _successes(self, cell: PlannedCell, rejected: Set[int]) -> tuple[Seeds, NDArray[np.float64]]:
+        """Seeds of a cell that are not rejected, and their success."""
+        rows = self.rows.of_cell(cell)
+        seeds = rows["seed"].to_numpy(dtype=np.int64)
+        won = (rows["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
+        eligible = ~np.isin(seeds, list(rejected))
+        return seeds[eligible], won[eligible]
 
     def _is_capped(self, cell: PlannedCell) -> bool:
         return (cell.task, cell.axis, cell.severity) in self.capped
 
 
+def _side_by_side(
+    columns: Mapping[Column, tuple[Seeds, NDArray[np.float64]]], order: Sequence[Column]
+) -> tuple[Seeds, Outcomes]:
+    """Seeds of all columns, and outcomes of shape (seeds, len(order)), NaN without a verdict."""
+    seeds = np.unique(np.concatenate([own for own, _ in columns.values()] or [np.empty(0, np.int64)]))
+    outcomes = np.full((len(seeds), len(order)), np.nan)
+    for place, column in enumerate(order):
+        if column in columns:
+            own, won = columns[column]
+            outcomes[np.searchsorted(seeds, own), place] = won
+    return seeds, outcomes
+
+
 def select_eligible(document: RunDocument, frame: pd.DataFrame) -> EligibleEpisodes:
-    """Select the episodes of a run that count.
+    """Select the episodes of a run that count, from rows with task, policy_digest, axis, severity, seed and status.
 
-    Args:
-        document: The run.
-        frame: Rows with task, policy_digest, axis, severity, seed and status.
+    Controls are not gated: they are not meant to be solved. A seed that the gate did not solve under the clean
+    condition or at a level that counts is rejected at every level and for all policies, so that each level is compared
+    with clean episodes of the same seeds.
     """
-    rows = Rows.of_frame(frame)
-    gate_rows = _gate_rows(document, rows)
-    capped = {(row.task, row.axis, row.severity) for row in gate_rows if row.capped}
-    return EligibleEpisodes(rows, gate_rows, _rejected(document, rows, capped), capped)
-
-
-def _gate_rows(document: RunDocument, rows: Rows) -> tuple[GateRow, ...]:
-    """Seeds that the oracle gate solved, per condition. Controls are left out: they are not meant to be solved."""
-    gate_rows = []
-    for cell in document.plan:
-        if cell.policy == document.suite.oracle_gate and cell.axis not in CONTROLS:
-            won = rows.of_cell(cell)["status"] == str(Status.SUCCESS)
-            seeds, passed = len(won), int(won.sum())
-            capped = cell.axis != CLEAN and seeds > 0 and passed < LEAST_SOLVED * seeds
-            gate_rows.append(GateRow(cell.task, cell.axis, cell.severity, seeds, passed, capped))
-    return tuple(gate_rows)
-
-
-def _rejected(document: RunDocument, rows: Rows, capped: Set[tuple[str, str, int]]) -> Rejected:
-    """Seeds that the gate did not solve under the clean condition or at a level that counts.
-
-    They are left out at every level and for all policies, so that each level is compared with clean episodes of the
-    same seeds.
-    """
+    rows, gate_rows = Rows.of_frame(frame), []
     rejected: dict[tuple[str, str], set[int]] = {}
     for cell in document.plan:
-        if (
-            cell.policy != document.suite.oracle_gate
-            or cell.axis in CONTROLS
-            or (cell.task, cell.axis, cell.severity) in capped
-        ):
+        if cell.policy != document.suite.oracle_gate or cell.axis in CONTROLS:
             continue
         verdicts = rows.of_cell(cell)
-        unsolved = verdicts[verdicts["status"] != str(Status.SUCCESS)]["seed"]
-        rejected.setdefault((cell.task, cell.axis), set()).update(unsolved.tolist())
-    return rejected
+        won = verdicts["status"] == str(Status.SUCCESS)
+        seeds, passed = len(won), int(won.sum())
+        capped = cell.axis != CLEAN and seeds > 0 and passed < LEAST_SOLVED * seeds
+        gate_rows.append(GateRow(cell.task, cell.axis, cell.severity, seeds, passed, capped))
+        if not capped:
+            rejected.setdefault((cell.task, cell.axis), set()).update(verdicts["seed"][~won].tolist())
+    levels_left_out = {(row.task, row.axis, row.severity) for row in gate_rows if row.capped}
+    return EligibleEpisodes(rows, tuple(gate_rows), rejected, levels_left_out)

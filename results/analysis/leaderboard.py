@@ -67,15 +67,9 @@ class PolicyEpisodes:
 def latest_results_per_policy(
     history: History, suite: str, left_out: Callable[[str], None]
 ) -> Iterator[PolicyEpisodes]:
-    """Yield the episodes of each policy in its newest complete run whose rows can be read.
+    """Yield the episodes of each policy of a suite in its newest complete run whose rows can be read.
 
-    Args:
-        history: The history of the runs.
-        suite: Name of the suite.
-        left_out: Called with a message for each run whose rows cannot be read; an older run takes its place.
-
-    Raises:
-        StoreError: The history cannot be read.
+    `left_out` is called with a message for each run whose rows cannot be read. Raises StoreError.
     """
     found: set[str] = set()
     for entry, digests in history.newest_runs(suite):
@@ -102,7 +96,7 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
         alpha: Maximum probability that any two policies that do not differ share no letter.
 
     Returns:
-        A row per policy, the highest rate first. Only letters show significant differences.
+        A row per policy, the highest rate first.
     """
     outcomes = [_outcomes(one.rows) for one in played]
     order = sorted((i for i, rows in enumerate(outcomes) if len(rows)), key=lambda i: -_task_mean(outcomes[i]))
@@ -114,31 +108,18 @@ def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[
 
 
 def compact_letters(order: Sequence[int], differ: Set[frozenset[int]]) -> dict[int, str]:
-    """Assign letters such that two policies share one if and only if they do not differ significantly.
-
-    Args:
-        order: Indices of the policies, which get the first letters in this order.
-        differ: Pairs that differ significantly.
-    """
+    """Assign letters to policies in this order; two policies share none if and only if they differ significantly."""
     columns: list[set[int]] = [set(order)]
     for pair in differ:
         split: list[set[int]] = []
         for column in columns:
             split += [column - {one} for one in pair] if pair <= column else [column]
-        columns = [c for i, c in enumerate(split) if not any(_absorbs(split, i, j) for j in range(len(split)))]
+        unique = [column for i, column in enumerate(split) if column not in split[:i]]
+        columns = [column for column in unique if not any(column < other for other in unique)]
     place = {one: number for number, one in enumerate(order)}
     columns.sort(key=lambda column: sorted(place[one] for one in column))
-    names = [_letter(number) for number in range(len(columns))]
+    names = [ascii_letters[n] if n < len(ascii_letters) else f"({n})" for n in range(len(columns))]
     return {one: "".join(name for name, column in zip(names, columns, strict=True) if one in column) for one in order}
-
-
-def _absorbs(columns: Sequence[set[int]], i: int, j: int) -> bool:
-    """Whether column j contains column i."""
-    return i != j and columns[i] <= columns[j] and (columns[i] != columns[j] or j < i)
-
-
-def _letter(number: int) -> str:
-    return ascii_letters[number] if number < len(ascii_letters) else f"({number})"
 
 
 def _outcomes(rows: pd.DataFrame) -> pd.DataFrame:

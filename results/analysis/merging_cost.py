@@ -95,13 +95,9 @@ class Merging:
 
 
 def build_merging(document: RunDocument, frame: pd.DataFrame) -> Merging | None:
-    """Compare the policies of a suite's `merging` block; None without one.
+    """Compare the policies of a suite's `merging` block from rows with the columns `COLUMNS`; None without one.
 
     The condition is clean, or the first of the plan if clean is not planned.
-
-    Args:
-        document: The run.
-        frame: Rows with the columns `COLUMNS`.
     """
     roles = document.suite.merging
     if roles is None or not document.plan:
@@ -114,7 +110,11 @@ def build_merging(document: RunDocument, frame: pd.DataFrame) -> Merging | None:
     def side(name: str) -> pd.DataFrame:
         return rows.loc[rows["policy_digest"].astype(str) == digests.get(name)]
 
-    tasks = _planned_tasks(document, roles.expert, condition)
+    tasks = {
+        cell.task: (cell.simulator, cell.planned)
+        for cell in document.plan
+        if cell.policy == roles.expert and Condition(cell.axis, cell.severity) == condition
+    }
     expert, oracle_routed = side(roles.expert), side(roles.oracle_routed)
     routed = tuple(_compare(name, tasks, (expert, oracle_routed, side(name))) for name in roles.routed)
     return Merging(roles.expert, roles.oracle_routed, condition, routed)
@@ -147,15 +147,6 @@ class _Task:
 
 
 _VERDICTS = (str(Status.SUCCESS), str(Status.FAILURE))
-
-
-def _planned_tasks(document: RunDocument, policy: str, condition: Condition) -> dict[str, tuple[str, int]]:
-    """Task to its simulator and number of planned pairs."""
-    return {
-        cell.task: (cell.simulator, cell.planned)
-        for cell in document.plan
-        if cell.policy == policy and Condition(cell.axis, cell.severity) == condition
-    }
 
 
 def _compare(
@@ -221,13 +212,10 @@ def _pairs(first: Outcomes, second: Outcomes, pairs: Sequence[str]) -> Pairs:
 def _regret(tasks: Sequence[_Task], routed: pd.DataFrame) -> Regret:
     named = routed.loc[routed["inferred_task"].notna()]
     wrong = named.loc[named["task"].astype(str) != named["inferred_task"].astype(str), "pair_id"]
-    misrouted = set(wrong.astype(str))
-    parts = []
+    misrouted, parts = set(wrong.astype(str)), []
     for task in tasks:
-        oracle_routed, inferring = task.sides[1], task.sides[2]
-        both = [
-            p for p in inferring if p in misrouted and inferring[p] in _VERDICTS and oracle_routed.get(p) in _VERDICTS
-        ]
-        parts.append(_pairs(oracle_routed, inferring, both))
+        sides = task.sides[1:]
+        both = [pair for pair in sides[1] if pair in misrouted and all(side.get(pair) in _VERDICTS for side in sides)]
+        parts.append(_pairs(*sides, both))
     counts = pooled(parts)
     return Regret(counts.trials, paired_difference(counts))

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes
 from robogauntlet.results.analysis.routing import Rate
+from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument
-from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, resampled_means
+from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, percentile_interval, resampled_means
 from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochberg
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
 from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
 from robogauntlet.results.statistics.sequential import paired_evidence
 from robogauntlet.suites.episode import CLEAN, CONTROLS, content_hash
 from robogauntlet.suites.schema import AdaptiveEntry
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +92,7 @@ class PolicyShift:
 
 
 def build_policy_shift(document: RunDocument, eligible: EligibleEpisodes) -> PolicyShift | None:
-    """Compare policies as the suite asks; None if it does not.
-
-    Args:
-        document: The run.
-        eligible: Its rows, with the column `inferred_task`.
-    """
+    """Make the comparison of the suite, from rows with the column `inferred_task`; None without one."""
     sides = document.suite.comparison
     if sides is None:
         return None
@@ -116,7 +108,8 @@ def build_policy_shift(document: RunDocument, eligible: EligibleEpisodes) -> Pol
                 continue
             rows += [row for row in _loss_rows(policy, axis, levels, strata) if row.severity or not rows]
             interactions.append(interaction(policy, axis, len(levels), strata, len(axes)))
-        losses += _adjusted(rows)
+        adjusted = benjamini_hochberg([row.p for row in rows])
+        losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
     return PolicyShift(
         sides.baseline,
@@ -154,11 +147,6 @@ def _loss_rows(policy: str, axis: str, levels: Sequence[int], strata: Sequence[N
     return rows
 
 
-def _adjusted(rows: Sequence[LossRow]) -> list[LossRow]:
-    values = benjamini_hochberg([row.p for row in rows]) if rows else ()
-    return [replace(row, adjusted=value) for row, value in zip(rows, values, strict=True)]
-
-
 def interaction(
     policy: str, axis: str, levels: int, strata: Sequence[NDArray[np.floating]], axes: int, draws: int = DRAWS
 ) -> Interaction:
@@ -170,71 +158,43 @@ def interaction(
         levels: Number of levels of each policy, including clean, which comes first.
         strata: Per task, shape (seeds, 2 x levels), the baseline first; see `EligibleEpisodes.paired`.
         axes: Number of axes of the simultaneous interval.
-        draws: Bootstrap samples.
+        draws: Number of bootstrap samples.
     """
     generator = np.random.default_rng(int(content_hash(["interaction", policy, axis]), 16))
     value = float(_extra(mean_outcomes(strata)[None], levels)[0])
     drawn = _extra(resampled_means(strata, generator, draws), levels)
-    interval, corrected = (_ends(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
+    interval, corrected = (percentile_interval(drawn, confidence) for confidence in (CONFIDENCE, 1 - ALPHA / axes))
     return Interaction(policy, axis, len(strata), Estimate(value, interval), corrected)
 
 
 def _extra(means: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Mean loss over the perturbed levels minus the clean one, shape (draws,).
-
-    Args:
-        means: Mean outcomes, shape (draws, strata, 2 x levels), the baseline's first.
-        levels: Number of levels of each policy.
-    """
+    """Mean loss over perturbed levels minus clean loss (draws,), from means (draws, strata, 2 x levels)."""
     loss = means[..., :levels] - means[..., levels:]
     with np.errstate(invalid="ignore"):
         by_level = np.nanmean(loss[..., 1:] - loss[..., :1], axis=-2)
     return np.asarray(by_level.mean(axis=-1), dtype=np.float64)
 
 
-def _ends(drawn: NDArray[np.float64], confidence: float) -> Interval | None:
-    """Percentile interval of bootstrap values; None if one is missing or all are equal."""
-    if np.isnan(drawn).any() or drawn.max() == drawn.min():
-        return None
-    low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Interval(float(low), float(high))
-
-
 def _routers(document: RunDocument, eligible: EligibleEpisodes, policy: str, axis: str) -> list[RouterRow]:
     cells = _cells(document, policy, axis)
-    if not any(cell.axis == axis for cell in cells):
-        return []
-    rows = []
-    for severity in sorted({cell.severity for cell in cells}):
+    rows: list[RouterRow] = []
+    for severity in sorted({cell.severity for cell in cells}) if any(cell.axis == axis for cell in cells) else ():
         found = eligible.verdicts([cell for cell in cells if cell.severity == severity])
         routed = found[found["inferred_task"].notna()]
         if len(routed):
-            rows.append(_router(policy, axis, severity, routed))
+            right = routed["inferred_task"].astype(str) == routed["task"].astype(str)
+            won = routed["status"].astype(str) == Status.SUCCESS
+            counts = ((right, len(routed)), (won, len(routed)), (won & ~right, int((~right).sum())))
+            rates = (Rate.from_counts(int(hits.sum()), trials) for hits, trials in counts)
+            rows.append(RouterRow(policy, axis, severity, *rates))
     return rows
-
-
-def _router(policy: str, axis: str, severity: int, routed: pd.DataFrame) -> RouterRow:
-    right = routed["inferred_task"].astype(str) == routed["task"].astype(str)
-    won = routed["status"].astype(str) == "success"
-    return RouterRow(
-        policy,
-        axis,
-        severity,
-        Rate.from_counts(int(right.sum()), len(right)),
-        Rate.from_counts(int(won.sum()), len(won)),
-        Rate.from_counts(int((won & ~right).sum()), int((~right).sum())),
-    )
 
 
 def first_to_fail(rows: Sequence[RouterRow]) -> str | None:
     """Attribute the first significant loss along an axis to the router or the policy.
 
-    Args:
-        rows: One policy along one axis, the clean condition first.
-
-    Returns:
-        `router` if more than half of the loss at the first level with a significant loss is on misrouted episodes,
-        else `policy`; None without a significant loss.
+    `rows` are those of one policy along one axis, the clean condition first. Returns `router` if more than half of the
+    loss at the first level with a significant loss is on misrouted episodes, else `policy`; None without such a level.
     """
     if len(rows) < 2 or rows[0].severity:
         return None

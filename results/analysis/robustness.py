@@ -146,21 +146,14 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
     named = dict.fromkeys(cell.axis for cell in document.plan if cell.axis != CLEAN)
     axes = tuple(name for name in named if name not in CONTROLS)
     eligible = select_eligible(document, frame)
-    policies = [
-        policy
-        for policy in dict.fromkeys(cell.policy for cell in document.plan)
-        if policy != document.suite.oracle_gate
-    ]
-    places = [
-        (policy, simulator, axis, planned)
-        for axis in named
-        for policy in policies
-        for planned in [[c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]]
-        for simulator in _places(planned)
-    ]
     floors = {name: [c for c in document.plan if c.policy == name] for name in document.suite.no_skill_baselines}
-    curves = [_curve(*place, eligible, [] if place[0] in floors else list(floors.values())) for place in places]
-    known = [curve for curve in curves if curve is not None]
+    known: list[PolicyCurve] = []
+    for axis in named:
+        for policy in dict.fromkeys(c.policy for c in document.plan if c.policy != document.suite.oracle_gate):
+            planned = [c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]
+            subtracted = [] if policy in floors else list(floors.values())
+            curves = (_curve(policy, place, axis, planned, eligible, subtracted) for place in _places(planned))
+            known += [curve for curve in curves if curve is not None]
     return Robustness(
         axes,
         tuple(curve for curve in known if curve.axis in axes),

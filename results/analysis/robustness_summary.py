@@ -16,7 +16,7 @@ from robogauntlet.results.statistics.aggregate import (
     Outcomes,
     interquartile_mean,
     mean_outcomes,
-    percentile_estimates,
+    percentile_interval,
     resampled_means,
     tail_mean,
 )
@@ -152,7 +152,8 @@ def _row(policy: str, simulator: str | None, levels: Sequence[Condition], means:
         return np.stack([*of_all, *(by_level[:, own].mean(axis=-1) for own in axes.values())], axis=-1)
 
     of_drawn = numbers(drawn)
-    mean, middle, tail, *rates = percentile_estimates(numbers(means)[0], of_drawn)
+    values = zip(numbers(means)[0], of_drawn.T, strict=True)
+    mean, middle, tail, *rates = (Estimate(float(value), percentile_interval(column)) for value, column in values)
     worst = int(np.argmin([estimate.value for estimate in rates]))
     lowest = of_drawn[:, 3:] == of_drawn[:, 3:].min(axis=-1, keepdims=True)
     certainty = float((lowest[:, worst] / lowest.sum(axis=-1)).mean())
@@ -173,13 +174,11 @@ def _agreement(policy: str, one: str, other: str, ones: Losses, others: Losses) 
         return None
     # One pair of orders for the data, then one per bootstrap sample.
     first, second = (np.array([losses[axis] for axis in axes]).T.tolist() for losses in (ones, others))
-    violation = rank_violation(first[0], second[0])
-    assert violation is not None  # at least LEAST_AXES axes
     outcomes, *drawn = map(kendall, first, second)
     known = [agreement[0] for agreement in drawn if agreement is not None]
     ends = Interval(*map(float, np.quantile(known, ENDS))) if len(known) == len(drawn) else None
     tau, p = (None, None) if outcomes is None else (Estimate(outcomes[0], ends), outcomes[1])
-    return AgreementRow(policy, one, other, len(axes), tau, p, violation)
+    return AgreementRow(policy, one, other, len(axes), tau, p, rank_violation(first[0], second[0]))
 
 
 def _losses(outcomes: _PolicyOutcomes, simulator: str) -> Losses:

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SCENE_PAIRS = (("PandaPush", "PandaPickAndPlace"), ("PushCube", "PullCube"))
-"""Tasks whose first frames show the same scene and differ at most in where the goal may be: telling them apart is the
-hard part of routing, which an accuracy over all tasks would hide. Names without their version."""
+"""Tasks (without their version) that share a scene and differ at most in the place of the goal, so that they are hard
+to distinguish from the first image."""
 BINS = 15
-"""Bins of equal width, each with its upper edge, for the expected calibration error and the reliability diagram; the
-number is that of C. Guo et al., "On calibration of modern neural networks" (ICML 2017, arXiv 1706.04599)."""
+"""Number of bins of equal width, upper edges included, for the calibration error and the reliability diagram, as in
+C. Guo et al., "On calibration of modern neural networks" (ICML 2017, arXiv 1706.04599)."""
 SUMS_TO_ONE = 1e-3
-"""How far the exponentials of an episode's scores may add up beside 1 (scores are rounded to 1e-6)."""
+"""Largest distance from 1 of the sum of the probabilities of an episode (scores are rounded to 1e-6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,37 +52,37 @@ class ScenePair:
     accuracy: Rate
     """On the episodes of the two."""
     mistaken: int
-    """Episodes of the one in which the other was inferred."""
+    """Episodes of one task in which the other was inferred."""
 
 
 @dataclass(frozen=True, slots=True)
 class Confusion:
-    """How often each task was inferred where each was the true one."""
+    """Number of episodes by true and inferred task."""
 
     true: tuple[str, ...]
     inferred: tuple[str, ...]
     counts: tuple[tuple[int, ...], ...]
-    """A line per true task, a column per inferred one."""
+    """A row per true task, a column per inferred one."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConfidenceBin:
-    """Episodes whose choice had about the same probability."""
+    """Episodes in which the chosen task had about the same probability."""
 
     low: float
     high: float
     episodes: int
     confidence: float
-    """Mean probability of the choice."""
+    """Mean probability of the chosen task."""
     accuracy: Rate
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Whether the router is right as often as its probabilities say."""
+    """Agreement of the router's probabilities with its accuracy."""
 
     expected_error: float
-    """Expected calibration error: mean distance of confidence and accuracy over the bins, by episodes."""
+    """Expected calibration error: mean distance of confidence and accuracy over the bins, weighted by episodes."""
     brier: float
     """Brier score: mean over episodes of the sum over tasks of (probability - truth)²; 0 is perfect, 2 the worst."""
     bins: tuple[ConfidenceBin, ...]
@@ -99,7 +99,7 @@ class Latency:
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """Telling tasks that the router knows from those that it does not, by its score for an unknown task."""
+    """Detection of tasks that the router does not know, by its score for an unknown task."""
 
     known: int
     unknown: int
@@ -128,17 +128,16 @@ class Router:
     """None if the scores are no logarithms of probabilities."""
     latency: Latency
     rejected: Rate | None
-    """Known tasks taken for unknown ones, if the router can reject."""
+    """Known tasks that the router rejected, if it can reject."""
     detection: Detection | None
-    """If there are episodes of tasks that the router does not know."""
+    """None without episodes of unknown tasks."""
 
 
 def router_of(frame: pd.DataFrame) -> Router | None:
-    """What rows of one routing policy say about its router, or None if no task was inferred.
+    """Compute the metrics of a router from the rows of its policy; None if no task was inferred.
 
-    Args:
-        frame: Rows with the columns `simulator`, `task`, `inferred_task`, `routing_scores`, `unknown_score`, `rejected`
-            and `routing_s`. A task is unknown to the router if it is none of those scored.
+    The columns are `simulator`, `task`, `inferred_task`, `routing_scores`, `unknown_score`, `rejected` and `routing_s`.
+    A task is unknown to the router if it is not among those scored.
     """
     routed = frame.loc[frame["inferred_task"].notna()]
     if routed.empty:
@@ -148,6 +147,7 @@ def router_of(frame: pd.DataFrame) -> Router | None:
     known = routed.loc[is_known]
     right = known["task"].astype(str) == known["inferred_task"].astype(str)
     kept = [line for line, yes in zip(scores, is_known, strict=True) if yes]
+    latency = routed["routing_s"].astype(float).quantile([0.5, 0.95]).tolist()
     return Router(
         accuracy=Rate.from_counts(int(right.sum()), len(right)),
         simulators=_by(known["simulator"], right),
@@ -155,7 +155,7 @@ def router_of(frame: pd.DataFrame) -> Router | None:
         scene_pairs=_scene_pairs(known, right),
         confusion=_confusion(routed, set().union(*scores)),
         calibration=calibration(kept, known["task"].astype(str).tolist(), known["inferred_task"].astype(str).tolist()),
-        latency=_latency(routed["routing_s"]),
+        latency=Latency(*latency),
         rejected=_rejected(known),
         detection=detection(known, routed.loc[[not yes for yes in is_known]]),
     )
@@ -199,14 +199,9 @@ def _confusion(routed: pd.DataFrame, scored: set[str]) -> Confusion:
 def calibration(
     scores: Sequence[Mapping[str, float]], true: Sequence[str], inferred: Sequence[str]
 ) -> Calibration | None:
-    """Expected calibration error over `BINS` and Brier score of a router.
+    """Expected calibration error over `BINS` and Brier score of a router, from scores by task for each episode.
 
     G. W. Brier, "Verification of forecasts expressed in terms of probability", Monthly Weather Review 78 (1950).
-
-    Args:
-        scores: Per episode: task to score.
-        true: Per episode: the task it is.
-        inferred: Per episode: the task chosen.
 
     Returns:
         None without episodes, or unless the exponentials of every episode's scores add up to 1.
@@ -244,26 +239,15 @@ def _bins(confidence: np.ndarray, right: np.ndarray) -> tuple[ConfidenceBin, ...
     )
 
 
-def _latency(seconds: pd.Series) -> Latency:
-    import numpy as np
-
-    median, p95 = np.quantile(seconds.to_numpy(dtype=float), [0.5, 0.95])
-    return Latency(float(median), float(p95))
-
-
 def _rejected(rows: pd.DataFrame) -> Rate | None:
-    said = rows["rejected"].dropna()
-    return Rate.from_counts(int(said.astype(bool).sum()), len(said)) if len(said) else None
+    rejected = rows["rejected"].dropna()
+    return Rate.from_counts(int(rejected.astype(bool).sum()), len(rejected)) if len(rejected) else None
 
 
 def detection(known: pd.DataFrame, unknown: pd.DataFrame) -> Detection | None:
-    """How well scores separate unknown tasks from known ones, or None if either has no scores.
+    """Compare `unknown_score` and `rejected` in rows of known and unknown tasks; None if either has no scores.
 
     AUROC: J. A. Hanley and B. J. McNeil, Radiology 143 (1982).
-
-    Args:
-        known: Rows of tasks that the router knows, with the columns `unknown_score` and `rejected`.
-        unknown: Rows of other tasks, with the same columns.
     """
     import numpy as np
     from scipy.stats import rankdata

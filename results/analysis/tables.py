@@ -1,4 +1,4 @@
-"""From a run's plan and rows to frozen tables: rates per cell, per simulator and per policy, time, gaps and errors."""
+"""Tables of a run: rates per cell, per simulator and per policy, worker time, missing episodes and errors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.analysis import timing
 from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
-from robogauntlet.results.record import Status
+from robogauntlet.results.record import CELL, Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument
 from robogauntlet.results.statistics.rates import Interval, RateBounds, rate, rate_bounds, wilson_intervals
 from robogauntlet.suites.episode import Condition
@@ -16,17 +16,15 @@ from robogauntlet.suites.episode import Condition
 if TYPE_CHECKING:
     import pandas as pd
 
-KEY = ("policy_digest", "task", "axis", "severity")
-"""What makes rows of one cell. The digest, not the name: a policy that was renamed has kept its episodes."""
 COLUMNS = (
     *("episode_id", "simulator", "task", "policy", "policy_digest", "axis", "severity", "seed"),
     *("status", "success_once", "steps", "error", *timing.COLUMNS, *timing.ANSWER_COLUMNS),
 )
-"""Fields of the record that the tables are made from."""
+"""Fields of the record that the tables need."""
 CATEGORIES = ("simulator", "task", "policy", "policy_digest", "axis", "status", "error", "worker")
-"""Those with few different values, kept as pandas categories."""
+"""Fields with few different values, which are read as pandas categories."""
 EXAMPLES = 3
-"""Episode ids named per error message."""
+"""Number of episode ids per error message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +38,7 @@ class Tally:
     successes: int
     failures: int
     errors: int
-    """Episodes that could not be played. They are in no rate."""
+    """Episodes that could not be played; excluded from rates."""
     missing: int
     """Planned episodes without a row."""
     rate: float | None
@@ -48,7 +46,7 @@ class Tally:
     interval: Interval | None
     """Wilson interval of the rate, 95 %."""
     bounds: RateBounds | None
-    """What the rate can be if errors and missing episodes all fail or all succeed; None if there are none of them."""
+    """The rate if all errors and missing episodes fail, and if all succeed; None without such episodes."""
     success_once: float | None
     """Share of (successes + failures) in which the task's predicate was true after at least one step."""
     mean_steps: float | None
@@ -98,9 +96,9 @@ class Aggregate(_UnderCondition):
     axis: str
     severity: int
     tally: Tally
-    """Pooled: every episode weighs the same. For fixed tasks the Wilson interval is then on the wide, safe side."""
+    """Pooled: episodes have equal weight. For fixed tasks the Wilson interval is then conservative."""
     task_mean: float | None
-    """Mean of the tasks' rates: every task with a rate weighs the same."""
+    """Mean of the tasks' rates: tasks have equal weight."""
     tasks: int
     """Tasks with a rate."""
 
@@ -133,19 +131,19 @@ class ErrorGroup:
 
 @dataclass(frozen=True)
 class Tables:
-    """Everything that a report says in numbers."""
+    """The numbers of a report."""
 
     cells: tuple[CellRow, ...]
-    """In the order of the plan; cells that have rows but are in no plan come last, with 0 planned."""
+    """In the order of the plan; cells with rows that are not in the plan come last, with 0 planned."""
     by_simulator: tuple[Aggregate, ...]
     """Per (policy, simulator, condition)."""
     by_policy: tuple[Aggregate, ...]
-    """Per (policy, condition), over all simulators: a policy's rows together, clean first."""
+    """Per (policy, condition), over all simulators, clean first."""
     total: Tally
     timing: tuple[PhaseTiming, ...]
     """Per simulator with rows."""
     episodes_per_hour: float | None
-    """Of the whole run: rows per hour of its elapsed time."""
+    """Rows per hour of the run's elapsed time."""
     skipped: tuple[tuple[str, str], ...]
     """(simulator, reason) of those that could not run here."""
     not_run: tuple[NotRun, ...]
@@ -172,15 +170,8 @@ class Tables:
 
 
 def build_tables(document: RunDocument, frame: pd.DataFrame) -> Tables:
-    """The tables of a run.
-
-    Args:
-        document: Says what was planned.
-        frame: Its rows, with the columns `COLUMNS`.
-    """
-    sums = _sums(frame)
-    cells = _cells(document, sums)
-    skipped = tuple(document.skipped.items())
+    """Compute the tables of a run from its plan and its rows with the columns `COLUMNS`."""
+    cells = _cells(document, _sums(frame))
     return Tables(
         cells=tuple(_cell_rows(cells)),
         by_simulator=tuple(_aggregates(cells, ["policy", "simulator", "axis", "severity"])),
@@ -188,7 +179,7 @@ def build_tables(document: RunDocument, frame: pd.DataFrame) -> Tables:
         total=_tallies(cells.assign(all=0).groupby("all")[_COUNTS].sum())[0] if len(cells) else _EMPTY,
         timing=timing.phase_timing(frame),
         episodes_per_hour=3600 * len(frame) / document.elapsed_s if document.elapsed_s > 0 else None,
-        skipped=skipped,
+        skipped=tuple(document.skipped.items()),
         not_run=tuple(_not_run(document, cells)),
         errors=_error_groups(frame),
         answers=timing.answer_timing(frame),
@@ -203,7 +194,7 @@ def _sums(frame: pd.DataFrame) -> pd.DataFrame:
     """Per cell key: counts of each status, and sums over the episodes with a verdict."""
     status = frame["status"].astype(str)
     verdict = status.isin([Status.SUCCESS, Status.FAILURE])
-    values = frame[["simulator", "policy", *KEY]].assign(
+    values = frame[["simulator", "policy", *CELL]].assign(
         successes=(status == Status.SUCCESS).astype("int64"),
         failures=(status == Status.FAILURE).astype("int64"),
         errors=(~verdict).astype("int64"),
@@ -211,26 +202,26 @@ def _sums(frame: pd.DataFrame) -> pd.DataFrame:
         steps=frame["steps"].astype("int64").where(verdict, 0),
         seconds=frame["wall_s"].astype(float).where(verdict, 0.0),
     )
-    sums = values.groupby(list(KEY), observed=True, sort=False).agg(
+    sums = values.groupby(list(CELL), observed=True, sort=False).agg(
         **{name: (name, "sum") for name in _COUNTS[2:]}, simulator=("simulator", "first"), policy=("policy", "first")
     )
     return sums.reset_index()
 
 
 def _cells(document: RunDocument, sums: pd.DataFrame) -> pd.DataFrame:
-    """Plan and rows side by side, one line per cell, in the order of the plan."""
+    """Merge plan and counts: one line per cell, in the order of the plan."""
     import pandas as pd
 
     plan = pd.DataFrame([cell.model_dump() for cell in document.plan], columns=list(PlannedCell.model_fields))
     for part in (plan, sums):
-        part[["simulator", "policy", *KEY[:3]]] = part[["simulator", "policy", *KEY[:3]]].astype(object)
+        part[["simulator", "policy", *CELL[:3]]] = part[["simulator", "policy", *CELL[:3]]].astype(object)
         part["severity"] = part["severity"].astype("int64")
-    joined = plan.merge(sums, on=list(KEY), how="outer", suffixes=("", "_row"), sort=False)
+    joined = plan.merge(sums, on=list(CELL), how="outer", suffixes=("", "_row"), sort=False)
     for name in ("policy", "simulator"):
         joined[name] = joined[name].fillna(joined.pop(f"{name}_row"))
     # An outer merge sorts by key; the order of the plan is the order of the suite file.
-    order = {cell: place for place, cell in enumerate(plan[["policy", *KEY]].itertuples(index=False, name=None))}
-    place = [order.get(cell, len(order)) for cell in joined[["policy", *KEY]].itertuples(index=False, name=None)]
+    order = {cell: place for place, cell in enumerate(plan[["policy", *CELL]].itertuples(index=False, name=None))}
+    place = [order.get(cell, len(order)) for cell in joined[["policy", *CELL]].itertuples(index=False, name=None)]
     joined = joined.iloc[sorted(range(len(joined)), key=place.__getitem__)].reset_index(drop=True)
     counts = [name for name in _COUNTS if name not in ("missing", "seconds")]
     joined[counts] = joined[counts].fillna(0).astype("int64")

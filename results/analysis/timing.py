@@ -1,4 +1,4 @@
-"""Where the workers' time went, per simulator."""
+"""Worker time per simulator and phase, and answer times of policies."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PHASES = ("build", "load", "reset", "physics", "render", "inference", "rest", "wait")
-"""In the order in which an episode goes through them; `rest` is what the clock saw and no phase accounts for."""
+"""In the order of an episode; `rest` is its time outside the other phases."""
 COLUMNS = ("worker", "build_s", "load_s", "reset_s", "physics_s", "render_s", "inference_s", "wait_s", "wall_s")
 """Fields of the record that are needed."""
 
 ANSWER_COLUMNS = ("query_p50_s", "query_p95_s", "query_max_s")
-"""Fields of the record from which a policy's answering times are made; rows of older stores have none."""
+"""Fields of the record with a policy's answer times."""
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerTiming:
-    """How long a policy took to answer queries. Queries that were never answered are errors, and not among them."""
+    """Answer times of a policy. Queries without an answer are errors and do not count."""
 
     policy: str
     episodes: int
-    """Rows of which the times are known."""
+    """Number of episodes with answer times."""
     median_s: float
     """Median over the episodes of the episode's median (s)."""
     p95_s: float
     """Median over the episodes of the episode's 95th percentile (s)."""
     longest_s: float
-    """Of all queries (s)."""
+    """Longest time of a query (s)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseTiming:
-    """Time of one simulator's workers, summed over all rows (errors included, for they took time too)."""
+    """Time of one simulator's workers, summed over all rows, including errors."""
 
     simulator: str
     episodes: int
     workers: int
-    """Worker processes that have a row; a recycled worker counts again if its name changed."""
+    """Number of worker processes with a row; a replaced worker counts again if its name changed."""
     build_s: float
     """Importing the simulator and opening tasks (s)."""
     load_s: float
@@ -52,9 +52,9 @@ class PhaseTiming:
     inference_s: float
     """In the policy (s)."""
     rest_s: float
-    """Wall time of the episodes that is in none of reset, physics, render and inference (s)."""
+    """Wall time of the episodes outside reset, physics, render and inference (s)."""
     wait_s: float
-    """Workers with nothing to do (s)."""
+    """Idle time of workers (s)."""
     wall_s: float
     """From the episodes' starts to their ends (s)."""
 
@@ -80,11 +80,7 @@ class PhaseTiming:
 
 
 def phase_timing(frame: pd.DataFrame) -> tuple[PhaseTiming, ...]:
-    """Phase sums per simulator, in the order of the frame.
-
-    Args:
-        frame: Records with the columns `simulator` and `COLUMNS`.
-    """
+    """Sum times per simulator, in the order of the rows, which have the columns `simulator` and `COLUMNS`."""
     if frame.empty:
         return ()
     times = list(COLUMNS[1:])
@@ -106,13 +102,7 @@ def phase_timing(frame: pd.DataFrame) -> tuple[PhaseTiming, ...]:
 
 
 def answer_timing(frame: pd.DataFrame) -> tuple[AnswerTiming, ...]:
-    """Answering times per policy, in the order of the frame; none for policies of which none are known.
-
-    Args:
-        frame: Records with the columns `policy` and, unless they are of an older export, `ANSWER_COLUMNS`.
-    """
-    if frame.empty or not set(ANSWER_COLUMNS) <= set(frame.columns):
-        return ()
+    """Summarise answer times per policy with known times, from rows with the columns `policy` and `ANSWER_COLUMNS`."""
     known = frame[["policy", *ANSWER_COLUMNS]].dropna().astype(dict.fromkeys(ANSWER_COLUMNS, float))
     return tuple(
         AnswerTiming(

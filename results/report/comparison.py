@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import Any
 from xml.etree import ElementTree
 
 from robogauntlet.results.analysis.comparison import Comparison, Line, PolicyComparison, Verdict
@@ -23,13 +22,16 @@ ALL = "all tasks"
 
 
 def headline(comparison: Comparison) -> str:
-    """The verdict, and of what."""
+    """The verdict and the names of the runs."""
     return f"{MARKS[comparison.verdict]}: {comparison.run} against {comparison.baseline}"
 
 
 def reasons(comparison: Comparison) -> list[str]:
-    """Why, a line each: what was found, what it could have found, and what should be known of it."""
-    lines = [f"{name} differs: {words}{_allowed(comparison, name)}" for name, words in comparison.differences.items()]
+    """The reasons of the verdict, a line each, with what the comparison can show."""
+    lines = []
+    for kind, words in comparison.differences.items():
+        remedy = "(allowed)" if kind in comparison.allowed else f"(compare all the same: --allow {kind})"
+        lines.append(f"{kind} differs: {words} {remedy}")
     if not comparison.policies:
         return [*lines, f"expected episodes that {comparison.run} shares with {comparison.baseline}, got none"]
     if comparison.verdict is Verdict.NOT_COMPARABLE:
@@ -44,10 +46,6 @@ def reasons(comparison: Comparison) -> list[str]:
             "and are left out"
         )
     return lines
-
-
-def _allowed(comparison: Comparison, name: Any) -> str:
-    return " (allowed)" if name in comparison.allowed else f" (compare all the same: --allow {name})"
 
 
 def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
@@ -79,7 +77,7 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
 
 
 def _why(processor: str, before: str) -> str:
-    """What may have made the same policy act differently."""
+    """The possible cause of different actions of the same policy."""
     if processor and before and processor != before:
         return f"another processor rounds differently ({before} before, {processor} now), or the program does"
     return "the program or a library acts differently"
@@ -100,15 +98,14 @@ def points(estimate: Estimate | None) -> str:
 
 
 def p_text(p: float) -> str:
-    """A p-value as people read it."""
+    """A p-value: `<0.0001`, `0.0012` or `0.31`."""
     return "<0.0001" if p < 0.0001 else f"{p:.4f}" if p < 0.01 else f"{p:.2f}"
 
 
 def table(one: PolicyComparison, alpha: float) -> TextTable:
-    """A policy's tasks, and all together."""
+    """The tasks of a policy, and all tasks."""
     header = ("task", "pairs", "before", "now", "difference", "lost", "won", "p worse", "p better", "")
-    lines = one.lines if len(one.tasks) > 1 else one.tasks
-    return TextTable(header, tuple(_row(line, alpha) for line in lines), 1)
+    return TextTable(header, tuple(_row(line, alpha) for line in one.lines), 1)
 
 
 def _row(line: Line, alpha: float) -> tuple[str, ...]:
@@ -134,7 +131,7 @@ def as_text(comparison: Comparison) -> str:
 
 
 def as_markdown(comparison: Comparison) -> str:
-    """For a comment on a pull request."""
+    """The result for a comment on a pull request."""
     mark = {Verdict.REGRESSED: "❌", Verdict.NOT_COMPARABLE: "⚠️"}.get(comparison.verdict, "✅")
     parts = [f"### {mark} {escape(headline(comparison))}", ""]
     parts += [f"- {escape(line)}" for line in reasons(comparison)]
@@ -153,7 +150,7 @@ def _method(comparison: Comparison) -> str:
 
 
 def as_json(comparison: Comparison) -> str:
-    """For programs."""
+    """The result for programs."""
     plain = asdict(comparison) | {
         "allowed": sorted(comparison.allowed),
         "headline": headline(comparison),
@@ -163,7 +160,7 @@ def as_json(comparison: Comparison) -> str:
 
 
 def as_junit(comparison: Comparison) -> str:
-    """A test case per policy and task, for whatever shows test results. A case fails where the policy became worse."""
+    """A test case per policy and task in JUnit's format, which fails if the policy became worse."""
     suite = ElementTree.Element("testsuite", name=f"{comparison.run} against {comparison.baseline}")
     failures = 0
     for one in comparison.policies:

@@ -64,20 +64,10 @@ def along_axes(robustness: Robustness, policies: Sequence[str]) -> Figure:
             style = policies.index(found.policy) % len(COLOURS), places.index(found.simulator) % len(DASHES)
             figure.add_trace(_line(found, *style, shown=axis == robustness.axes[0]))
             axes_of_lines.append(axis)
-    buttons = [
-        {
-            "label": axis_heading(axis),
-            "method": "update",
-            "args": [
-                {
-                    "visible": [
-                        _visibility(line, axis == of) for line, of in zip(figure.data, axes_of_lines, strict=True)
-                    ]
-                }
-            ],
-        }
-        for axis in robustness.axes
-    ]
+    buttons = []
+    for axis in robustness.axes:
+        lines = zip(figure.data, axes_of_lines, strict=True)
+        buttons.append(_button(axis_heading(axis), [_visibility(line, axis == of) for line, of in lines]))
     figure.update_xaxes(title="severity", dtick=1)
     figure.update_yaxes(title="success", range=[-0.03, 1.03], tickformat=".0%")
     return _lay_out(figure, buttons, height=560)
@@ -153,14 +143,16 @@ def by_task(tables: Tables, last: Collection[str | None]) -> Figure:
                 visible=policy == policies[0],
             )
         )
-    buttons = [
-        {"label": policy, "method": "update", "args": [{"visible": [own == policy for own in policies]}]}
-        for policy in policies
-    ]
+    buttons = [_button(policy, [own == policy for own in policies]) for policy in policies]
     figure.update_yaxes(autorange="reversed", automargin=True, showgrid=False)
     figure.update_xaxes(automargin=True, showgrid=False, tickangle=0, tickfont={"size": 11})
     figure.update_layout(plot_bgcolor="#dfe3e6")  # where there is no result
     return _lay_out(figure, buttons, height=220 + 19 * len(conditions))  # px
+
+
+def _button(label: str, visible: Sequence[bool | str]) -> dict[str, Any]:
+    """A button of the menu that shows some lines or maps."""
+    return {"label": label, "method": "update", "args": [{"visible": visible}]}
 
 
 def _lay_out(figure: Figure, buttons: list[dict[str, Any]], *, height: int) -> Figure:

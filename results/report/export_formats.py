@@ -1,7 +1,7 @@
-"""A policy's results in the words of other evaluation programs, for their tools to read.
+"""Results of a policy in the file formats of other evaluation programs.
 
-`eval_info.json` is what LeRobot's `lerobot-eval` writes (Apache 2.0); the other is the result file of Allen AI's
-vla-evaluation-harness (`src/vla_eval/results/collector.py`). What they have and we do not is null or left out.
+These are `eval_info.json` of LeRobot's `lerobot-eval` (Apache 2.0) and the result file of Allen AI's
+vla-evaluation-harness (`src/vla_eval/results/collector.py`). Values that are not recorded are null or left out.
 """
 
 from __future__ import annotations
@@ -21,19 +21,11 @@ COLUMNS = (
     *("policy", "simulator", "task", "axis", "severity", "seed", "status", "error"),
     *("reward_sum", "steps", "wall_s"),
 )
-"""Fields of the record that these are made from."""
+"""Fields of the record that are needed."""
 
 
 def of_policy(rows: pd.DataFrame, policy: str | None) -> pd.DataFrame:
-    """The rows of one policy.
-
-    Args:
-        rows: Of a run.
-        policy: Its name; None if the run has only one.
-
-    Raises:
-        RunError: There is no such policy, or there are several and none is named.
-    """
+    """Return the rows of one policy of a run, which has to be named if there are several. Raises RunError."""
     names = list(dict.fromkeys(rows["policy"]))
     if policy is None and len(names) > 1:
         raise RunError(f"expected one policy, the run has {', '.join(names)}; name one with --policy")
@@ -45,31 +37,21 @@ def of_policy(rows: pd.DataFrame, policy: str | None) -> pd.DataFrame:
 def lerobot(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
     """LeRobot's `eval_info.json`: per task, per group (simulator and condition) and overall.
 
-    Episodes that ended in an error are left out: LeRobot has no word for them. Highest rewards are null: not recorded.
-
-    Args:
-        document: The run.
-        rows: Columns `COLUMNS`, of one policy.
+    Episodes with an error are left out, since LeRobot has no word for them. Highest rewards are null: not recorded.
+    `rows` are those of one policy, with the columns `COLUMNS`.
     """
     judged = rows[rows["status"] != str(Status.ERROR)]
-    per_task = []
-    for number, ((task, axis, severity), own) in enumerate(
-        judged.groupby(["task", "axis", "severity"], sort=True, observed=True)
-    ):
-        per_task.append(
-            {
-                "task_group": _group(str(task).partition("/")[0], axis, severity),
-                "task_id": number,
-                "task": task,
-                "metrics": {
-                    "sum_rewards": own["reward_sum"].tolist(),
-                    "max_rewards": [None] * len(own),
-                    "successes": (own["status"] == str(Status.SUCCESS)).tolist(),
-                    "seeds": own["seed"].tolist(),
-                    "video_paths": [],
-                },
-            }
-        )
+    per_task: list[dict[str, Any]] = []
+    for (task, axis, severity), own in judged.groupby(["task", "axis", "severity"], sort=True, observed=True):
+        metrics = {
+            "sum_rewards": own["reward_sum"].tolist(),
+            "max_rewards": [None] * len(own),
+            "successes": (own["status"] == str(Status.SUCCESS)).tolist(),
+            "seeds": own["seed"].tolist(),
+            "video_paths": [],
+        }
+        group = _group(str(task).partition("/")[0], axis, severity)
+        per_task.append({"task_group": group, "task_id": len(per_task), "task": task, "metrics": metrics})
     groups = judged.groupby(["simulator", "axis", "severity"], sort=True, observed=True)
     seconds = float(judged["wall_s"].sum())
     return {
@@ -81,11 +63,9 @@ def lerobot(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def vla_eval(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
-    """The result file of vla-evaluation-harness. An error is an episode with a `failure_reason`, which is in no mean.
+    """The result file of vla-evaluation-harness. Errors have a `failure_reason` and are excluded from means.
 
-    Args:
-        document: The run.
-        rows: Columns `COLUMNS`, of one policy.
+    `rows` are those of one policy, with the columns `COLUMNS`.
     """
     judged = rows[rows["status"] != str(Status.ERROR)]
     tasks = []
@@ -127,14 +107,12 @@ def _mean_success(judged: pd.DataFrame) -> dict[str, float]:
 
 
 def _means(judged: pd.DataFrame) -> dict[str, Any]:
-    some = len(judged) > 0
-    return {
-        "avg_sum_reward": float(judged["reward_sum"].mean()) if some else None,
-        "avg_max_reward": None,
-        "pc_success": 100 * float((judged["status"] == str(Status.SUCCESS)).mean()) if some else None,
-        "n_episodes": len(judged),
-        "video_paths": [],
-    }
+    reward = success = None
+    if len(judged):
+        reward = float(judged["reward_sum"].mean())
+        success = 100 * float((judged["status"] == str(Status.SUCCESS)).mean())
+    counts = {"n_episodes": len(judged), "video_paths": []}
+    return {"avg_sum_reward": reward, "avg_max_reward": None, "pc_success": success, **counts}
 
 
 def _group(name: str, axis: str, severity: int) -> str:
@@ -143,11 +121,6 @@ def _group(name: str, axis: str, severity: int) -> str:
 
 
 def _about(document: RunDocument) -> dict[str, Any]:
-    return {
-        "run_id": document.run_id,
-        "suite": document.suite.name,
-        "suite_hash": document.suite_hash,
-        "rows_hash": document.rows_hash,
-        "git_commit": document.provenance.git_commit,
-        "packages": document.provenance.versions,
-    }
+    software = document.provenance
+    hashes = {"suite_hash": document.suite_hash, "rows_hash": document.rows_hash, "git_commit": software.git_commit}
+    return {"run_id": document.run_id, "suite": document.suite.name, **hashes, "packages": software.versions}

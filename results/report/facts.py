@@ -111,6 +111,7 @@ def verdict(document: RunDocument, tables: Tables) -> str:
 def provenance(document: RunDocument) -> list[tuple[str, str]]:
     """Return suite, policies, software and hardware of the run as (name, value)."""
     software = document.provenance
+    machine = (software.processor, f"{software.cores} cores" if software.cores else "", software.platform)
     dirty = {None: "", True: " with uncommitted changes", False: " (clean)"}[software.git_dirty]
     facts = [
         ("run", document.run_id),
@@ -127,14 +128,7 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
         *((f"{name} workers", str(count)) for name, count in document.workers.items()),
         *([("workers for all simulators", str(document.shared_workers))] if document.shared_workers else []),
         *([("policies", "in separate inference processes, batched")] if document.inference == "served" else []),
-        (
-            "machine",
-            ", ".join(
-                filter(
-                    None, (software.processor, f"{software.cores} cores" if software.cores else "", software.platform)
-                )
-            ),
-        ),
+        ("machine", ", ".join(filter(None, machine))),
         ("Python", software.python),
     ]
     return [(name, value or "unknown") for name, value in facts]
@@ -148,10 +142,8 @@ def gaps(tables: Tables) -> tuple[NotRun, ...]:
 
 def skipped_episodes(tables: Tables) -> dict[str, int]:
     """Return the number of missing episodes by skipped simulator."""
-    return {
-        simulator: sum(gap.missing for gap in tables.not_run if gap.simulator == simulator)
-        for simulator, _ in tables.skipped
-    }
+    names = (simulator for simulator, _ in tables.skipped)
+    return {name: sum(gap.missing for gap in tables.not_run if gap.simulator == name) for name in names}
 
 
 def _moment(seconds: float | None) -> str:

@@ -49,12 +49,9 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
     sentences = []
     if fallen:
         worst = sorted(fallen, key=lambda curve: known_rates(curve.curve)[-1][1].value)
-        along = _listed([_fall(curve) for curve in worst[:MAX_NAMED]])
-        where = (
-            along
-            if len(worst) <= MAX_NAMED
-            else f"{len(worst)} of {len(curves)} axes, to the lowest rates along {along}"
-        )
+        where = _listed([_fall(curve) for curve in worst[:MAX_NAMED]])
+        if len(worst) > MAX_NAMED:
+            where = f"{len(worst)} of {len(curves)} axes, to the lowest rates along {where}"
         sentences.append(f"{policy}: success falls with severity along {where}.")
     rest = [curve for curve in curves if curve not in fallen]
     if rest:
@@ -102,9 +99,8 @@ def _routers(shift: PolicyShift) -> list[str]:
     sentences = []
     for policy in shift.others:
         axes = dict.fromkeys(row.axis for row in shift.routers if row.policy == policy)
-        first = {
-            axis: first_to_fail([r for r in shift.routers if (r.policy, r.axis) == (policy, axis)]) for axis in axes
-        }
+        rows = {axis: [r for r in shift.routers if (r.policy, r.axis) == (policy, axis)] for axis in axes}
+        first = {axis: first_to_fail(rows[axis]) for axis in axes}
         for what in ("router", "policy"):
             names = [axis for axis, failed in first.items() if failed == what]
             if names:

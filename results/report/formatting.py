@@ -1,4 +1,4 @@
-"""Numbers as words, and tables as text: what the terminal, `report.md` and `report.html` have in common."""
+"""Numbers and tables as text, for the terminal, `report.md` and `report.html`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NOTHING = "–"
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """A table of words, for whoever draws it: Markdown here, rich in the terminal."""
+    """A table of texts, which Markdown or the terminal shows."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -27,7 +27,7 @@ class TextTable:
 
 
 def percent(value: float | None) -> str:
-    """0.8236 as `82 %`; a rate near an end is never rounded onto it."""
+    """0.8236 as `82 %`; a rate near 0 or 1 is never rounded to it."""
     if value is None:
         return NOTHING
     if 0 < value < 0.01 or 0.99 < value < 1:
@@ -41,7 +41,7 @@ def span(interval: Interval | None) -> str:
 
 
 def bounds(value: RateBounds | None) -> str:
-    """Bounds of a rate: `80–84 %`, with a digit more where they are close."""
+    """Bounds of a rate: `80–84 %`, with one more digit if they are close."""
     if value is None:
         return NOTHING
     digits = 0 if value.high - value.low >= 0.015 else 1
@@ -69,11 +69,6 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-def rate_text(tally: Tally) -> str:
-    """`82 % [74, 89]`, or why there is none."""
-    return NOTHING if tally.rate is None else f"{percent(tally.rate)} {span(tally.interval)}"
-
-
 def rate(estimate: Estimate | None) -> str:
     """`82 % [74, 89]`."""
     if estimate is None or math.isnan(estimate.value):
@@ -81,8 +76,8 @@ def rate(estimate: Estimate | None) -> str:
     return percent(estimate.value) + (f" {span(estimate.interval)}" if estimate.interval else "")
 
 
-def share(value: Rate | None) -> str:
-    """A rate with its interval, or why there is none."""
+def share(value: Tally | Rate | None) -> str:
+    """`82 % [74, 89]`."""
     return NOTHING if value is None or value.rate is None else f"{percent(value.rate)} {span(value.interval)}"
 
 
@@ -95,7 +90,7 @@ def number(estimate: Estimate | None) -> str:
 
 
 def points(estimate: Estimate | None) -> str:
-    """A difference of rates in percentage points: `+4.0 [-1.2, 9.0]`; a digit more than rates, to tell it from none."""
+    """A difference of rates in percentage points: `+4.0 [-1.2, 9.0]`."""
     if estimate is None:
         return NOTHING
     value, interval = round(100 * estimate.value, 1) + 0.0, estimate.interval
@@ -126,8 +121,8 @@ def summary_table(tables: Tables) -> TextTable:
             (
                 total.policy,
                 *((str(total.condition),) if several else ()),
-                *(NOTHING if row is None else rate_text(row.tally) for row in found),
-                rate_text(total.tally),
+                *(NOTHING if row is None else share(row.tally) for row in found),
+                share(total.tally),
                 percent(total.task_mean),
                 count(total.tally.errors),
             )
@@ -163,18 +158,12 @@ def _task_row(cell: CellRow, several: bool) -> tuple[str, ...]:
 def timing_table(timing: Sequence[PhaseTiming]) -> TextTable:
     """Worker time per simulator and phase."""
     header = ("simulator", "workers", *PHASES, "total", "busy", "episodes per hour of a worker")
-    rows = tuple(
-        (
-            line.simulator,
-            count(line.workers),
-            *(seconds(line.seconds(phase)) for phase in PHASES),
-            seconds(line.total_s),
-            percent(line.busy_share),
-            count(line.episodes_per_worker_hour),
-        )
-        for line in timing
-    )
-    return TextTable(header, rows, 1)
+    rows = []
+    for line in timing:
+        times = (*(line.seconds(phase) for phase in PHASES), line.total_s)
+        shown = (percent(line.busy_share), count(line.episodes_per_worker_hour))
+        rows.append((line.simulator, count(line.workers), *map(seconds, times), *shown))
+    return TextTable(header, tuple(rows), 1)
 
 
 def short_task(task: str) -> str:
@@ -183,14 +172,14 @@ def short_task(task: str) -> str:
 
 
 def markdown(table: TextTable) -> str:
-    """A table in GitHub's Markdown, with whatever names contain made harmless."""
+    """A table in GitHub's Markdown, with its texts escaped."""
     rules = ["---"] * table.labels + ["---:"] * (len(table.header) - table.labels)
     lines = [[escape(cell) for cell in table.header], rules, *([escape(cell) for cell in row] for row in table.rows)]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def escape(text: str) -> str:
-    """Text that Markdown shows as it is, on one line."""
+    """Escape text for Markdown, on one line."""
     text = " ".join(text.split()).replace("\\", "\\\\").replace("&", "&amp;").replace("<", "&lt;")
     for character in "|`*_":
         text = text.replace(character, "\\" + character)

@@ -90,12 +90,12 @@ def plot(results: Sequence[PolicyRunResult], title: str, link: str | None = None
         link: URL of a run's page, with `{run}` for its id; None for no links.
     """
     shown = [result for result in results if result.counts.rate is not None]
-    width, step = WIDTH - LEFT - 12, 1.0
-    if len(shown) > 1:
-        step = width / (len(shown) - 1)
+    width = WIDTH - LEFT - 12
+    places = [i * (width / (len(shown) - 1)) for i in range(len(shown))] if len(shown) > 1 else [width / 2]
+    before = [shown[0].policy_digest, *(result.policy_digest for result in shown)] if shown else []
     points = [
-        _Point(result, LEFT + (i * step if len(shown) > 1 else width / 2), _is_new(shown, i))
-        for i, result in enumerate(shown)
+        _Point(result, LEFT + place, result.policy_digest != digest)
+        for result, place, digest in zip(shown, places, before, strict=False)
     ]
     last = f", last {percent(shown[-1].counts.rate)}" if shown else ""
     parts = [
@@ -139,10 +139,6 @@ def write_plot(path: Path, results: Sequence[PolicyRunResult], title: str) -> No
             "changed. Hover over a point to see its run.</p></body></html>"
         )
     path.write_text(drawn + "\n", encoding="utf-8")
-
-
-def _is_new(results: Sequence[PolicyRunResult], i: int) -> bool:
-    return i > 0 and results[i].policy_digest != results[i - 1].policy_digest
 
 
 def _y(rate: float) -> float:

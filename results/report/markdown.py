@@ -29,11 +29,8 @@ def render_markdown(report: Report) -> str:
         parts.append(escape(document.suite.description))
     if not tables.total.done:
         parts.append("**This run has no results yet.**")
-    parts += [
-        "## Success rates",
-        _define("success", "rate", "interval", "pooled"),
-        markdown(formatting.summary_table(tables)),
-    ]
+    parts += ["## Success rates", _define("success", "rate", "interval", "pooled")]
+    parts.append(markdown(formatting.summary_table(tables)))
     for simulator in tables.simulators:
         parts += [f"### {escape(simulator)}", markdown(formatting.task_table(tables, simulator))]
     parts.append(_define("done", "error", "bounds"))
@@ -59,10 +56,8 @@ def _merging(merging: Merging) -> list[str]:
     for comparison in merging.routed:
         parts += [f"### Losses of {escape(comparison.policy)}", markdown(merging_text.losses_table(comparison))]
         if comparison.router:
-            parts += [
-                "True task and inferred task:",
-                markdown(merging_text.confusion_table(comparison.router.confusion)),
-            ]
+            confusion = merging_text.confusion_table(comparison.router.confusion)
+            parts += ["True task and inferred task:", markdown(confusion)]
         bins = merging_text.calibration_table(comparison)
         parts += ["Accuracy by confidence:", markdown(bins)] if bins else []
     return parts
@@ -73,39 +68,29 @@ def _robustness(robustness: Robustness, findings: Sequence[str]) -> list[str]:
     parts.append(_define("heat map"))
     for found in shift_text.heat_maps(robustness):
         parts += [f"### {escape(found.policy)}: success under all conditions", markdown(shift_text.heat_table(found))]
-    if robustness.summary is not None:
-        parts += [
-            "### All axes together",
-            _define("all axes"),
-            markdown(robustness_text.summary_table(robustness.summary)),
-        ]
-    if robustness.summary is not None and robustness.summary.agreement:
-        parts += ["### Agreement of simulators", _define("agreement")]
-        parts.append(markdown(robustness_text.agreement_table(robustness.summary)))
+    if summary := robustness.summary:
+        parts += ["### All axes together", _define("all axes"), markdown(robustness_text.summary_table(summary))]
+        if summary.agreement:
+            agreement = markdown(robustness_text.agreement_table(summary))
+            parts += ["### Agreement of simulators", _define("agreement"), agreement]
     if robustness.policy_shift is not None:
         parts += _shift(robustness.policy_shift)
     parts.append(_define(*facts.ROBUSTNESS_TERMS))
     parts += [escape(subtracted)] if (subtracted := shift_text.no_skill_sentence(robustness)) else []
     for axis in robustness.axes:
         parts.append(f"### {escape(robustness_text.axis_heading(axis))}")
-        curves = robustness_text.axis_curves(robustness, axis)
-        parts.append(
-            markdown(robustness_text.curves_table(robustness, axis))
-            if curves
-            else "No results with a clean condition to compare."
-        )
+        if robustness_text.axis_curves(robustness, axis):
+            parts.append(markdown(robustness_text.curves_table(robustness, axis)))
+        else:
+            parts.append("No results with a clean condition to compare.")
     if robustness.controls:
         parts += ["### Controls", _define("control"), markdown(robustness_text.controls_table(robustness))]
     parts += ["### Repeated episodes", escape(shift_text.repeats_sentence(robustness))]
     parts += ["### Oracle gate", escape(robustness_text.oracle_gate_sentence(robustness))]
     if robustness.gate_rows:
         parts += [_define("oracle gate"), markdown(robustness_text.gate_table(robustness))]
-    parts += [
-        "### Delivered perturbations",
-        escape(robustness_text.start_states_sentence(robustness)),
-        _define("delivered"),
-    ]
-    parts.append(markdown(robustness_text.delivered_table(robustness)))
+    parts += ["### Delivered perturbations", escape(robustness_text.start_states_sentence(robustness))]
+    parts += [_define("delivered"), markdown(robustness_text.delivered_table(robustness))]
     if robustness.unsupported:
         parts += ["### Unsupported", markdown(robustness_text.unsupported_table(robustness))]
     return parts
@@ -128,12 +113,11 @@ def _not_run(tables: Tables) -> list[str]:
     for simulator, reason in tables.skipped:
         number = formatting.counted(episodes[simulator], "episode")
         parts.append(f"- {escape(simulator)} was skipped ({number}): {escape(reason)}")
-    rows = tuple(
-        (g.task, g.policy, str(g.condition), g.reason, formatting.count(g.missing)) for g in facts.gaps(tables)
-    )
-    return (
-        [*parts, markdown(TextTable(("task", "policy", "condition", "reason", "missing"), rows, 4))] if rows else parts
-    )
+    gaps = facts.gaps(tables)
+    rows = tuple((g.task, g.policy, str(g.condition), g.reason, formatting.count(g.missing)) for g in gaps)
+    if rows:
+        parts.append(markdown(TextTable(("task", "policy", "condition", "reason", "missing"), rows, 4)))
+    return parts
 
 
 def _errors(tables: Tables) -> list[str]:

@@ -80,13 +80,10 @@ class Media:
 
 
 def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budget: int = VIDEO_BUDGET) -> Media:
-    """Collect images and videos of a run.
+    """Collect the images and videos in a run folder.
 
-    Args:
-        folder: The run folder.
-        document: The run.
-        frame: Rows with the columns `episode_id`, `policy_digest`, `task`, `axis`, `severity`, `seed` and `status`.
-        budget: Bytes to embed. Beyond it, representative videos have priority, then smaller files.
+    Rows need the columns `episode_id`, `policy_digest`, `task`, `axis`, `severity`, `seed` and `status`. If the videos
+    exceed `budget` bytes, representative videos have priority, then smaller files.
     """
     names = {cell.policy_digest: cell.policy for cell in document.plan}
     files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if path.is_file()}
@@ -104,13 +101,9 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
         found = [_video(row, names, files) for row in chosen.itertuples(index=False)]
         return [video for video in found if video.size]
 
-    representative, left = _embed(videos(_representative(recorded)), budget)
+    representative, left = _embed(videos(recorded.drop_duplicates(["policy_digest", "task", "status"])), budget)
     new_failures, _ = _embed(videos(_new_failures(recorded, frame, excluded)), left)
     return Media(representative, new_failures, _strips(folder, document))
-
-
-def _representative(recorded: pd.DataFrame) -> pd.DataFrame:
-    return recorded.drop_duplicates(["policy_digest", "task", "status"])
 
 
 def _new_failures(recorded: pd.DataFrame, frame: pd.DataFrame, excluded: Collection[str]) -> pd.DataFrame:
@@ -184,16 +177,13 @@ def _embed(videos: Sequence[Video], budget: int) -> tuple[tuple[Video, ...], int
             break
         budget -= video.size
         fitting.add(video.episode_id)
-    return tuple(_embedded(video) if video.episode_id in fitting else video for video in videos), budget
-
-
-def _embedded(video: Video) -> Video:
-    frame = last_frame(video.path)
-    return replace(
-        video,
-        source=_data_uri("video/mp4", video.path.read_bytes()),
-        poster=None if frame is None else _still(frame),
-    )
+    embedded = []
+    for video in videos:
+        if video.episode_id in fitting:
+            frame, source = last_frame(video.path), _data_uri("video/mp4", video.path.read_bytes())
+            video = replace(video, source=source, poster=None if frame is None else _still(frame))
+        embedded.append(video)
+    return tuple(embedded), budget
 
 
 def last_frame(path: Path) -> bytes | None:

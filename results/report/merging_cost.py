@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from robogauntlet.results.analysis.merging_cost import Losses, Merging, MergingRow, RoutedComparison
 from robogauntlet.results.analysis.routing import Confusion, Rate
 from robogauntlet.results.report import formatting
@@ -72,41 +70,35 @@ def left_out(losses: Losses) -> str:
 
 def router_table(merging: Merging) -> TextTable:
     """Accuracy of each router, also on tasks that share a scene, with calibration, latency, regret and rejection."""
-    found = [comparison for comparison in merging.routed if comparison.router is not None]
-    pairs = dict.fromkeys(pair.tasks for c in found if c.router for pair in c.router.scene_pairs)
-    simulators = dict.fromkeys(name for c in found if c.router for name, _ in c.router.simulators)
-    header = ("", *(comparison.policy for comparison in found))
-    lines: list[tuple[str, ...]] = [("accuracy", *(share(c.router.accuracy) for c in found if c.router))]
+    found = [(c.policy, c.router, c.regret) for c in merging.routed if c.router is not None]
+    routers = [router for _, router, _ in found]
+    calibrations = [router.calibration for router in routers]
+    detections = [router.detection for router in routers]
+    lines: list[tuple[str, ...]] = [("accuracy", *(share(router.accuracy) for router in routers))]
     lines += [
-        (f"accuracy in {name}", *(share(dict(c.router.simulators).get(name)) for c in found if c.router))
-        for name in simulators
+        (f"accuracy in {name}", *(share(dict(router.simulators).get(name)) for router in routers))
+        for name in dict.fromkeys(name for router in routers for name, _ in router.simulators)
     ]
-    for tasks in pairs:
+    for tasks in dict.fromkeys(pair.tasks for router in routers for pair in router.scene_pairs):
         names = " and ".join(map(formatting.short_task, tasks))
-        by_pair = [{p.tasks: p for p in c.router.scene_pairs}.get(tasks) for c in found if c.router]
+        by_pair = [{pair.tasks: pair for pair in router.scene_pairs}.get(tasks) for router in routers]
         lines.append((f"accuracy, {names}", *(share(pair.accuracy) if pair else NOTHING for pair in by_pair)))
         taken = (formatting.count(pair.mistaken) if pair else NOTHING for pair in by_pair)
         lines.append(("confused with each other", *taken))
-    lines += _qualities(found)
-    return TextTable(header, tuple(line for line in lines if set(line[1:]) != {NOTHING}), 1)
-
-
-def _qualities(found: Sequence[RoutedComparison]) -> list[tuple[str, ...]]:
-    routers = [c.router for c in found if c.router]
-    calibrations = [router.calibration for router in routers]
-    detections = [router.detection for router in routers]
-    return [
+    lines += [
         ("calibration error", *(NOTHING if c is None else f"{c.expected_error:.3f}" for c in calibrations)),
         ("Brier score", *(NOTHING if c is None else f"{c.brier:.3f}" for c in calibrations)),
         ("latency, median", *(formatting.seconds(router.latency.median_s) for router in routers)),
         ("latency, 95th percentile", *(formatting.seconds(router.latency.p95_s) for router in routers)),
-        ("misrouted pairs", *(formatting.count(c.regret.misrouted) for c in found)),
-        ("regret on them", *(points(c.regret.lost) for c in found)),
+        ("misrouted pairs", *(formatting.count(regret.misrouted) for _, _, regret in found)),
+        ("regret on them", *(points(regret.lost) for _, _, regret in found)),
         ("known tasks rejected", *(share(router.rejected) for router in routers)),
         ("unknown tasks rejected", *(share(d.rejected) if d else NOTHING for d in detections)),
         ("unknown tasks, AUROC", *(f"{d.auroc:.3f}" if d else NOTHING for d in detections)),
         ("unknown tasks, FPR at 95 %", *(formatting.percent(d.false_positives) if d else NOTHING for d in detections)),
     ]
+    shown = tuple(line for line in lines if set(line[1:]) != {NOTHING})
+    return TextTable(("", *(policy for policy, _, _ in found)), shown, 1)
 
 
 def confusion_table(confusion: Confusion) -> TextTable:

@@ -60,23 +60,15 @@ class Card:
 
 
 def render_page(folder: Path, report: Report, media: Media) -> str:
-    """Return the page as HTML.
-
-    Args:
-        folder: The run folder; commands that replay an episode name it.
-        report: The contents.
-        media: Videos and images.
-    """
+    """Return the page as HTML; its commands that replay an episode name the run folder."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+    loader = FileSystemLoader(FOLDER)
     environment = Environment(
-        loader=FileSystemLoader(FOLDER),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     document, tables = report.document, report.tables
+    shown = _shown(tables)
     series = {policy: place % SERIES for place, policy in enumerate(tables.policies)}
     return environment.get_template("report.html.jinja").render(
         document=document,
@@ -90,13 +82,11 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
         skipped_episodes=facts.skipped_episodes(tables),
         error_groups=tables.errors[:ERROR_GROUPS],
         series=series,
-        matrix=[row for row in _matrix(tables) if report.robustness is None or row.total.condition == _shown(tables)],
+        matrix=[row for row in _matrix(tables) if report.robustness is None or row.total.condition == shown],
         several=len(tables.conditions) > 1,
-        shown=_shown(tables),
+        shown=shown,
         forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},
-        simulators_with_results={
-            cell.simulator for cell in tables.cells if cell.tally.verdicts and cell.condition == _shown(tables)
-        },
+        simulators_with_results={c.simulator for c in tables.cells if c.tally.verdicts and c.condition == shown},
         cards=_cards(folder, document, tables, media.representative),
         media=media,
         phases=PHASES,
@@ -121,16 +111,12 @@ def _shown(tables: Tables) -> Condition:
 
 
 def _matrix(tables: Tables) -> list[MatrixRow]:
-    return [
-        MatrixRow(
-            total,
-            tuple(
-                formatting.aggregate_of(tables, total.policy, simulator, total.axis, total.severity)
-                for simulator in tables.simulators
-            ),
-        )
-        for total in tables.by_policy
-    ]
+    rows = []
+    for total in tables.by_policy:
+        key = total.axis, total.severity
+        by_simulator = (formatting.aggregate_of(tables, total.policy, name, *key) for name in tables.simulators)
+        rows.append(MatrixRow(total, tuple(by_simulator)))
+    return rows
 
 
 def _forest(tables: Tables, simulator: str) -> list[ForestTask]:

@@ -1,4 +1,4 @@
-"""`episodes.parquet`: every row with every field, each column carrying its sentence. Written and read in pieces."""
+"""`episodes.parquet`: all rows with all fields, and a description of each column."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robogauntlet.results.analysis.tables import CATEGORIES, COLUMNS
-from robogauntlet.results.record import FIELDS, describe_fields
+from robogauntlet.results.record import describe_fields
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.store.episode_store import Store
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 BATCH = 10_000
-"""Rows in memory at a time, and in a row group."""
+"""Rows in memory at a time, and per row group."""
 
 
 def schema(document: RunDocument) -> pa.Schema:
-    """Columns of the file: the fields of `EpisodeResult` in order, each with its sentence as `description`."""
+    """Return the columns of the file: the fields of `EpisodeResult`, each with its `description`."""
     import pyarrow as pa
 
     types = {str: pa.string(), int: pa.int64(), float: pa.float64(), bool: pa.bool_()}
@@ -33,12 +33,7 @@ def schema(document: RunDocument) -> pa.Schema:
 
 
 def write_parquet(path: Path, document: RunDocument, store: Store) -> None:
-    """Write all rows of a store.
-
-    Raises:
-        StoreError: The store cannot be read.
-        OSError: The file cannot be written.
-    """
+    """Write all rows of a store. Raises StoreError or OSError."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -51,11 +46,9 @@ def write_parquet(path: Path, document: RunDocument, store: Store) -> None:
 
 
 def read_frame(path: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
-    """Columns of an `episodes.parquet`, texts with few values as categories; an older file may lack some."""
+    """Read columns of an `episodes.parquet`, texts with few values as categories."""
     import pyarrow.parquet as pq
 
-    assert set(columns) <= set(FIELDS)
-    there = set(pq.read_schema(path).names)
     categories = [name for name in CATEGORIES if name in columns]
-    table = pq.read_table(path, columns=[name for name in columns if name in there], read_dictionary=categories)
+    table = pq.read_table(path, columns=list(columns), read_dictionary=categories)
     return table.to_pandas(split_blocks=True, self_destruct=True)

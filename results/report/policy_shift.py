@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from robogauntlet.results.analysis.policy_shift import Interaction, LossRow, PolicyShift, RouterRow, first_to_fail
+from robogauntlet.results.analysis.policy_shift import Interaction, LossRow, PolicyShift, first_to_fail
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, rate, share
@@ -53,12 +52,7 @@ def heat_maps(robustness: Robustness) -> tuple[HeatMap, ...]:
 
 
 def heat_map_groups(robustness: Robustness, *, no_skill_baselines: bool) -> tuple[tuple[HeatMap, ...], ...]:
-    """Group heat maps with equal rows, so that a group can be drawn as one table.
-
-    Args:
-        robustness: The results of the run.
-        no_skill_baselines: Whether to return the maps of the no-skill baselines or those of the other policies.
-    """
+    """Group the heat maps of no-skill baselines, or of other policies, by equal rows: a group is one table."""
     groups: dict[tuple[tuple[str, int], ...], list[HeatMap]] = {}
     for found in heat_maps(robustness):
         if (found.policy in robustness.no_skill_baselines) is no_skill_baselines:
@@ -94,13 +88,10 @@ def condition_text(axis: str, severity: int) -> str:
 
 def heat_table(found: HeatMap) -> TextTable:
     """A heat map as a table of rate, interval and number of episodes."""
-    lines = [
-        (
-            condition_text(row.axis, row.severity),
-            *(f"{rate(c.rate)}, {c.episodes}" if c else NOTHING for c in row.cells),
-        )
-        for row in found.rows
-    ]
+    lines = []
+    for row in found.rows:
+        cells = (f"{rate(cell.rate)}, {cell.episodes}" if cell else NOTHING for cell in row.cells)
+        lines.append((condition_text(row.axis, row.severity), *cells))
     return TextTable(("condition", *found.columns), tuple(lines), 1)
 
 
@@ -111,15 +102,9 @@ def loss_table(shift: PolicyShift) -> TextTable:
 
 
 def _loss_line(row: LossRow) -> tuple[str, ...]:
-    return (
-        *(
-            row.policy,
-            condition_text(row.axis, row.severity),
-            formatting.percent(row.baseline),
-            formatting.percent(row.rate),
-        ),
-        *(points(row.loss), p_value(row.p), p_value(row.adjusted), e_value(row.evidence), formatting.count(row.pairs)),
-    )
+    rates = (formatting.percent(row.baseline), formatting.percent(row.rate), points(row.loss))
+    tests = (p_value(row.p), p_value(row.adjusted), e_value(row.evidence), formatting.count(row.pairs))
+    return (row.policy, condition_text(row.axis, row.severity), *rates, *tests)
 
 
 def e_value(value: float) -> str:
@@ -173,21 +158,15 @@ def plot_position(value: float) -> float:
 def router_table(shift: PolicyShift) -> TextTable:
     """Router accuracy and success at every level, and whether router or policy failed first."""
     lines = []
-    for rows in _axes_of(shift):
+    for _, group in groupby(shift.routers, key=lambda row: (row.policy, row.axis)):
+        rows = list(group)
         first = first_to_fail(rows) or "not shown"
         for number, row in enumerate(rows):
-            lines.append(
-                (
-                    *(row.policy, condition_text(row.axis, row.severity) if row.severity else f"clean ({row.axis})"),
-                    *(share(row.right), share(row.success), share(row.misrouted), "" if number else first),
-                )
-            )
+            condition = condition_text(row.axis, row.severity) if row.severity else f"clean ({row.axis})"
+            rates = map(share, (row.right, row.success, row.misrouted))
+            lines.append((row.policy, condition, *rates, "" if number else first))
     header = ("policy", "condition", "router accuracy", "success", "success if misrouted", "failed first")
     return TextTable(header, tuple(lines), 2)
-
-
-def _axes_of(shift: PolicyShift) -> list[Sequence[RouterRow]]:
-    return [list(rows) for _, rows in groupby(shift.routers, key=lambda row: (row.policy, row.axis))]
 
 
 def repeats_sentence(robustness: Robustness) -> str:

@@ -140,17 +140,12 @@ def unsupported_table(robustness: Robustness) -> TextTable:
 
 def gate_table(robustness: Robustness) -> TextTable:
     """Conditions in which the oracle gate did not solve every seed."""
-    lines = tuple(
-        (
-            row.task,
-            "clean" if not row.severity else f"{row.axis}@{row.severity}",
-            formatting.count(row.seeds),
-            formatting.count(row.seeds - row.passed),
-            "level left out" if row.capped else "seeds left out",
-        )
-        for row in robustness.gate_rows
-    )
-    return TextTable(("task", "condition", "seeds", "not solved", "consequence"), lines, 2)
+    lines = []
+    for row in robustness.gate_rows:
+        condition = "clean" if not row.severity else f"{row.axis}@{row.severity}"
+        counts = formatting.count(row.seeds), formatting.count(row.seeds - row.passed)
+        lines.append((row.task, condition, *counts, "level left out" if row.capped else "seeds left out"))
+    return TextTable(("task", "condition", "seeds", "not solved", "consequence"), tuple(lines), 2)
 
 
 def oracle_gate_sentence(robustness: Robustness) -> str:
@@ -159,9 +154,8 @@ def oracle_gate_sentence(robustness: Robustness) -> str:
         return "There is no oracle gate: it was not tested whether the perturbed episodes can be solved."
     if not robustness.gate_rows:
         return f"The oracle gate {robustness.oracle_gate} solved every seed under every condition."
-    return (
-        f"Seeds that the oracle gate {robustness.oracle_gate} did not solve are left out for all policies and levels."
-    )
+    gate = robustness.oracle_gate
+    return f"Seeds that the oracle gate {gate} did not solve are left out for all policies and levels."
 
 
 def summary_table(summary: RobustnessSummary) -> TextTable:
@@ -172,15 +166,9 @@ def summary_table(summary: RobustnessSummary) -> TextTable:
 
 def _summary_line(row: SummaryRow) -> tuple[str, ...]:
     worst = row.worst
-    return (
-        row.policy,
-        row.simulator or "all",
-        *(rate(estimate) for estimate in (row.mean, row.middle, row.tail)),
-        worst.axis,
-        rate(worst.rate),
-        formatting.percent(worst.certainty),
-        formatting.count(row.conditions),
-    )
+    worst_cells = (worst.axis, rate(worst.rate), formatting.percent(worst.certainty))
+    means = map(rate, (row.mean, row.middle, row.tail))
+    return (row.policy, row.simulator or "all", *means, *worst_cells, formatting.count(row.conditions))
 
 
 def agreement_table(summary: RobustnessSummary) -> TextTable:

@@ -22,6 +22,11 @@ from robogauntlet.suites.axes import AXES
 SUMMARY_FORMAT = 1
 ERROR_GROUPS = 50
 """Maximum number of error messages that are listed."""
+COPIED = (
+    *("run_id", "suite_hash", "rows_hash", "status", "reason", "started_at", "finished_at", "elapsed_s"),
+    *("render_devices", "workers", "shared_workers", "provenance"),
+)
+"""Fields that the summary has from the run document."""
 CSV_HEADER = (
     *("simulator", "task", "policy", "policy_digest", "axis", "severity", "level", "unit"),
     *("planned", "done", "successes", "failures", "errors", "missing", "rate", "low", "high"),
@@ -132,15 +137,8 @@ def build_summary(report: Report) -> Summary:
     """Return the summary of a report."""
     document, tables = report.document, report.tables
     return Summary(
-        run_id=document.run_id,
+        **{name: getattr(document, name) for name in COPIED},
         suite_name=document.suite.name,
-        suite_hash=document.suite_hash,
-        rows_hash=document.rows_hash,
-        status=document.status,
-        reason=document.reason,
-        started_at=document.started_at,
-        finished_at=document.finished_at,
-        elapsed_s=document.elapsed_s,
         total=tables.total,
         episodes_per_hour=tables.episodes_per_hour,
         policies=tables.by_policy,
@@ -152,11 +150,7 @@ def build_summary(report: Report) -> Summary:
         not_run=tables.not_run,
         errors=tables.errors[:ERROR_GROUPS],
         error_messages=len(tables.errors),
-        render_devices=document.render_devices,
-        workers=document.workers,
-        shared_workers=document.shared_workers,
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
-        provenance=document.provenance,
         merging=report.merging,
         robustness=report.robustness,
         findings=report.findings,

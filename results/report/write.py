@@ -6,8 +6,7 @@ from contextlib import closing
 from pathlib import Path
 
 from robogauntlet.results.analysis import merging_cost, robustness
-from robogauntlet.results.analysis.merging_cost import Merging, build_merging
-from robogauntlet.results.analysis.robustness import Robustness
+from robogauntlet.results.analysis.merging_cost import build_merging
 from robogauntlet.results.analysis.tables import build_tables
 from robogauntlet.results.report.explore import render_explorer
 from robogauntlet.results.report.markdown import render_markdown
@@ -15,7 +14,7 @@ from robogauntlet.results.report.media import VIDEO_BUDGET, collect_media
 from robogauntlet.results.report.page import render_page
 from robogauntlet.results.report.parquet import read_frame, write_parquet
 from robogauntlet.results.report.summary import Report, ReportPaths, build_summary, render_csv
-from robogauntlet.results.run_document import RunDocument, read_run
+from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.support.files import replacing, write_whole
 
@@ -23,16 +22,16 @@ from robogauntlet.support.files import replacing, write_whole
 def write_report(folder: Path, *, store_url: str | None = None, video_budget: int = VIDEO_BUDGET) -> Report:
     """Write the report of a run, complete or not, into its folder.
 
-    Rows are read from the store once, into `episodes.parquet`; everything else is made from that file, so that the
-    files of a report agree even while the run goes on. Each is replaced as a whole or left as it was.
+    Rows are read from the store once, into `episodes.parquet`; all other files use that file, so that they agree even
+    while the run continues. Each file is replaced atomically.
 
     Args:
         folder: The run folder.
-        store_url: URL of the store, where it is not the file in the folder.
-        video_budget: Bytes of video that are put into the page; the others are named there.
+        store_url: URL of the store, if it is not the file in the folder.
+        video_budget: Bytes of video in the page; other videos are named there.
 
     Raises:
-        RunError: The folder is no run, or its rows are in a database whose URL was not given.
+        RunError: The folder is no run folder, or its rows are in a database whose URL was not given.
         StoreError: The store cannot be read.
         OSError: A file cannot be written.
     """
@@ -45,13 +44,12 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
     tables = build_tables(document, frame)
     media = collect_media(folder, document, frame, video_budget)
     del frame
-    report = Report(
-        paths=paths,
-        document=document,
-        tables=tables,
-        merging=_merging(document, paths.episodes),
-        robustness=_robustness(document, paths.episodes),
-    )
+    merging = perturbed = None
+    if document.suite.merging is not None:
+        merging = build_merging(document, read_frame(paths.episodes, merging_cost.COLUMNS))
+    if robustness.is_perturbed(document):
+        perturbed = robustness.build_robustness(document, read_frame(paths.episodes, robustness.COLUMNS))
+    report = Report(paths, document, tables, merging, perturbed)
     write_whole(paths.summary, build_summary(report).model_dump_json(indent=1) + "\n")
     write_whole(paths.cells, render_csv(tables))
     write_whole(paths.markdown, render_markdown(report))
@@ -59,15 +57,3 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
         write_whole(paths.explorer, render_explorer(document, tables, report.robustness))
     write_whole(paths.html, render_page(folder, report, media))
     return report
-
-
-def _merging(document: RunDocument, episodes: Path) -> Merging | None:
-    return (
-        None if document.suite.merging is None else build_merging(document, read_frame(episodes, merging_cost.COLUMNS))
-    )
-
-
-def _robustness(document: RunDocument, episodes: Path) -> Robustness | None:
-    if not robustness.is_perturbed(document):
-        return None
-    return robustness.build_robustness(document, read_frame(episodes, robustness.COLUMNS))

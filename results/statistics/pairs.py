@@ -1,4 +1,4 @@
-"""Two sides on the same trials: their difference, their ratio, and tests of it."""
+"""Two sides on the same trials: difference, ratio and tests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_intervals
+from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval, wilson_intervals
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,11 +23,6 @@ class Pairs:
     first_only: int
     second_only: int
     neither: int
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a negative count."""
-        if min(self.both, self.first_only, self.second_only, self.neither) < 0:
-            raise ValueError(f"expected counts, got {self}")
 
     @classmethod
     def from_outcomes(cls, first: NDArray[np.floating], second: NDArray[np.floating]) -> Pairs:
@@ -65,13 +60,8 @@ def pooled(strata: Iterable[Pairs]) -> Pairs:
     McNemar's test of them is the conditional test stratified by them: a pair is compared with itself, so differences
     between strata cancel (D. G. Clayton and M. Hills, "Statistical Models in Epidemiology" (1993), chapter 19).
     """
-    found = tuple(strata)
-    return Pairs(
-        sum(pairs.both for pairs in found),
-        sum(pairs.first_only for pairs in found),
-        sum(pairs.second_only for pairs in found),
-        sum(pairs.neither for pairs in found),
-    )
+    counts = [(pairs.both, pairs.first_only, pairs.second_only, pairs.neither) for pairs in strata]
+    return Pairs(*map(sum, zip(*counts, strict=True))) if counts else Pairs(0, 0, 0, 0)
 
 
 def mcnemar(pairs: Pairs) -> float:
@@ -98,10 +88,10 @@ def mcnemar_worse(pairs: Pairs) -> float:
 
 
 def can_reject(pairs: Pairs, alpha: float) -> bool:
-    """Whether so many pairs disagree that `mcnemar_worse` could come to alpha at all, were they all of one kind.
+    """Whether `mcnemar_worse` could reach alpha if all pairs that disagree were of one kind.
 
-    Tests that could not may be left out of a family before its p-values are adjusted: how many pairs disagree says
-    nothing about the direction, which is what is tested (R. E. Tarone, Biometrics 46 (1990) 515-522).
+    Other tests may be left out of a family before its p-values are adjusted: the number of pairs that disagree is
+    independent of the direction, which is tested (R. E. Tarone, Biometrics 46 (1990) 515-522).
     """
     disagree = pairs.first_only + pairs.second_only
     return disagree > 0 and disagree * math.log(0.5) <= math.log(alpha)
@@ -110,8 +100,8 @@ def can_reject(pairs: Pairs, alpha: float) -> bool:
 POWER = 0.8
 
 
-def detectable_drop(pairs: Pairs, alpha: float, power: float = POWER) -> float | None:
-    """The smallest drop of the rate that so many pairs would show, with so many of them disagreeing.
+def detectable_drop(pairs: Pairs, alpha: float) -> float | None:
+    """The smallest drop of the rate that this number of pairs shows with `POWER`, at their share of disagreement.
 
     From R. J. Connor, "Sample size for testing differences in proportions for the paired-sample design", Biometrics 43
     (1987) 207-211: with psi the share of pairs that disagree, a one-sided test finds a drop d with this power in
@@ -121,7 +111,7 @@ def detectable_drop(pairs: Pairs, alpha: float, power: float = POWER) -> float |
     pairs; solved for d. A drop of d needs at least a share d of pairs that disagree, so psi is taken as no less.
 
     Returns:
-        The drop, between 0 and 1, or None where even a drop from 1 to 0 would not be shown.
+        The drop, between 0 and 1, or None if even a drop from 1 to 0 would not be shown.
     """
     from scipy.optimize import brentq
     from scipy.stats import norm
@@ -129,7 +119,7 @@ def detectable_drop(pairs: Pairs, alpha: float, power: float = POWER) -> float |
     if not pairs.trials:
         return None
     share = (pairs.first_only + pairs.second_only) / pairs.trials
-    z_alpha, z_power = norm.isf(alpha), norm.ppf(power)
+    z_alpha, z_power = norm.isf(alpha), norm.ppf(POWER)
 
     def lacking(drop: float) -> float:
         psi = max(share, drop)
@@ -166,10 +156,6 @@ def paired_difference(pairs: Pairs, confidence: float = CONFIDENCE) -> Estimate 
 
     where a positive phi is corrected for continuity. Over several fixed tasks together it is on the wide, safe side.
 
-    Args:
-        pairs: The outcomes.
-        confidence: Between 0 and 1, exclusive.
-
     Returns:
         Difference and interval, or None without trials.
 
@@ -200,34 +186,27 @@ def _combined(a: float, b: float, phi: float) -> float:
     return math.sqrt(max(a * a - 2 * phi * a * b + b * b, 0.0))
 
 
-def paired_ratio(
-    strata: Sequence[Pairs], generator: np.random.Generator, confidence: float = CONFIDENCE, draws: int = 4000
-) -> Estimate | None:
-    """Successes of the first side per success of the second on the same trials, with a bootstrap interval.
+def paired_ratio(strata: Sequence[Pairs], generator: np.random.Generator, draws: int = 4000) -> Estimate | None:
+    """Successes of the first side per success of the second on the same trials, with a bootstrap interval (95 %).
 
-    Pairs are drawn anew within each stratum, and the interval is that of percentiles: B. Efron and R. J. Tibshirani,
+    Pairs are drawn within each stratum, and the interval is that of percentiles: B. Efron and R. J. Tibshirani,
     "An Introduction to the Bootstrap" (1993), chapters 8 and 13.
 
     Args:
         strata: One per task, since tasks are fixed and pairs are not exchanged between them.
-        generator: Draws; the same state gives the same interval.
-        confidence: Between 0 and 1, exclusive.
-        draws: Data sets drawn.
+        generator: The same state gives the same interval.
+        draws: Number of bootstrap samples.
 
     Returns:
-        The ratio, or None if the second side never succeeds. It has no interval where all pairs agree, for then drawing
-        them anew shows no spread, however few they are; nor where some data set drawn has no success of the second.
-
-    Raises:
-        ValueError: The confidence is outside (0, 1).
+        The ratio, or None if the second side never succeeds. It has no interval if all pairs agree, since the samples
+        then show no spread, however few pairs there are; nor if a sample has no success of the second side.
     """
     import numpy as np
 
-    check_confidence(confidence)
-    first, second = sum(pairs.first for pairs in strata), sum(pairs.second for pairs in strata)
-    if not second:
+    total = pooled(strata)
+    if not total.second:
         return None
-    if not any(pairs.first_only or pairs.second_only for pairs in strata):
+    if not (total.first_only or total.second_only):
         return Estimate(1.0, None)
     tops, bottoms = np.zeros(draws), np.zeros(draws)
     for pairs in strata:
@@ -237,6 +216,6 @@ def paired_ratio(
             tops += drawn[:, 0] + drawn[:, 1]
             bottoms += drawn[:, 0] + drawn[:, 2]
     if not bottoms.all():
-        return Estimate(first / second, None)
-    low, high = np.quantile(tops / bottoms, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return Estimate(first / second, Interval(float(low), float(high)))
+        return Estimate(total.first / total.second, None)
+    low, high = np.quantile(tops / bottoms, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Estimate(total.first / total.second, Interval(float(low), float(high)))

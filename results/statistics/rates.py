@@ -8,7 +8,7 @@ from functools import lru_cache
 from statistics import NormalDist
 
 CONFIDENCE = 0.95
-"""Probability with which an interval covers the true rate, unless another is asked for."""
+"""Default probability with which an interval covers the true rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class RateBounds:
     """From the lower Wilson end of `low` to the upper Wilson end of `high`."""
 
 
-@lru_cache(maxsize=1 << 16)  # pages ask for the same ones again and again
+@lru_cache(maxsize=1 << 16)  # Pages need the same ones many times.
 def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE) -> Interval | None:
     """Wilson score interval of a rate.
 
@@ -48,13 +48,8 @@ def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE)
     (p + z²/2n ± z sqrt(p(1 - p)/n + z²/4n²)) / (1 + z²/n): E. B. Wilson, "Probable inference, the law of succession,
     and statistical inference", JASA 22 (1927), as recommended by Brown, Cai and DasGupta (2001) for small n.
 
-    Args:
-        successes: Between 0 and `trials`.
-        trials: Episodes with a verdict.
-        confidence: Between 0 and 1, exclusive.
-
     Returns:
-        The interval, or None without trials.
+        The interval, or None without trials (episodes with a verdict).
 
     Raises:
         ValueError: The counts are not 0 <= successes <= trials, or the confidence is outside (0, 1).
@@ -68,7 +63,8 @@ def wilson_intervals(
     """`wilson_interval` for many rates at once: two sequences of counts of one length, one interval (or None) each."""
     import numpy as np
 
-    check_confidence(confidence)
+    if not 0 < confidence < 1:
+        raise ValueError(f"expected a confidence between 0 and 1, got {confidence}")
     k, n = np.asarray(successes, dtype=float), np.asarray(trials, dtype=float)
     if k.shape != n.shape or k.ndim != 1:
         raise ValueError(f"expected as many successes as trials, got shapes {k.shape} and {n.shape}")
@@ -90,37 +86,19 @@ def rate(successes: int, trials: int) -> float | None:
     return successes / trials if trials else None
 
 
-def rate_bounds(
-    successes: int, failures: int, without_verdict: int, confidence: float = CONFIDENCE
-) -> RateBounds | None:
-    """The least and the greatest rate that trials without a verdict allow (worst-case bounds, C. F. Manski 1989).
+def rate_bounds(successes: int, failures: int, without_verdict: int) -> RateBounds | None:
+    """Lowest and highest rate that trials without a verdict allow (worst-case bounds, C. F. Manski 1989).
 
     Args:
         successes: Trials that succeeded.
         failures: Trials that failed.
         without_verdict: Trials that ended in an error or were not run.
-        confidence: Of the interval, between 0 and 1, exclusive.
 
     Returns:
-        The bounds, or None if there is no trial at all.
-
-    Raises:
-        ValueError: A count is negative, or the confidence is outside (0, 1).
+        The bounds, or None without trials.
     """
-    check_confidence(confidence)
-    if min(successes, failures, without_verdict) < 0:
-        raise ValueError(f"expected counts, got {successes}, {failures} and {without_verdict}")
-    total = successes + failures + without_verdict
-    if not total:
+    total, best = successes + failures + without_verdict, successes + without_verdict
+    worst_interval, best_interval = wilson_intervals([successes, best], [total, total])
+    if worst_interval is None or best_interval is None:
         return None
-    best = successes + without_verdict
-    worst_interval, best_interval = wilson_intervals([successes, best], [total, total], confidence)
-    assert worst_interval is not None  # there is a trial
-    assert best_interval is not None
     return RateBounds(successes / total, best / total, Interval(worst_interval.low, best_interval.high))
-
-
-def check_confidence(confidence: float) -> None:
-    """Raises ValueError for a confidence outside (0, 1)."""
-    if not 0 < confidence < 1:
-        raise ValueError(f"expected a confidence between 0 and 1, got {confidence}")

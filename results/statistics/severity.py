@@ -1,4 +1,4 @@
-"""What grows with a perturbation's severity: retention, the area under its curve, where half is lost, and the trend."""
+"""Effects of a perturbation's severity: retention, the area under its curve, where half is lost, and the trend."""
 
 from __future__ import annotations
 
@@ -10,9 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from robogauntlet.results.statistics.aggregate import DRAWS, Outcomes, mean_outcomes, resampled_means
+from robogauntlet.results.statistics.aggregate import (
+    DRAWS,
+    Outcomes,
+    mean_outcomes,
+    percentile_interval,
+    resampled_means,
+)
 from robogauntlet.results.statistics.pairs import Pairs, paired_difference, pooled
-from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval, check_confidence, wilson_interval
+from robogauntlet.results.statistics.rates import Estimate, wilson_interval
 
 LEAST_CLEAN = 0.2
 """A policy whose clean rate is not shown to exceed this has nothing to retain."""
@@ -21,7 +27,7 @@ HALF = 0.5
 
 @dataclass(frozen=True, slots=True)
 class SeverityCurve:
-    """How one arm does along one axis. Strata (tasks, simulators) count alike."""
+    """Success of one arm along one axis. Strata (tasks, simulators) have equal weight."""
 
     levels: tuple[float, ...]
     """From 0, the clean condition."""
@@ -30,7 +36,7 @@ class SeverityCurve:
     drops: tuple[Estimate, ...]
     """p(0) - p(s) over the seeds with a verdict at both, 0 at level 0."""
     retention: tuple[Estimate, ...] | None
-    """p(s) / p(0), floors taken off both; None where the clean rate is too low to lose from, see `LEAST_CLEAN`."""
+    """p(s) / p(0), floors subtracted from both; None where the clean rate is too low, see `LEAST_CLEAN`."""
     area: Estimate | None
     """Area under the retention, divided by the range of levels: 1 if nothing is lost. Not clipped."""
     half: Estimate | None
@@ -45,28 +51,23 @@ def severity_curve(
     generator: np.random.Generator,
     *,
     floors: Sequence[float] | None = None,
-    confidence: float = CONFIDENCE,
     draws: int = DRAWS,
 ) -> SeverityCurve:
     """The curve of one arm.
 
-    Rates have Wilson's interval and drops Newcombe's paired one, of all seeds together, since a bootstrap of outcomes
-    that are all alike shows no spread however few they are. What is made of several levels has that of a bootstrap
-    which keeps the levels of one seed together, and none where it shows no spread.
+    Rates have Wilson's interval and drops Newcombe's paired one, of all seeds together. Numbers from several levels
+    have the interval of a bootstrap that keeps the levels of one seed together, see `percentile_interval`.
 
     Args:
         strata: Outcomes of each task, shape (seeds, levels), NaN where there is no verdict.
         levels: Severities, rising from 0.
-        generator: Draws; the same state gives the same intervals.
-        floors: Success at each level of what has no skill (the best of blind, replayed and random policies), taken off
-            before anything is divided.
-        confidence: Between 0 and 1, exclusive.
-        draws: Data sets drawn.
+        generator: The same state gives the same intervals.
+        floors: Success of the best no-skill baseline at each level, subtracted before anything is divided.
+        draws: Number of bootstrap samples.
 
     Raises:
-        ValueError: Levels that do not rise from 0, outcomes or floors of another length, or an impossible confidence.
+        ValueError: Levels that do not rise from 0, or outcomes or floors of another length.
     """
-    check_confidence(confidence)
     steps = np.asarray(levels, dtype=float)
     if len(steps) < 2 or steps[0] != 0 or not np.all(np.diff(steps) > 0):
         raise ValueError(f"expected levels that rise from 0, got {list(levels)}")
@@ -76,21 +77,23 @@ def severity_curve(
     if base.shape != steps.shape:
         raise ValueError(f"expected a floor for each of {len(steps)} levels, got {len(base)}")
     means, drawn = mean_outcomes(strata), resampled_means(strata, generator, draws)
-
-    rates = tuple(_rate(strata, level, means[:, level], confidence) for level in range(len(steps)))
-    drops = tuple(_drop(strata, level, confidence) for level in range(len(steps)))
-    trend = falling_trend(strata, steps)
-    if not _has_something_to_lose(strata, confidence):
-        return SeverityCurve(tuple(steps.tolist()), rates, drops, None, None, None, trend)
-    kept, kept_drawn = retention(means, base), retention(drawn, base)
+    clean = np.concatenate([outcomes[:, 0] for outcomes in strata])
+    clean = clean[~np.isnan(clean)]
+    ends = wilson_interval(int(clean.sum()), len(clean))
+    kept_estimates = surface = half = None
+    if ends is not None and ends.low > LEAST_CLEAN:
+        kept, kept_drawn = retention(means, base), retention(drawn, base)
+        kept_estimates = tuple(_estimate(*values) for values in zip(kept, kept_drawn.T, strict=True))
+        surface = _estimate(area(kept, steps), area(kept_drawn, steps))
+        half = _estimate(half_lost(kept, steps), np.array([half_lost(row, steps) for row in kept_drawn]))
     return SeverityCurve(
-        tuple(steps.tolist()),
-        rates,
-        drops,
-        tuple(_estimate(v, s, confidence) for v, s in zip(kept, kept_drawn.T, strict=True)),
-        _estimate(float(area(kept, steps)), area(kept_drawn, steps), confidence),
-        _estimate(half_lost(kept, steps), np.array([half_lost(row, steps) for row in kept_drawn]), confidence),
-        trend,
+        levels=tuple(steps.tolist()),
+        rates=tuple(_rate(strata, level, means[:, level]) for level in range(len(steps))),
+        drops=tuple(_drop(strata, level) for level in range(len(steps))),
+        retention=kept_estimates,
+        area=surface,
+        half=half,
+        trend=falling_trend(strata, steps),
     )
 
 
@@ -177,34 +180,21 @@ def falling_trend(strata: Sequence[Outcomes], levels: NDArray[np.float64]) -> fl
     return float(norm.cdf(excess / math.sqrt(variance))) if variance > 0 else None
 
 
-def _has_something_to_lose(strata: Sequence[Outcomes], confidence: float) -> bool:
-    clean = np.concatenate([outcomes[:, 0] for outcomes in strata])
-    clean = clean[~np.isnan(clean)]
-    found = wilson_interval(int(clean.sum()), len(clean), confidence)
-    return found is not None and found.low > LEAST_CLEAN
-
-
-def _rate(strata: Sequence[Outcomes], level: int, means: NDArray[np.float64], confidence: float) -> Estimate:
+def _rate(strata: Sequence[Outcomes], level: int, means: NDArray[np.float64]) -> Estimate:
     """Mean of the strata that have a rate at a level."""
     verdicts = sum(int((~np.isnan(outcomes[:, level])).sum()) for outcomes in strata)
     if not verdicts:
         return Estimate(math.nan, None)
     value = float(np.nanmean(means))
-    return Estimate(value, wilson_interval(round(value * verdicts), verdicts, confidence))
+    return Estimate(value, wilson_interval(round(value * verdicts), verdicts))
 
 
-def _drop(strata: Sequence[Outcomes], level: int, confidence: float) -> Estimate:
-    found = paired_difference(
-        pooled(Pairs.from_outcomes(outcomes[:, 0], outcomes[:, level]) for outcomes in strata), confidence
-    )
+def _drop(strata: Sequence[Outcomes], level: int) -> Estimate:
+    found = paired_difference(pooled(Pairs.from_outcomes(o[:, 0], o[:, level]) for o in strata))
     if found is None:
         return Estimate(math.nan, None)
     return found if level else Estimate(0.0, None)
 
 
-def _estimate(value: float, drawn: NDArray[np.float64], confidence: float) -> Estimate:
-    """With the percentile interval; none where a data set drawn has no value, or all have the same."""
-    if np.isnan(drawn).any() or drawn.max() == drawn.min():
-        return Estimate(float(value), None)
-    ends = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2], method="inverted_cdf")
-    return Estimate(float(value), Interval(float(ends[0]), float(ends[1])))
+def _estimate(value: float | NDArray[np.float64], drawn: NDArray[np.float64]) -> Estimate:
+    return Estimate(float(value), percentile_interval(drawn, interpolate=False))  # Values may be infinite.

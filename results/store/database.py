@@ -1,4 +1,4 @@
-"""Databases by URL, SQLite or PostgreSQL: opened, tuned, their tables created, their errors explained."""
+"""SQLite and PostgreSQL databases by URL: opening, settings, creation of tables, error messages."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Schema:
 
     metadata: sa.MetaData
     version_table: sa.Table
-    """Its one column `version` says what the database has."""
+    """Table with one column, `version`."""
     version: int
     what: str
-    """What such a database is called in messages: "store"."""
+    """Name of such a database in messages: "store"."""
 
 
 class Database:
-    """An open database that has a schema."""
+    """An open database with the tables of a schema."""
 
     def __init__(self, engine: sa.Engine, where: str) -> None:
         self.engine = engine
@@ -44,10 +44,10 @@ class Database:
 
     @classmethod
     def open(cls, url: str, schema: Schema) -> Database:
-        """Open what is at an SQLAlchemy URL; create tables that are missing.
+        """Open the database at an SQLAlchemy URL; create missing tables.
 
         Raises:
-            StoreError: It cannot be reached, is something else, or is of another version (and is left as it is).
+            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged).
         """
         parsed = parse(url)
         where = parsed.render_as_string(hide_password=True)
@@ -79,7 +79,7 @@ class Database:
                     f"{self.where}: expected a {schema.what} of version {schema.version}, got version {version}; "
                     "open it with the RoboGauntlet that wrote it, or name another"
                 )
-        # Another process may be creating the tables right now, or was killed between two: SQLite commits each.
+        # Another process may be creating the tables now, or was killed between two: SQLite commits each.
         with self.engine.begin() as connection:
             for table in schema.metadata.sorted_tables:
                 connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
@@ -88,11 +88,11 @@ class Database:
             connection.execute(self.insert_new(marker).values(version=schema.version))
 
     def insert_new(self, table: sa.Table) -> Any:
-        """An insertion that leaves out rows whose primary key is there already."""
+        """An insertion that skips rows whose primary key exists."""
         return self.insert(table).on_conflict_do_nothing()
 
     def insert(self, table: sa.Table) -> Any:
-        """An insertion that can say what is to happen on a conflict."""
+        """An insertion of the dialect, which has clauses for conflicts."""
         dialect = postgresql if self.engine.dialect.name == "postgresql" else sqlite
         return dialect.insert(table)
 
@@ -104,13 +104,13 @@ class Database:
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[sa.Connection]:
-        """A connection in a transaction: everything or nothing. Raises StoreError."""
+        """A connection in a transaction. Raises StoreError."""
         with self.explained(), self.engine.begin() as connection:
             yield connection
 
     @contextlib.contextmanager
     def explained(self) -> Iterator[None]:
-        """Turn database errors inside into a StoreError of one line."""
+        """Raise database errors of the block as StoreError with one line."""
         try:
             yield
         except sa.exc.DBAPIError as error:
@@ -129,7 +129,7 @@ class Database:
 
 
 def parse(url: str) -> sa.URL:
-    """A database URL, checked. Raises StoreError: it is none, or not of SQLite or PostgreSQL."""
+    """Parse a database URL. Raises StoreError: not a URL, or not of SQLite or PostgreSQL."""
     try:
         parsed = sa.make_url(url)
     except sa.exc.ArgumentError:
@@ -143,26 +143,26 @@ def parse(url: str) -> sa.URL:
 
 
 def without_password(url: str) -> str:
-    """A database URL as it may be shown and kept. Raises StoreError: it is none."""
+    """Return a database URL with its password hidden. Raises StoreError."""
     return parse(url).render_as_string(hide_password=True)
 
 
 def file_url(path: Path) -> str:
-    """URL of an SQLite store in a file, whatever characters its name has."""
+    """Return the URL of an SQLite store in a file, with special characters of its name quoted."""
     return f"sqlite:///{quote(str(path))}"
 
 
 def _tune_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
     cursor = connection.cursor()
     cursor.execute(f"PRAGMA busy_timeout={int(1000 * BUSY_S)}")
-    cursor.execute("PRAGMA trusted_schema=OFF")  # a store may be another's file
+    cursor.execute("PRAGMA trusted_schema=OFF")  # The file may be from an untrusted source.
     deadline = time.monotonic() + BUSY_S
     while True:
         try:
             cursor.execute("PRAGMA journal_mode=WAL")
             break
         except sqlite3.OperationalError as error:
-            # SQLite does not wait for its lock here, whatever the time-out: another process is opening the store too.
+            # SQLite ignores the time-out here while another process opens the store.
             if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
                 raise
             time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""The rows of a run: SQLite in the run folder, or PostgreSQL by URL. A row is stored once however often played."""
+"""The rows of a run, in SQLite in the run folder or in PostgreSQL by URL. Each episode has one row."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Store", "StoreError", "file_url"]
 
 
 class Store:
-    """The rows of one run. One process writes; any number may read."""
+    """The rows of one run. One process may write, any number may read."""
 
     def __init__(self, database: Database, run_id: str) -> None:
         """See `open`."""
@@ -27,33 +27,29 @@ class Store:
 
     @classmethod
     def open(cls, url: str, run_id: str) -> Store:
-        """Open the store at an SQLAlchemy URL for one run; create its tables where they are missing.
+        """Open the store at an SQLAlchemy URL for one run; create missing tables.
 
-        The run itself is recorded by `History.record`, which has to come before its rows on PostgreSQL.
+        On PostgreSQL, `History.record` has to record the run before rows are added.
 
         Raises:
-            StoreError: It cannot be reached, is not a store, or is of another version.
+            StoreError: It cannot be reached, is not a store, or has another version.
         """
         return cls(Database.open(url, SCHEMA), run_id)
 
     @classmethod
     def open_begun(cls, folder: Path, document: RunDocument, url: str | None = None) -> Store:
-        """Open the store of a run that was begun, making nothing.
-
-        Args:
-            folder: Of the run.
-            document: The run.
-            url: Of the store, if it is not the file in the folder.
+        """Open the existing store of a run: that at `url`, or the file in the run folder. Creates nothing.
 
         Raises:
             RunError: The rows are in a database whose URL was not given.
-            StoreError: As `open`; or it is not there, or is the store of other runs.
+            StoreError: As `open`; or it does not exist, or has other runs only.
         """
-        found = parse(store_url(folder, document, url))
+        address = store_url(folder, document, url)
+        found = parse(address)
         file = found.database if found.get_backend_name() == "sqlite" and "uri" not in found.query else None
         if file is not None and not Path(file).exists():
             raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
-        store = cls.open(store_url(folder, document, url), document.run_id)
+        store = cls.open(address, document.run_id)
         if url is not None and not store.knows_run():
             where = store.database.where
             store.close()
@@ -68,22 +64,22 @@ class Store:
         return cls.open(file_url(path), run_id)
 
     def knows_run(self) -> bool:
-        """Whether the run was recorded here, or has rows. Raises StoreError."""
+        """Whether the store has the run or rows of it. Raises StoreError."""
         with self.database.reading() as connection:
             queries = (sa.select(table.c.run_id).where(table.c.run_id == self._run_id) for table in (runs, episodes))
             return any(connection.scalar(query.limit(1)) is not None for query in queries)
 
     def add(self, results: Sequence[EpisodeResult]) -> int:
-        """Store rows that are not there yet, in one transaction; return how many were new.
+        """Store rows in one transaction, skipping known episodes; return the number of new rows.
 
         Raises:
-            StoreError: The disk is full, the folder is read-only, the server is gone. Nothing of the batch is stored.
+            StoreError: The disk is full, the folder is read-only, the server is gone. No row is stored.
         """
         if not results:
             return 0
         rows = [{"run_id": self._run_id, **{name: getattr(r, name) for name in FIELDS}} for r in results]
         with self.database.writing() as connection:
-            # Counted by what comes back: drivers do not agree on the row count of many inserts at once.
+            # Count the returned ids: drivers disagree on the row count of many inserts.
             statement = self.database.insert_new(episodes).returning(episodes.c.episode_id)
             return len(connection.execute(statement, rows).all())
 
@@ -126,7 +122,7 @@ class Store:
             yield from connection.execution_options(yield_per=size).execute(query).partitions()
 
     def find(self, episode_id: str) -> EpisodeResult | None:
-        """The row of that id, or of the one id that starts like it."""
+        """The row with this id, or with the only id that starts with it. Raises StoreError."""
         e = episodes.c
         query = (
             sa.select(*(e[name] for name in FIELDS))
@@ -140,7 +136,7 @@ class Store:
         return EpisodeResult(**dict(zip(FIELDS, rows[0], strict=True))) if rows else None
 
     def forget_errors(self) -> int:
-        """Remove error rows, so that the run does them again; return how many."""
+        """Remove error rows, so that their episodes are played again; return their number."""
         e = episodes.c
         with self.database.writing() as connection:
             statement = sa.delete(episodes).where(e.run_id == self._run_id, e.status == "error")

@@ -1,4 +1,4 @@
-"""Records in a history the runs of a folder that it does not know, made before it or while it could not be written."""
+"""Records run folders in a history that lacks them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,9 @@ from robogauntlet.results.store.run_history import History
 
 
 def record_run_folders(history: History, root: Path) -> int:
-    """Record runs in folders directly under `root` that the history lacks or knows another status of.
+    """Record the runs in folders directly under `root` that are missing in the history or have another status there.
 
-    Folders that are no runs, or have documents of another format, are passed over.
-
-    Returns:
-        How many were recorded.
+    Other folders, and documents of another format, are skipped. Returns the number of recorded runs.
 
     Raises:
         StoreError: The history cannot be read or written.
@@ -41,7 +38,7 @@ def record_run_folders(history: History, root: Path) -> int:
 
 
 def record_run_folder(history: History, folder: Path, document: RunDocument) -> None:
-    """Record one run, with the counts of its cells if its rows can be reached. Raises StoreError."""
+    """Record one run, with the counts of its cells if its rows can be read. Raises StoreError."""
     counted = None
     with contextlib.suppress(RunError, StoreError), closing(Store.open_begun(folder, document)) as rows:
         counted = History(rows.database).count_cells(document.run_id)

@@ -1,8 +1,8 @@
-"""What a history says of runs: frozen values, without a database."""
+"""Runs as a history describes them: frozen values without a database."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from robogauntlet.results.live_status import LiveStatus
@@ -11,7 +11,7 @@ from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.store.database import file_url, without_password
 
 CellKey = tuple[str, str, str, int]
-"""Policy digest, task, axis and severity: `schema.CELL`."""
+"""Policy digest, task, axis and severity: `record.CELL`."""
 GOOD = ("improved", "no evidence")
 """Verdicts of runs that may be baselines of later ones."""
 
@@ -26,12 +26,7 @@ class Counts:
     errors: int = 0
 
     def __add__(self, other: Counts) -> Counts:
-        return Counts(
-            self.planned + other.planned,
-            self.successes + other.successes,
-            self.failures + other.failures,
-            self.errors + other.errors,
-        )
+        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     @property
     def done(self) -> int:
@@ -67,13 +62,13 @@ class CellCounts:
 
     @property
     def simulator(self) -> str:
-        """Where."""
+        """The part of the task's name before the slash."""
         return self.task.partition("/")[0]
 
 
 @dataclass(frozen=True)
 class RunEntry:
-    """A run as the history has it."""
+    """A run of a history."""
 
     run_id: str
     suite: str
@@ -83,24 +78,24 @@ class RunEntry:
     finished_at: float | None
     counts: Counts
     folder: str | None
-    """Where its report lies."""
+    """Folder with its report."""
     rows_url: str | None
     """URL of the store that has its rows (password hidden); None: a file in the folder."""
-    verdict: str | None
+    verdict: str | None = None
     """Of its comparison with `baseline`, see `robogauntlet.results.analysis.comparison.Verdict`."""
-    baseline: str | None
+    baseline: str | None = None
     """Id of the run that it was compared with."""
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
     """Of the verdict, a line each."""
-    accepted: bool
-    """A person accepted it as the baseline of later runs."""
-    schedule: str | None
-    live: LiveStatus | None
-    """What it does, while it runs."""
+    accepted: bool = False
+    """Whether a person accepted it as the baseline of later runs."""
+    schedule: str | None = None
+    live: LiveStatus | None = None
+    """While it runs."""
 
     @classmethod
     def from_document(cls, document: RunDocument, folder: Path) -> RunEntry:
-        """A run that need not be in a history."""
+        """Describe a run that is not in a history."""
         return cls(
             run_id=document.run_id,
             suite=document.suite.name,
@@ -110,17 +105,11 @@ class RunEntry:
             counts=Counts(planned=document.planned),
             folder=str(folder.absolute()),
             rows_url=document.store_url,
-            verdict=None,
-            baseline=None,
-            reasons=(),
-            accepted=False,
-            schedule=None,
-            live=None,
         )
 
     @property
     def name(self) -> str:
-        """What people call it: its folder."""
+        """Name for people: that of its folder."""
         return Path(self.folder).name if self.folder else self.run_id[:12]
 
     @property
@@ -131,7 +120,7 @@ class RunEntry:
 
 @dataclass(frozen=True)
 class PolicyRunResult:
-    """How one policy did in one run."""
+    """The result of one policy in one run."""
 
     run: RunEntry
     policy: str
@@ -141,14 +130,10 @@ class PolicyRunResult:
 
 
 def rows_url(entry: RunEntry, history: str) -> str:
-    """URL of the store that has a run's rows.
-
-    Args:
-        entry: The run.
-        history: URL of the store that the entry is from, with the password that the entry hides.
+    """Return the URL of the store with a run's rows; `history` is the URL of the entry's store, with its password.
 
     Raises:
-        RunError: Its rows are in a database whose URL (with its password) has to be given.
+        RunError: The rows are in another database, whose URL (with its password) has to be given, or are gone.
     """
     if entry.rows_url is not None:
         if entry.rows_url == without_password(history):

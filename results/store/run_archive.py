@@ -1,16 +1,16 @@
-"""A run as one file: a store that holds only this run, with its document. Exported and imported."""
+"""Export and import of a run as one file: a store with only this run and its document."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
 
-from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
+from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import STORE_FILE, RunDocument, RunError, write_run
 from robogauntlet.results.store.database import StoreError, file_url, without_password
 from robogauntlet.results.store.episode_store import Store
@@ -21,18 +21,10 @@ MAGIC = b"SQLite format 3\0"
 
 
 def export_run(document: RunDocument, rows: Store, file: Path) -> int:
-    """Write a run into a new file. A crash leaves no file.
-
-    Args:
-        document: The run.
-        rows: Its rows.
-        file: Where to; must not exist.
-
-    Returns:
-        The number of rows.
+    """Write a run into a new file and return the number of rows. A crash leaves no file.
 
     Raises:
-        RunError: The file is there already.
+        RunError: The file exists.
         StoreError: Rows cannot be read or written.
         OSError: The file cannot be written.
     """
@@ -44,7 +36,7 @@ def export_run(document: RunDocument, rows: Store, file: Path) -> int:
         with closing(Store.open_file(temporary, document.run_id)) as copy:
             count = _copy(document.model_copy(update={"store_url": None}), rows, copy)
         with sqlite3.connect(temporary) as connection:
-            connection.execute("PRAGMA journal_mode=DELETE")  # one file, nothing beside it
+            connection.execute("PRAGMA journal_mode=DELETE")  # One file without a log beside it.
         connection.close()
         temporary.replace(file)
     finally:
@@ -61,21 +53,18 @@ def import_run(
     name: str | None = None,
     check: Callable[[RunDocument], None] | None = None,
 ) -> tuple[Path, RunDocument]:
-    """Make a run folder of an exported run.
+    """Create a run folder from an exported run; return it and the document.
 
     Args:
-        file: As `export_run` wrote it; whoever made it is not trusted.
-        root: Folder of runs, where the new one goes.
+        file: The exported run, from an untrusted source.
+        root: Parent of the new folder.
         store: URL of a store for its rows, or None for a file in the folder.
-        name: Of the new folder; None for the suite's name and the beginning of the run's id.
-        check: Called with the document before anything is put in its place; raises RunError to refuse it.
-
-    Returns:
-        The folder and the document.
+        name: Name of the new folder; None for the suite's name and the start of the run's id.
+        check: Called with the document before the folder is created; raises RunError to refuse it.
 
     Raises:
-        RunError: It is no exported run, its rows are not those that it had, or the folder is there already.
-        StoreError: It cannot be read, or is of another version; or the store cannot be written.
+        RunError: It is no exported run, its rows were changed, or the folder exists.
+        StoreError: It cannot be read, or has another version; or the store cannot be written.
         OSError: The folder cannot be written.
     """
     _check_file(file)
@@ -85,10 +74,9 @@ def import_run(
     arriving.mkdir()
     try:
         copy = arriving / STORE_FILE
-        shutil.copyfile(file, copy)  # opening a store may write into it
+        shutil.copyfile(file, copy)  # Opening a store may write into it.
         try:
-            history = History.open(file_url(copy))
-            with closing(history):
+            with closing(History.open(file_url(copy))) as history:
                 document = _only_run(history)
                 if check is not None:
                     check(document)
@@ -117,7 +105,7 @@ def import_run(
 def _copy(document: RunDocument, rows: Store, there: Store) -> int:
     history = History(there.database)
     history.record(document)
-    results: Iterator[EpisodeResult] = iter(rows.results())
+    results = rows.results()
     count = 0
     while batch := list(islice(results, BATCH)):
         count += there.add(batch)
@@ -144,5 +132,5 @@ def _only_run(history: History) -> RunDocument:
 
 
 def _plain(text: str) -> str:
-    """Letters, digits, dashes and underscores: what a folder may safely be called, whatever a file says."""
+    """Replace all characters that are unsafe in a folder's name."""
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in text)[:60] or "run"

@@ -1,8 +1,9 @@
-"""Many runs in one store: what each was, what it came to, how a policy did from night to night."""
+"""The history of runs in a store: their documents, counts and verdicts, and results of a policy by run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,13 @@ from robogauntlet.results.store.history_records import GOOD, CellCounts, CellKey
 from robogauntlet.results.store.schema import SCHEMA, cells, counted_cells, episodes, runs
 
 HISTORY_FILE = "history.sqlite"
+ENTRY_COLUMNS = (
+    *("run_id", "suite", "status", "started_at", "finished_at", "folder", "rows_url"),
+    *("verdict", "baseline", "schedule"),
+)
+"""Columns of `runs` that an entry has as they are."""
 NEWEST = 500
-"""Runs of a suite among which each policy's newest is looked for."""
+"""Runs of a suite that `newest_runs` returns at most."""
 
 
 class History:
@@ -49,17 +55,13 @@ class History:
         counted: Mapping[CellKey, Counts] | None = None,
         schedule: str | None = None,
     ) -> None:
-        """Write what a run is and came to, over what was written before.
+        """Write or update a run. Raises StoreError.
 
         Args:
             document: The run.
-            folder: Its folder; None leaves what is known.
-            counted: Counts of its cells; cells of the plan that are not among them count as not played. None leaves
-                what is known.
-            schedule: The schedule that began it; None leaves what is known.
-
-        Raises:
-            StoreError: The store cannot be written.
+            folder: Its folder; None keeps the stored one.
+            counted: Counts of its cells; missing cells of the plan count as not played. None keeps the stored counts.
+            schedule: The schedule that started it; None keeps the stored one.
         """
         values: dict[str, Any] = {
             "started_at": document.started_at,
@@ -85,11 +87,11 @@ class History:
                 connection.execute(self.database.insert_new(cells), rows)
 
     def write_live_status(self, run_id: str, live: LiveStatus) -> None:
-        """Write what a running suite does, over what it said before. Raises StoreError."""
+        """Write the live status of a run. Raises StoreError."""
         self._change(run_id, live=live.model_dump_json())
 
     def write_verdict(self, run_id: str, verdict: str, baseline: str | None, reasons: Sequence[str]) -> None:
-        """Write what a comparison with a baseline came to. Raises StoreError."""
+        """Write the verdict of a comparison with a baseline. Raises StoreError."""
         self._change(run_id, verdict=verdict, baseline=baseline, reasons="\n".join(reasons))
 
     def accept(self, run_id: str) -> None:
@@ -97,14 +99,8 @@ class History:
         self._change(run_id, accepted=True)
 
     def clear_folder(self, run_id: str) -> None:
-        """Write down that a run's folder was removed: its numbers stay. Raises StoreError."""
+        """Record that a run's folder was removed; its counts stay. Raises StoreError."""
         self._change(run_id, folder=None)
-
-    def delete_run(self, run_id: str) -> None:
-        """Remove a run with everything that this store has of it. Raises StoreError."""
-        with self.database.writing() as connection:
-            for table in (cells, episodes, runs):
-                connection.execute(sa.delete(table).where(table.c.run_id == run_id))
 
     def _change(self, run_id: str, **values: Any) -> None:
         with self.database.writing() as connection:
@@ -118,21 +114,13 @@ class History:
             found = connection.execute(counted_cells().where(episodes.c.run_id == run_id)).all()
         return {(r.policy_digest, r.task, r.axis, r.severity): Counts(0, r[-3], r[-2], r[-1]) for r in found}
 
-    def runs(
-        self, *, suite: str | None = None, status: str | None = None, limit: int | None = None, offset: int = 0
-    ) -> list[RunEntry]:
+    def runs(self, *, suite: str | None = None, status: str | None = None, limit: int | None = None) -> list[RunEntry]:
         """Runs, the newest first. Raises StoreError."""
-        query = self._filtered(sa.select(runs.c.run_id), suite, status)
-        query = query.order_by(runs.c.started_at.desc(), runs.c.run_id).offset(offset)
-        wanted = query.limit(limit) if limit is not None else query.limit(-1 if self._is_sqlite else None)
-        return self.entries(wanted)
+        query = _filtered(sa.select(runs.c.run_id), suite, status)
+        return self.entries(query.order_by(runs.c.started_at.desc(), runs.c.run_id).limit(limit))
 
     def entries(self, ids: sa.Select[tuple[str]] | Sequence[str]) -> list[RunEntry]:
-        """The runs of these ids, or whose ids a query gives, with the sums of their cells; the newest first.
-
-        Raises:
-            StoreError: The store cannot be read.
-        """
+        """The runs with these ids, or the ids that a query selects, newest first. Raises StoreError."""
         columns = [column for column in runs.c if column.name not in ("document", "planned")]
         names = ("planned", "successes", "failures", "errors")
         sums = [sa.func.coalesce(sa.func.sum(cells.c[name]), 0).label(name) for name in names]
@@ -142,12 +130,8 @@ class History:
             return list(map(_entry, connection.execute(query.order_by(runs.c.started_at.desc(), runs.c.run_id))))
 
     def newest_runs(self, suite: str) -> list[tuple[RunEntry, dict[str, str]]]:
-        """The newest complete runs of a suite, each with its policies' digests by name; the newest first.
-
-        Raises:
-            StoreError: The store cannot be read.
-        """
-        newest = self._filtered(sa.select(runs.c.run_id), suite, "complete")
+        """The newest complete runs of a suite, newest first, each with digests by policy name. Raises StoreError."""
+        newest = _filtered(sa.select(runs.c.run_id), suite, "complete")
         newest = newest.order_by(runs.c.started_at.desc()).limit(NEWEST)
         query = sa.select(cells.c.run_id, cells.c.policy, cells.c.policy_digest).where(cells.c.run_id.in_(newest))
         digests: dict[str, dict[str, str]] = {}
@@ -156,18 +140,10 @@ class History:
                 digests.setdefault(run_id, {})[policy] = digest
         return [(entry, digests[entry.run_id]) for entry in self.entries(newest) if entry.run_id in digests]
 
-    def count(self, *, suite: str | None = None, status: str | None = None) -> int:
-        """Number of runs. Raises StoreError."""
-        with self.database.reading() as connection:
-            return int(
-                connection.scalar(self._filtered(sa.select(sa.func.count()).select_from(runs), suite, status)) or 0
-            )
-
     def find(self, name: str) -> RunEntry | None:
-        """The run with this id; else the newest in a folder of this name; else the newest whose id begins so.
+        """The run with this id, else the newest in a folder of this name, else the newest whose id starts like it.
 
-        Raises:
-            StoreError: The store cannot be read.
+        Raises StoreError.
         """
         if not name:
             return None
@@ -175,14 +151,13 @@ class History:
         clause = sa.or_(called, runs.c.run_id.startswith(name, autoescape=True))
         rank = sa.case((runs.c.run_id == name, 0), (called, 1), else_=2)
         newest = sa.select(runs.c.run_id).where(clause).order_by(rank, runs.c.started_at.desc()).limit(1)
-        found = self.entries(newest)
-        return found[0] if found else None
+        return next(iter(self.entries(newest)), None)
 
     def document(self, run_id: str) -> RunDocument:
-        """What a run was.
+        """The document of a run.
 
         Raises:
-            RunError: It is not here, or its document has another format.
+            RunError: The run is not in the store, or its document has another format.
             StoreError: The store cannot be read.
         """
         with self.database.reading() as connection:
@@ -218,21 +193,11 @@ class History:
     def policy_history(
         self, policy: str, *, suite: str | None = None, task: str | None = None, limit: int = 200
     ) -> list[PolicyRunResult]:
-        """How a policy did, run by run, the oldest first; without perturbations.
-
-        Args:
-            policy: Its name.
-            suite: Only in runs of this suite.
-            task: Only on this task; None: over all.
-            limit: At most this number of runs, the newest.
-
-        Raises:
-            StoreError: The store cannot be read.
-        """
+        """Results of a policy under the clean condition in its newest runs, oldest run first. Raises StoreError."""
         newest = sa.select(runs.c.run_id).where(
             sa.exists().where(cells.c.run_id == runs.c.run_id, cells.c.policy == policy)
         )
-        newest = self._filtered(newest, suite, None).order_by(runs.c.started_at.desc()).limit(limit)
+        newest = _filtered(newest, suite, None).order_by(runs.c.started_at.desc()).limit(limit)
         sums = [sa.func.sum(cells.c[name]).label(name) for name in ("planned", "successes", "failures", "errors")]
         query = sa.select(cells.c.run_id, cells.c.policy_digest, *sums)
         query = query.where(cells.c.run_id.in_(newest), cells.c.policy == policy, cells.c.severity == 0)
@@ -245,12 +210,9 @@ class History:
         return sorted(results, key=lambda result: (result.run.started_at, result.run.run_id))
 
     def baseline(self, document: RunDocument) -> RunEntry | None:
-        """The baseline of a run: the last good run of its suite that was begun before it.
+        """The baseline of a run: the last good run of its suite that started before it. Raises StoreError.
 
-        Good is a complete run that was not itself found worse, unless a person accepted it.
-
-        Raises:
-            StoreError: The store cannot be read.
+        A run is good if it is complete and was not found worse, or if a person accepted it.
         """
         clause = sa.and_(
             runs.c.suite == document.suite.name,
@@ -260,8 +222,7 @@ class History:
             sa.or_(runs.c.accepted.is_(True), runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD)),
         )
         last = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(1)
-        found = self.entries(last)
-        return found[0] if found else None
+        return next(iter(self.entries(last)), None)
 
     def folders(self) -> dict[str, tuple[str, str]]:
         """Folder to (run id, status) of all runs that have one. Raises StoreError."""
@@ -271,33 +232,20 @@ class History:
 
     @property
     def url(self) -> str:
-        """Where it is, with the password if there is one: never to be shown."""
+        """URL of the store with its password, which must not be shown."""
         return self.database.engine.url.render_as_string(hide_password=False)
 
-    @property
-    def _is_sqlite(self) -> bool:
-        return self.database.engine.dialect.name == "sqlite"
 
-    def _filtered(self, query: Any, suite: str | None, status: str | None) -> Any:
-        if suite is not None:
-            query = query.where(runs.c.suite == suite)
-        return query if status is None else query.where(runs.c.status == status)
+def _filtered(query: Any, suite: str | None, status: str | None) -> Any:
+    if suite is not None:
+        query = query.where(runs.c.suite == suite)
+    return query if status is None else query.where(runs.c.status == status)
 
 
 def _cell_rows(document: RunDocument, counted: Mapping[CellKey, Counts]) -> Iterator[Mapping[str, Any]]:
     for cell in document.plan:
         counts = counted.get((cell.policy_digest, cell.task, cell.axis, cell.severity), Counts())
-        yield {
-            "policy": cell.policy,
-            "policy_digest": cell.policy_digest,
-            "task": cell.task,
-            "axis": cell.axis,
-            "severity": cell.severity,
-            "planned": cell.planned,
-            "successes": counts.successes,
-            "failures": counts.failures,
-            "errors": counts.errors,
-        }
+        yield asdict(counts) | cell.model_dump(exclude={"simulator"})
 
 
 def _counts(row: Any) -> Counts:
@@ -305,26 +253,14 @@ def _counts(row: Any) -> Counts:
 
 
 def _entry(row: Any) -> RunEntry:
-    return RunEntry(
-        run_id=row.run_id,
-        suite=row.suite,
-        status=row.status,
-        started_at=row.started_at,
-        finished_at=row.finished_at,
-        counts=_counts(row),
-        folder=row.folder,
-        rows_url=row.rows_url,
-        verdict=row.verdict,
-        baseline=row.baseline,
-        reasons=tuple((row.reasons or "").splitlines()),
-        accepted=bool(row.accepted),
-        schedule=row.schedule,
-        live=_live(row.live),
-    )
+    values = {name: getattr(row, name) for name in ENTRY_COLUMNS}
+    reasons = tuple((row.reasons or "").splitlines())
+    counts, live = _counts(row), _live(row.live)
+    return RunEntry(**values, counts=counts, reasons=reasons, accepted=bool(row.accepted), live=live)
 
 
 def _live(text: str | None) -> LiveStatus | None:
-    """What a run says of itself, if this version understands it."""
+    """The live status of a run, or None if another version wrote it."""
     try:
         return LiveStatus.model_validate_json(text) if text else None
     except ValidationError:

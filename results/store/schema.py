@@ -1,7 +1,7 @@
 """The tables of a store: runs, the counts of their cells, and their episodes.
 
-A store holds one run (in its folder, or exported) or the runs of a group. A run's document and counts (`runs`, `cells`)
-may be in one store and its rows (`episodes`) in another, which `folder` or `rows_url` names.
+A store holds one run (in its folder, or exported) or many. A run's document and counts (`runs`, `cells`) may be in one
+store and its rows (`episodes`) in another, which `folder` or `rows_url` names.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import describe_fields
+from robogauntlet.results.record import CELL, describe_fields
 from robogauntlet.results.store.database import Schema
 
 VERSION = 1
@@ -28,14 +28,14 @@ runs = sa.Table(
     sa.Column("status", sa.Text, nullable=False),
     sa.Column("finished_at", sa.Float(53)),
     sa.Column("planned", sa.BigInteger, nullable=False),
-    sa.Column("folder", sa.Text),  # where its report lies, and its rows if `rows_url` is null
+    sa.Column("folder", sa.Text),  # with its report, and its rows if `rows_url` is null
     sa.Column("rows_url", sa.Text),  # without password; null: `episodes.sqlite` in the folder, or this store
     sa.Column("verdict", sa.Text),  # of the comparison with `baseline`
     sa.Column("baseline", sa.Text),
-    sa.Column("reasons", sa.Text),  # of the verdict, a line each
+    sa.Column("reasons", sa.Text),  # for the verdict, a line each
     sa.Column("accepted", sa.Boolean),  # a person accepted it as the baseline of later runs
-    sa.Column("schedule", sa.Text),  # the schedule that began it, if one did
-    sa.Column("live", sa.Text),  # `robogauntlet.results.live_status.Live` as JSON, while it runs
+    sa.Column("schedule", sa.Text),  # that started it
+    sa.Column("live", sa.Text),  # `LiveStatus` as JSON, while it runs
 )
 cells = sa.Table(
     "cells",
@@ -64,7 +64,7 @@ what_is_there = sa.Index(
     "robogauntlet_what_is_there",
     *(episodes.c[name] for name in ("run_id", "policy_digest", "task", "axis", "severity", "seed", "status")),
 )
-"""Answers what a run still lacks without reading its rows."""
+"""Finds the missing episodes of a run without reading its rows."""
 _by_suite = sa.Index("robogauntlet_runs_by_suite", runs.c.suite, runs.c.started_at)
 _by_time = sa.Index("robogauntlet_runs_by_time", runs.c.started_at)
 _by_status = sa.Index("robogauntlet_runs_by_status", runs.c.status, runs.c.started_at)
@@ -74,12 +74,8 @@ _judged = sa.Index(
     sqlite_where=runs.c.verdict.is_not(None),
     postgresql_where=runs.c.verdict.is_not(None),
 )
-"""Finds what was judged last without reading documents."""
+"""Finds the latest verdicts without reading documents."""
 _by_policy = sa.Index("robogauntlet_cells_by_policy", cells.c.policy, cells.c.run_id)
-
-
-CELL = ("policy_digest", "task", "axis", "severity")
-"""What makes a cell of a run. The digest, not the name: a policy that was renamed has kept its episodes."""
 
 
 def counted_cells() -> sa.Select[Any]:

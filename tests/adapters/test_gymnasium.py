@@ -81,7 +81,7 @@ def test_every_shipped_mapping_is_sound(path):
         ({"state.tcp_position": "observations[0:3]"}, "unknown name 'observations'; did you mean 'observation'?"),
         ({"state.tcp_position": "observation[0:3"}, "'observation[0:3' is no expression such as observation[0:3]"),
         ({"success": "__import__('os').system('ls')"}, "unknown name '__import__'"),
-        ({"success": "unwrapped.__class__"}, "nothing with _ in front"),
+        ({"success": "unwrapped.__class__"}, "none of which begins with _"),
         ({"success": "[x for x in observation]"}, "only names, .attributes, [items], calls and comparisons"),
     ],
 )
@@ -123,8 +123,8 @@ for name, task in task_descriptions().items():
 
 
 def test_a_task_has_the_cameras_that_its_mapping_names(tmp_path):
-    assert mappings.load_card(written(tmp_path)).cameras == CAMERAS[:1]
-    assert mappings.load_card(written(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
+    assert mappings.load_description(written(tmp_path)).cameras == CAMERAS[:1]
+    assert mappings.load_description(written(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
 
 
 def test_an_expression_reads_and_does_nothing_else():

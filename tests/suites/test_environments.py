@@ -34,11 +34,14 @@ def test_a_version_of_python_may_be_written_as_a_number(tmp_path):
             'environments.libero.python: expected a version such as "3.11", in quotes, found a number (3.1)',
         ),
         ("{pyton: '3.11'}", "unknown key 'pyton'; did you mean 'python'?"),
-        ("{requirements: ['--index-url=x']}", "expected what pip installs, such as robosuite==1.4.0, and no option"),
+        ("{requirements: ['--index-url=x']}", "expected a requirement of pip, such as robosuite==1.4.0, and no option"),
         ("{requirements: robosuite}", "found text ('robosuite')"),
-        ("{interpreter: python3}", "expected the full path of a Python, found text ('python3')"),
-        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or what an environment is to be made of"),
-        ("{installer: uv}", "expected inherit: false with uv, which does not see inherited packages"),
+        ("{interpreter: python3}", "expected the full path of a Python interpreter, found text ('python3')"),
+        (
+            "{interpreter: /x, inherit: true}",
+            "expected an interpreter alone, or the definition of an environment without one",
+        ),
+        ("{installer: uv}", "expected inherit: false with uv, which ignores inherited packages"),
         ("{installer: conda}", "expected 'pip' or 'uv', found 'conda'"),
     ],
 )

@@ -33,7 +33,7 @@ def test_a_broken_plugin_does_not_take_the_others_along(declared):
     assert set(reasons) == {"missing", "wrong", "renamed"}
     assert "cannot be loaded: AttributeError" in reasons["missing"]
     assert reasons["wrong"].endswith("NO_THING is a int, expected a Thing")
-    assert reasons["renamed"].endswith("calls itself 'other', its entry point 'renamed'")
+    assert reasons["renamed"].endswith("is named 'other', its entry point 'renamed'")
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_a_run_whose_rows_were_changed_is_refused(served, tmp_path, exported):
     answer = served.post("/runs", content=file.read_bytes())
     assert answer.status_code == 400
     assert "it was changed" in answer.text
-    assert served.history.count() == 0
+    assert served.history.runs() == []
 
 
 @pytest.mark.parametrize("forged", [{"run_id": "../<script>"}, {"store_url": "sqlite:////etc/passwd"}])
@@ -97,7 +97,7 @@ def test_a_document_that_this_program_did_not_write_is_refused(served, tmp_path,
         connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
     connection.close()
     assert served.post("/runs", content=file.read_bytes()).status_code == 400
-    assert served.history.count() == 0
+    assert served.history.runs() == []
 
 
 def test_more_than_may_be_sent_is_refused_by_its_length(served):

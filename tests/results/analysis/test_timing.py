@@ -16,4 +16,3 @@ def test_a_policys_times_are_typical_of_its_episodes_but_for_the_longest():
 def test_rows_of_before_there_were_such_times_have_none():
     frame = frame_of([row(cells()[0], 0)])
     assert answer_timing(frame) == ()
-    assert answer_timing(frame.drop(columns=["query_p50_s"])) == ()

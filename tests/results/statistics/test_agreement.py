@@ -14,13 +14,11 @@ def test_tau_by_hand():
     assert kendall([1, 2, 3, 4], [1, 2, 4, 3])[0] == pytest.approx(4 / 6)  # five pairs agree, one does not
     assert kendall([1, 2, 3], [3, 2, 1])[0] == pytest.approx(-1)
     assert kendall([1, 1, 1], [1, 2, 3]) is None
-    assert kendall([1], [1]) is None
 
 
 def test_rank_violation_by_hand():
-    # CollectionRequest agrees but for the second and third, whose scores on the first side are 0.2 apart.
+    # The orders agree but for the second and third, whose scores on the first side are 0.2 apart.
     assert rank_violation([0.1, 0.5, 0.7, 0.9], [0.1, 0.6, 0.4, 0.9]) == pytest.approx((0 + 0.2 + 0.2 + 0) / 4)
-    assert rank_violation([0.5], [0.5]) is None
 
 
 @given(scores)
@@ -32,9 +30,3 @@ def test_what_only_changes_the_scale_violates_nothing(found):
 def test_the_reverse_order_violates_by_the_distance_to_the_farthest(found):
     expected = sum(max(abs(a - b) for b in found) for a in found) / len(found)
     assert rank_violation(found, [-score for score in found]) == pytest.approx(expected)
-
-
-def test_unlike_numbers_of_scores_are_refused():
-    for measure in (kendall, rank_violation):
-        with pytest.raises(ValueError, match="got 2 and 3"):
-            measure([1, 2], [1, 2, 3])

@@ -77,11 +77,6 @@ def test_without_pairs_there_is_no_difference():
     assert paired_difference(Pairs(0, 0, 0, 0)) is None
 
 
-def test_negative_counts_are_refused():
-    with pytest.raises(ValueError, match="expected counts"):
-        Pairs(1, -1, 0, 0)
-
-
 def every_table(n):
     for both, first, second in product(range(n + 1), repeat=3):
         if both + first + second <= n:

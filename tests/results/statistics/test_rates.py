@@ -122,8 +122,6 @@ def test_impossible_counts_are_refused(k, n):
 def test_impossible_confidence_is_refused(confidence):
     with pytest.raises(ValueError, match="confidence between 0 and 1"):
         wilson_interval(1, 2, confidence)
-    with pytest.raises(ValueError, match="confidence between 0 and 1"):
-        rate_bounds(1, 1, 1, confidence)
 
 
 def test_lengths_that_differ_are_refused():
@@ -132,8 +130,8 @@ def test_lengths_that_differ_are_refused():
 
 
 def test_negative_counts_have_no_bounds():
-    with pytest.raises(ValueError, match="expected counts"):
-        rate_bounds(1, -1, 0)
+    with pytest.raises(ValueError, match="0 <= successes <= trials"):
+        rate_bounds(-1, 1, 0)
 
 
 def test_bounds_are_all_errors_fail_and_all_errors_succeed():
