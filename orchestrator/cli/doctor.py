@@ -12,8 +12,9 @@ import typer
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.cli.common import environment_resolver, fail, out
+from robogauntlet.orchestrator.cli.common import fail, out
 from robogauntlet.orchestrator.environments.probe import probe
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies import oracles
 
@@ -29,7 +30,7 @@ def doctor() -> None:
     ray = metadata.version("ray")
     out.print(f"Python {platform.python_version()}, Ray {ray}, {os.cpu_count()} cores, {memory:.0f} GiB memory")
     names = [name for name, simulator in catalog.simulators().items() if not simulator.internal]
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     with out.status("opening the simulators"):
         findings = probe(names, environments)
     table = Table("simulator", "version", "renders on", "one frame", box=None, pad_edge=False)

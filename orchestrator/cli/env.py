@@ -14,26 +14,22 @@ import typer
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.cli.common import (
-    BadInput,
-    declared_environments,
-    environment_resolver,
-    fail,
-    out,
-    print_line,
-)
+from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import (
     Environment,
-    EnvironmentProblem,
     EnvironmentUser,
     adapter_environment,
     config_path,
     environment_users,
 )
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.runs.plan import find_suite, load_registry
+from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.errors import BadInput
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -58,11 +54,8 @@ def create(
     """
     simulator, environment = _find(name, suite)
     began = time.monotonic()
-    try:
-        with _progress() as report:
-            created = installer.create(environment, report, fresh=fresh)
-    except EnvironmentProblem as error:
-        raise BadInput(str(error)) from None
+    with _progress() as log:
+        created = installer.create(environment, log, fresh=fresh)
     state = f"created in {format_duration(time.monotonic() - began)}" if created else "exists"
     print_line(f"{name}: {state}: {environment.folder}")
     if environment.origin == "its adapter" and adapter_environment(simulator) is None:
@@ -76,7 +69,7 @@ def create(
 @app.command("list")
 def list_environments() -> None:
     """List the environments of simulators, and unused environment folders."""
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     table = Table("environment", "declared by", "state", "folder", box=None, pad_edge=False)
     used: set[Path] = set()
     for simulator in environment_users().values():
@@ -134,10 +127,7 @@ def check_environment(name: Name, suite: InSuite = None) -> None:
 @app.command()
 def remove(name: Name) -> None:
     """Remove all environments of that name."""
-    try:
-        removed = installer.remove(name)
-    except EnvironmentProblem as error:
-        raise BadInput(str(error)) from None
+    removed = installer.remove(name)
     if not removed:
         raise BadInput(f"{name}: no environment of that name; see: robogauntlet env list")
     for folder in removed:
@@ -150,8 +140,8 @@ def _find(name: str, suite: str | None) -> tuple[EnvironmentUser, Environment]:
         shown = known.keys() - {name for name, simulator in catalog.simulators().items() if simulator.internal}
         raise BadInput(f"unknown simulator '{name}'{did_you_mean(name, shown)}")
     simulator = known[name]
-    declared = declared_environments(suite) if suite is not None else {}
-    environment = environment_resolver(declared).resolve(simulator) or adapter_environment(simulator, always=True)
+    declared = {} if suite is None else load_suite(find_suite(suite), load_registry()).environments
+    environment = EnvironmentResolver(declared).resolve(simulator) or adapter_environment(simulator, always=True)
     if environment is None:
         where = suite or str(config_path())
         raise BadInput(

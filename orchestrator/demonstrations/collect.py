@@ -36,7 +36,7 @@ from robogauntlet.suites.episode import CAMERAS, Cell, Protocol, RenderProfile, 
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import expand_tasks
-from robogauntlet.support.errors import describe_os_error
+from robogauntlet.support.errors import BadInput, describe_os_error
 
 ORACLE = "oracle"
 FIRST_SEED = 1_000_000
@@ -47,7 +47,7 @@ EPISODE_TIME_LIMIT_S = 420.0
 DEFAULT_VIEW = View(CAMERAS, 96, RenderProfile.FAST)
 
 
-class DemonstrateError(Exception):
+class DemonstrateError(BadInput):
     """A collection request is invalid; one line per problem."""
 
 

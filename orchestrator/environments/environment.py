@@ -16,6 +16,7 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.loading import load_config
+from robogauntlet.support.errors import BadInput
 
 MARKER = "environment.json"
 """Written last, so that a folder without it is an unfinished environment."""
@@ -36,7 +37,7 @@ WORKER_PACKAGES: Mapping[str, str] = {
 """RoboGauntlet's requirements that workers import, besides Ray, each with its module."""
 
 
-class EnvironmentProblem(Exception):
+class EnvironmentProblem(BadInput):
     """An environment cannot be created or used; the message says why and what to do."""
 
 

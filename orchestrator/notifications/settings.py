@@ -9,6 +9,7 @@ from email.utils import getaddresses
 from urllib.parse import urlsplit
 
 from robogauntlet.orchestrator.notifications.sending import Mail, Notifier, Tls, Webhook
+from robogauntlet.support.errors import BadInput
 from robogauntlet.support.network import is_loopback
 
 WEBHOOK = "ROBOGAUNTLET_WEBHOOK_URL"
@@ -18,7 +19,7 @@ OTHERS = ("ROBOGAUNTLET_SMTP_PORT", "ROBOGAUNTLET_SMTP_TLS")
 PORTS = {Tls.STARTTLS: "587", Tls.TLS: "465", Tls.NONE: "25"}
 
 
-class NotificationError(Exception):
+class NotificationError(BadInput):
     """Variables are missing or malformed. The message has a line per problem, with names but without values."""
 
 

@@ -23,9 +23,10 @@ from robogauntlet.results.record import OUTCOME, EpisodeResult
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.support.errors import BadInput
 
 
-class ReplayError(Exception):
+class ReplayError(BadInput):
     """An episode that cannot be replayed; the message says why."""
 
 

@@ -12,6 +12,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 from cronsim import CronSim, CronSimError
 
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 SHORTHANDS = {
@@ -31,7 +32,7 @@ EXPECTED = (
 )
 
 
-class ScheduleError(Exception):
+class ScheduleError(BadInput):
     """A schedule is invalid; the message says what was expected and what was given."""
 
 

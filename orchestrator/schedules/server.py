@@ -30,6 +30,7 @@ from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, Sche
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import Database, StoreError
 from robogauntlet.results.store.run_history import History
+from robogauntlet.support.errors import BadInput
 from robogauntlet.support.files import exclusive
 
 LATE_S = 60.0
@@ -43,7 +44,7 @@ _ADVISORY = 0x60D9_4A11
 """Number of the lock on PostgreSQL."""
 
 
-class AlreadyRunning(Exception):
+class AlreadyRunning(BadInput):
     """Another schedule server runs on the same store."""
 
 

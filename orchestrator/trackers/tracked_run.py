@@ -13,6 +13,7 @@ from typing import Any
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import CLEAN
+from robogauntlet.support.errors import BadInput
 
 COLUMNS = (
     *("simulator", "task", "policy", "policy_digest", "axis", "severity"),
@@ -25,7 +26,7 @@ _UNUSABLE = re.compile(r"[^A-Za-z0-9_.\- /]")
 _PROJECT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\- ]{0,127}")
 
 
-class TrackerError(Exception):
+class TrackerError(BadInput):
     """A run could not be sent to a tracker. The message is one line without secrets."""
 
 

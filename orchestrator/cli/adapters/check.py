@@ -14,13 +14,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import AdapterError, Simulator
+from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.check import Check, CheckResult, Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.processes import TIME_LIMIT_S
 from robogauntlet.orchestrator.adapter_kit.checks.runner import MAX_TASKS, checks_for, default_tasks, run_checks
-from robogauntlet.orchestrator.cli.common import BadInput, environment_resolver, err, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 MARKS = {Outcome.PASSED: "ok", Outcome.FAILED: "FAILED", Outcome.SKIPPED: "-"}
 
@@ -70,11 +72,8 @@ def _find(name: str) -> Simulator:
     for plugin in catalog.broken_plugins():
         if plugin.name == name:
             raise BadInput(f"simulator {name}: {plugin.reason}")
-    try:
-        simulator = catalog.find(name)
-    except AdapterError as error:
-        raise BadInput(str(error)) from None
-    if reason := environment_resolver().missing_reason(simulator):
+    simulator = catalog.find(name)
+    if reason := EnvironmentResolver().missing_reason(simulator):
         raise BadInput(f"{name}: {reason}")
     if not simulator.tasks:
         raise BadInput(f"{name}: expected a simulator with tasks, this one declares none")

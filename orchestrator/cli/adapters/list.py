@@ -7,7 +7,7 @@ from rich.table import Table
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.adapters.scene_control import ADJUSTABLE
-from robogauntlet.orchestrator.cli.common import environment_resolver, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.policies import oracles
@@ -16,7 +16,7 @@ from robogauntlet.policies import oracles
 def list_adapters() -> None:
     """List adapters with versions, tasks, the number of tasks with an oracle, and what perturbations can adjust."""
     table = Table("adapter", "simulator", "versions", "tasks", "oracles", "adjusts", box=None, pad_edge=False)
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     shown = [simulator for simulator in catalog.simulators().values() if not simulator.internal]
     for simulator in shown:
         solved = sum(f"{simulator.name}/{task}" in oracles.scripts() for task in simulator.tasks)

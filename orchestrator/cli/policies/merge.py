@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from robogauntlet.orchestrator.cli.common import BadInput, out, print_line
+from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
-from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND
 from robogauntlet.policies.mergevla.checkpoints.metadata import (
     METADATA_FILE,
@@ -25,7 +24,7 @@ from robogauntlet.policies.mergevla.merging.recipe import LAMBDA, MASKS_OF, Back
 from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.support.errors import describe_os_error_at
+from robogauntlet.support.errors import BadInput, describe_os_error_at
 
 AUTO = "auto"
 
@@ -110,8 +109,6 @@ def merge(
             recipe = _best_lambdas(read, recipe, datasets, instructions)
         merging = merge_experts(read, recipe, instructions)
         metadata = save_merged(out_folder, merging, _fit(merging.parts, datasets) if datasets else None)
-    except PolicyError as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(describe_os_error_at(error, out_folder)) from None
     _show(merging.report, recipe, _losses(read, merging.parts, datasets, instructions) if datasets else {})

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import yaml
 
-from robogauntlet.orchestrator.cli.common import BadInput, out, print_line
+from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.policies import catalog, zoo
-from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
 from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import policy_entry
+from robogauntlet.support.errors import BadInput
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.inference.websocket_server import PolicyServer
@@ -69,7 +69,7 @@ def serve(
         kind, options = kind_and_options(policy, option or ())
         served = IdentifiedPolicy(catalog.load(kind, options), policy, catalog.digest(kind, options), task)
         asyncio.run(_until_stopped(PolicyServer(served, place)))
-    except (PolicyError, ServeError) as error:
+    except ServeError as error:
         raise BadInput(str(error)) from None
     out.print("stopped")
 

@@ -13,9 +13,10 @@ from robogauntlet.orchestrator.adapter_kit.scaffold import renamed
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.adapters.check import check
 from robogauntlet.orchestrator.cli.adapters.new import new
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
+from robogauntlet.support.errors import BadInput
 from tests import ROOT
 from tests.full_disk import full_disk
 

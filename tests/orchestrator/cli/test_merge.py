@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
 from robogauntlet.policies.mergevla.kinds import MERGED
 from tests.policies.mergevla.experts import TASKS, save_base, save_expert, save_experts
@@ -97,7 +97,7 @@ def test_an_earlier_merged_checkpoint_is_written_over_and_what_a_killed_merge_le
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, zoo, tmp_path):
     stranger = save_expert(tmp_path / "stranger", save_base(tmp_path / "base", seed=9), "null/Odd", 5)
     done = merge(*(argument.format(zoo=zoo, stranger=stranger) for argument in arguments), "--out", tmp_path / "out")
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not (tmp_path / "out").exists()

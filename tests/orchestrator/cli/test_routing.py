@@ -8,7 +8,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.orchestrator.cli.policies.routing import StudyProgress
 from robogauntlet.orchestrator.routing_evaluation.first_observations import (
     FirstObservationError,
@@ -104,7 +104,7 @@ def test_a_checkpoint_without_fitted_routers_is_studied_by_the_others(zoo, no_si
 )
 def test_a_mistake_is_one_line(arguments, message, zoo):
     done = study(*(argument.format(zoo=zoo) for argument in arguments))
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
 

@@ -18,14 +18,7 @@ from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import night
 
 TOKEN = "correct-horse-battery-staple"
-SERVE = [
-    sys.executable,
-    "-c",
-    "import sys, typer\nfrom robogauntlet.orchestrator.cli.serve import serve\n"
-    "from robogauntlet.orchestrator.cli.common import BadInput, fail\n"
-    "app = typer.Typer()\napp.command()(serve)\n"
-    "try:\n app()\nexcept BadInput as error:\n fail(str(error))\n sys.exit(2)\n",
-]
+SERVE = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "serve"]
 
 
 @pytest.fixture

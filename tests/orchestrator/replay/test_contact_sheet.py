@@ -6,7 +6,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.orchestrator.replay.contact_sheet import LABEL_WIDTH, draw_contact_sheet, render_severities
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import RenderProfile, View
@@ -73,7 +73,7 @@ def test_a_sheet_is_written_by_one_command(tmp_path):
 )
 def test_a_mistake_is_one_line_and_leaves_no_file(arguments, message, tmp_path):
     done = CliRunner().invoke(app, ["axes", "sheet", *(a.format(tmp=tmp_path) for a in arguments)])
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not list(tmp_path.iterdir())
