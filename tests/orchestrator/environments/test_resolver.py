@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 import robogauntlet
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
-from robogauntlet.orchestrator.environments.environment import WORKER_PACKAGES, environment_of
+from robogauntlet.orchestrator.environments.environment import WORKER_PACKAGES
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.environments import Config, EnvironmentEntry
@@ -47,16 +47,16 @@ def test_a_suite_comes_before_the_configuration_and_that_before_the_adapter(gear
     first = catalog.find("first")
     of_suite, of_user = EnvironmentEntry(requirements=("a",)), EnvironmentEntry(requirements=("b",))
     config = Config(environments={"first": of_user})
-    assert environment_of(first, {"first": of_suite}, config).entry is of_suite
-    assert environment_of(first, {}, config).entry is of_user
-    assert environment_of(first, {}, Config()).entry.requirements == ("gearbox==1.0",)
+    assert EnvironmentResolver({"first": of_suite}, config).resolve(first).entry is of_suite
+    assert EnvironmentResolver({}, config).resolve(first).entry is of_user
+    assert EnvironmentResolver({}, Config()).resolve(first).entry.requirements == ("gearbox==1.0",)
 
 
 def test_an_adapter_s_own_environment_is_for_where_the_running_one_lacks_the_simulator(gears, monkeypatch):
     (gears / "elsewhere").mkdir(exist_ok=True)
     (gears / "elsewhere" / "gearbox.py").touch()
     monkeypatch.syspath_prepend(gears / "elsewhere")
-    assert environment_of(catalog.find("first"), {}, Config()) is None
+    assert EnvironmentResolver({}, Config()).resolve(catalog.find("first")) is None
 
 
 def test_the_doctor_looks_into_the_environments(made):
