@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-from typing import Protocol as Interface
 
 from robogauntlet.adapters import catalog as simulators
+from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
 from robogauntlet.orchestrator.demonstrations.task_queue import CollectionQueue, CollectionTask, PlayedSeed
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
@@ -51,16 +51,6 @@ class DemonstrateError(BadInput):
     """A collection request is invalid; one line per problem."""
 
 
-class CollectionDisplay(Interface):
-    """Shows the progress of a collection."""
-
-    def log(self, message: str) -> None:
-        """Print a line."""
-
-    def show(self, tasks: Sequence[CollectionTask]) -> None:
-        """Called several times a second."""
-
-
 @dataclass(frozen=True)
 class CollectionRequest:
     """The demonstrations to collect."""
@@ -80,17 +70,8 @@ class CollectionRequest:
 
     @property
     def learners(self) -> dict[str, Path]:
-        """Task to the checkpoint of the expert that acts first.
-
-        Raises:
-            PolicyError: The folder contains no experts.
-        """
+        """Task to the checkpoint of the expert that acts first. Raises PolicyError if the folder contains none."""
         return expert_folders(shipped(self.learner)) if self.learner is not None else {}
-
-    @property
-    def learner_source(self) -> PolicySource | None:
-        """The learner's policy source."""
-        return PolicySource(EXPERTS_NAME, {"folder": self.learner}) if self.learner is not None else None
 
     def problems(self) -> list[str]:
         """The request's mistakes, a line each."""
@@ -98,13 +79,11 @@ class CollectionRequest:
         scripted = policies.find(ORACLE).tasks
         can = set(self.tasks) & (scripted() if scripted else set(self.tasks))
         problems = [f"unknown task '{task}'{did_you_mean(task, known)}" for task in self.tasks if task not in known]
-        problems += [
-            f"the oracle has no script for '{task}'" for task in self.tasks if task in known and task not in can
-        ]
+        unscripted = [task for task in self.tasks if task in known and task not in can]
+        problems += [f"the oracle has no script for '{task}'" for task in unscripted]
         try:
-            problems += [
-                f"the learner has no expert for '{task}'" for task in can - self.learners.keys() if self.learner
-            ]
+            untrained = can - self.learners.keys() if self.learner else ()
+            problems += [f"the learner has no expert for '{task}'" for task in untrained]
         except PolicyError as error:
             problems.append(f"learner: {error}")
         if self.whole and self.learner is None:
@@ -151,17 +130,16 @@ def resolve(names: Sequence[str]) -> tuple[tuple[str, ...], View]:
     for name in names:
         if name in known.tasks or ("*" in name and not Path(name).exists()):
             tasks += expand_tasks([name], known.tasks) or [name]
-            continue
-        if name.partition("/")[0] in known.simulators and not Path(name).exists():
+        elif name.partition("/")[0] in known.simulators and not Path(name).exists():
             tasks.append(name)
-            continue
-        suite = load_suite(find_suite(name), known)
-        tasks += suite.tasks
-        view = view or View(suite.cameras, suite.image_size, suite.render_profile)
+        else:
+            suite = load_suite(find_suite(name), known)
+            tasks += suite.tasks
+            view = view or View(suite.cameras, suite.image_size, suite.render_profile)
     return tuple(dict.fromkeys(tasks)), view or DEFAULT_VIEW
 
 
-def collect(request: CollectionRequest, folder: Path, display: CollectionDisplay) -> CollectionResult:
+def collect(request: CollectionRequest, folder: Path, display: DemonstrationProgress) -> CollectionResult:
     """Collect the missing demonstrations into `folder`, a dataset per task.
 
     An interruption or a full disk ends the collection early. The committed episodes are kept, and collecting again
@@ -198,7 +176,7 @@ def collect(request: CollectionRequest, folder: Path, display: CollectionDisplay
 class _Observer(Observer[PlayedSeed]):
     """Commits played episodes."""
 
-    def __init__(self, tasks: Sequence[CollectionTask], display: CollectionDisplay) -> None:
+    def __init__(self, tasks: Sequence[CollectionTask], display: DemonstrationProgress) -> None:
         self._tasks, self._display = tasks, display
 
     def on_skipped(self, simulator: str, reason: str, episodes: int) -> None:
@@ -219,7 +197,7 @@ class _Observer(Observer[PlayedSeed]):
 def _play(
     request: CollectionRequest,
     collected: CollectionResult,
-    display: CollectionDisplay,
+    display: DemonstrationProgress,
     environments: EnvironmentResolver,
 ) -> None:
     from robogauntlet.orchestrator.demonstrations.recorder import DemonstrationJob
@@ -230,7 +208,8 @@ def _play(
         return
     names = dict.fromkeys(task.cell.simulator for task in tasks)
     work = {name: CollectionQueue(task for task in tasks if task.cell.simulator == name) for name in names}
-    job = DemonstrationJob(request.noise, request.learner_source, whole=request.whole)
+    learner = PolicySource(EXPERTS_NAME, {"folder": request.learner}) if request.learner is not None else None
+    job = DemonstrationJob(request.noise, learner, whole=request.whole)
     options = SchedulerOptions(lambda: request.workers, EPISODE_TIME_LIMIT_S, allowed_errors=sys.maxsize)
     try:
         try:
@@ -240,7 +219,7 @@ def _play(
                 Scheduler(work, pool, options, sink=lambda results: None, observer=observer).run()
         finally:
             for task in tasks:
-                task.flush()
+                task.writer.flush()  # up to the first gap; seeds beyond it are played again in another session
     except KeyboardInterrupt:
         collected.status = RunStatus.INTERRUPTED
     except (OSError, RayLost, WorkerPoolError) as error:

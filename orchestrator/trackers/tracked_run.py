@@ -88,11 +88,7 @@ def tracked_run(document: RunDocument, tables: Tables) -> TrackedRun:
 
 
 def check_project(project: str) -> None:
-    """Check that every tracker accepts the name of a project.
-
-    Raises:
-        TrackerError: The name is not accepted.
-    """
+    """Raise TrackerError unless every tracker accepts the name of a project."""
     if not _PROJECT.fullmatch(project):
         raise TrackerError(
             "the project's name: expected at most 128 letters, digits, spaces and . _ -, with a letter or digit first"
@@ -100,21 +96,15 @@ def check_project(project: str) -> None:
 
 
 def _numbers(tally: Tally) -> dict[str, float]:
-    interval = tally.interval
-    numbers = {
-        "success_rate": tally.rate,
-        "success_rate_low": interval.low if interval else None,
-        "success_rate_high": interval.high if interval else None,
-        "n": tally.verdicts,
-        "errors": tally.errors,
-        "missing": tally.missing,
-    }
+    numbers = {"success_rate": tally.rate, "n": tally.verdicts, "errors": tally.errors, "missing": tally.missing}
+    if tally.interval:
+        numbers |= {"success_rate_low": tally.interval.low, "success_rate_high": tally.interval.high}
     return {name: float(value) for name, value in numbers.items() if value is not None}
 
 
 def _place(cell: CellRow) -> str:
-    clean = cell.axis == CLEAN
-    return _usable("/".join([cell.policy, cell.task, *([] if clean else [cell.axis, str(cell.severity)])]))
+    condition = [] if cell.axis == CLEAN else [cell.axis, str(cell.severity)]
+    return _usable("/".join([cell.policy, cell.task, *condition]))
 
 
 def _usable(name: str) -> str:

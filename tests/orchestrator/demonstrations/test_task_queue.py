@@ -87,10 +87,10 @@ def test_what_came_before_its_turn_is_not_committed():
     made, shelf = collection()
     made.lease(3)
     made.accept(played(101))
-    made.flush()
+    made.writer.flush()
     assert shelf.episodes == []
     made.accept(played(100))
-    made.flush()
+    made.writer.flush()
     assert shelf.episodes == [100, 101]
 
 
@@ -102,7 +102,7 @@ def test_seeds_of_a_dead_worker_are_handed_out_again_and_the_killer_becomes_an_e
         assert made.lease(3) == seeds
     made.put_back(seeds, "died")
     assert made.lease(3) == (101, 102, 103)
-    made.flush()
+    made.writer.flush()
     assert shelf.attempts == [Attempt(100, "error", 0, f"died, {MAX_ATTEMPTS} times")]
 
 
@@ -195,6 +195,6 @@ def test_whoever_dies_or_hangs_the_first_successes_by_seed_are_kept(workers, fai
     Scheduler(work, pool, options, lambda results: None, Told(), now=pool.clock).run()
     expected = [seed for seed in range(100, 200) if seed not in fails][:4]
     for made, shelf in (each for opened in tasks.values() for each in opened):
-        made.flush()
+        made.writer.flush()
         assert shelf.episodes == expected
         assert [attempt.seed for attempt in shelf.attempts] == list(range(100, expected[-1] + 1))
