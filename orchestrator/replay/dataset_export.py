@@ -6,10 +6,10 @@ whose outcome differs from its row is omitted.
 
 from __future__ import annotations
 
-import heapq
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 
 from robogauntlet.adapters.contract import Simulation
@@ -24,7 +24,7 @@ from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedEpisode, encode_episode
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.results.run_document import RunDocument, RunStatus
+from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus
 from robogauntlet.suites.episode import Condition, content_hash
 from robogauntlet.suites.selection import match_patterns
 from robogauntlet.support.errors import describe_os_error
@@ -50,38 +50,31 @@ class EpisodeFilter:
     """Maximum per task, selected by the hashes of the ids. A larger limit adds to the selection of a smaller one."""
 
     def select(self, document: RunDocument, rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
-        """The selected rows, in the order in which they are replayed.
-
-        Args:
-            document: The run.
-            rows: Of the run.
+        """The selected rows of a run, in the order in which they are replayed.
 
         Raises:
             SelectionError: A name or pattern matches nothing in the run.
         """
-        plan = document.plan
-        policies = match_patterns(
-            "policy", self.policies, list(dict.fromkeys(cell.policy for cell in plan)), whole="run"
-        )
-        tasks = match_patterns("task", self.tasks, list(dict.fromkeys(cell.task for cell in plan)), whole="run")
-        every = list(dict.fromkeys(str(Condition(cell.axis, cell.severity)) for cell in plan))
-        conditions = match_patterns("condition", self.conditions, every, whole="run")
-        wanted = (
-            row
-            for row in rows
-            if row.status in self.statuses
-            and row.policy in policies
-            and row.task in tasks
-            and str(Condition(row.axis, row.severity)) in conditions
-        )
-        drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
-        for row in wanted:
-            selected = drawn.setdefault(row.task, [])
-            full = self.limit is not None and len(selected) >= self.limit
-            rank = -int(content_hash(row.episode_id), 16)
-            (heapq.heappushpop if full else heapq.heappush)(selected, (rank, row.episode_id, row))
-        rows = [row for selected in drawn.values() for _, _, row in selected]
-        return sorted(rows, key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
+
+        def matching(what: str, patterns: Sequence[str], known: Iterable[str]) -> set[str]:
+            return match_patterns(what, patterns, list(dict.fromkeys(known)), whole="run")
+
+        policies = matching("policy", self.policies, (cell.policy for cell in document.plan))
+        tasks = matching("task", self.tasks, (cell.task for cell in document.plan))
+        conditions = matching("condition", self.conditions, map(_condition, document.plan))
+        by_task: dict[str, list[EpisodeResult]] = {}
+        for row in rows:
+            is_named = row.policy in policies and row.task in tasks and _condition(row) in conditions
+            if is_named and row.status in self.statuses:
+                by_task.setdefault(row.task, []).append(row)
+        drawn = [
+            sorted(group, key=lambda row: content_hash(row.episode_id))[: self.limit] for group in by_task.values()
+        ]
+        return sorted(chain(*drawn), key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
+
+
+def _condition(part: EpisodeResult | PlannedCell) -> str:
+    return str(Condition(part.axis, part.severity))
 
 
 def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode | str:
@@ -97,7 +90,7 @@ def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode 
         return recorders[-1]
 
     replayed = replay(row, runner, lambda simulation, step: recorders[-1].watch(simulation, step), record)
-    name = f"{row.episode_id} ({row.task}, {row.policy}, {Condition(row.axis, row.severity)}, seed {row.seed})"
+    name = f"{row.episode_id} ({row.task}, {row.policy}, {_condition(row)}, seed {row.seed})"
     if replayed.result.status == Status.ERROR:
         return f"{name}: could not be played again: {replayed.result.error}"
     if replayed.differences:
@@ -138,12 +131,13 @@ def write_datasets(
         document: The run.
         sources: Its policies.
         folder: The folder of the datasets, one per task.
-        on_start: Called with the number of episodes to replay; the returned function is called after each.
+        on_start: Called with the export and the number of episodes to replay. The returned function is called after
+            each.
         environments: The environment of each simulator.
 
     Raises:
         DatasetError: The folder contains other data.
-        FolderError: Another process writes into the folder, or it cannot be export.
+        FolderError: Another process writes into the folder, or it cannot be written.
     """
     export = DatasetExport(wanted=len(rows))
     with lock_folder(folder):
