@@ -83,23 +83,15 @@ def print_line(line: str) -> None:
 
 
 def newest_run(root: Path = RUNS) -> Path:
-    """Return the run folder under `root` that was changed last.
-
-    Raises:
-        BadInput: `root` holds no run.
-    """
-    documents = sorted(root.glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime)
-    if not documents:
+    """Return the run folder under `root` that was changed last. Raises BadInput if there is none."""
+    newest = max(root.glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime, default=None)
+    if newest is None:
         raise BadInput(f"no run under {root}/; name one")
-    return documents[-1].parent
+    return newest.parent
 
 
 def history_url(url: str | None, root: Path = RUNS) -> str:
-    """Return the URL of the history: the given one, or that of the file beside the run folders.
-
-    Raises:
-        StoreError: `url` is not the URL of a store.
-    """
+    """Return the URL of the history: the given one, which must be valid, or that of the file beside the run folders."""
     if url is None:
         return file_url((root / HISTORY_FILE).absolute())
     return parse(url).render_as_string(hide_password=False)

@@ -42,8 +42,7 @@ def print_summary(report: Report) -> None:
         return
     for comparison in merging.routed:
         sides = f"expert ({merging.expert}), oracle-routed ({merging.oracle_routed}), routed ({comparison.policy})"
-        title = f"Success of {sides}; accuracy of the router"
-        out.print(rich_table(compact_table(comparison), title=title))
+        out.print(rich_table(compact_table(comparison), title=f"Success of {sides}; accuracy of the router"))
         out.print()
     out.print(rich_table(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
     out.print()

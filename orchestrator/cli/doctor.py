@@ -66,10 +66,9 @@ def _machine_problems() -> list[str]:
         imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
         problems.append(f"videos cannot be written: {error}; pip install imageio-ffmpeg")
-    free = shutil.disk_usage(".").free / 1e9
-    if free < MIN_DISK_GB:
-        problems.append(f"only {free:.1f} GB are free in this folder; a run with videos needs up to {MIN_DISK_GB:g} GB")
-    free = shutil.disk_usage(tempfile.gettempdir()).free / 1e9
-    if free < MIN_DISK_GB:
-        problems.append(f"only {free:.1f} GB are free in {tempfile.gettempdir()}, where Ray keeps its files")
+    here, ray = f"this folder; a run with videos needs up to {MIN_DISK_GB:g} GB", "where Ray keeps its files"
+    for folder, place in ((".", here), (tempfile.gettempdir(), f"{tempfile.gettempdir()}, {ray}")):
+        free = shutil.disk_usage(folder).free / 1e9
+        if free < MIN_DISK_GB:
+            problems.append(f"only {free:.1f} GB are free in {place}")
     return problems

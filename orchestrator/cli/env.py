@@ -59,10 +59,8 @@ def create(
     state = f"created in {format_duration(time.monotonic() - began)}" if created else "exists"
     print_line(f"{name}: {state}: {environment.folder}")
     if environment.origin == "its adapter" and adapter_environment(simulator) is None:
-        fail(
-            f"{name} is also installed in the running environment, which runs use unless a suite or {config_path()} "
-            "names another one"
-        )
+        users = f"which runs use unless a suite or {config_path()} names another one"
+        fail(f"{name} is also installed in the running environment, {users}")
     _report_fit(environment, simulator)
 
 
@@ -97,14 +95,17 @@ def list_environments() -> None:
 def show(name: Name, suite: InSuite = None) -> None:
     """Show the declaration, the folder and the versions of an environment."""
     simulator, environment = _find(name, suite)
-    entry = environment.entry.model_dump(mode="json", exclude_defaults=True)
-    contents = check(environment, simulator)
+    contents, manifest = check(environment, simulator), environment.manifest
+    created = "no"
+    if manifest is not None:
+        made_at = manifest.get("made_at")
+        created = f"{datetime.fromtimestamp(made_at):%Y-%m-%d %H:%M:%S}" if made_at else "by the user"
     rows = {
         "declared by": environment.origin,
         "hash": environment.entry.hash,
-        "entry": json.dumps(entry),
+        "entry": json.dumps(environment.entry.model_dump(mode="json", exclude_defaults=True)),
         "python": str(environment.python),
-        "created": "no" if environment.manifest is None else _moment(environment.manifest.get("made_at")),
+        "created": created,
         **contents.versions,
     }
     table = Table(box=None, pad_edge=False, show_header=False)
@@ -143,11 +144,8 @@ def _find(name: str, suite: str | None) -> tuple[EnvironmentUser, Environment]:
     declared = {} if suite is None else load_suite(find_suite(suite), load_registry()).environments
     environment = EnvironmentResolver(declared).resolve(simulator) or adapter_environment(simulator, always=True)
     if environment is None:
-        where = suite or str(config_path())
-        raise BadInput(
-            f"{name}: runs in the running environment; to give it its own environment, add "
-            f"environments: {{{name}: {{requirements: [...]}}}} to {where}"
-        )
+        remedy = f"add environments: {{{name}: {{requirements: [...]}}}} to {suite or config_path()}"
+        raise BadInput(f"{name}: runs in the running environment; to give it its own environment, {remedy}")
     return simulator, environment
 
 
@@ -159,10 +157,6 @@ def _report_fit(environment: Environment, simulator: EnvironmentUser) -> None:
         raise typer.Exit(1)
     versions = ", ".join(f"{name} {version}" for name, version in contents.versions.items())
     print_line(f"{simulator.name}: fits: Python {contents.python}, {versions}")
-
-
-def _moment(seconds: float | None) -> str:
-    return "by the user" if seconds is None else f"{datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M:%S}"
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,6 +20,7 @@ from robogauntlet.orchestrator.cli.common import (
     out,
     print_line,
 )
+from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, EpisodeFilter, write_datasets
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
@@ -30,9 +31,6 @@ from robogauntlet.results.run_document import RunDocument, RunStatus, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from robogauntlet.support.errors import BadInput
-
-if TYPE_CHECKING:
-    from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter
 
 
 class Format(StrEnum):
@@ -102,8 +100,6 @@ def export(
     """
     file = file or Path(f"{run.absolute().name}{SUFFIXES[form]}")
     if form is Format.LEROBOT_DATASET:
-        from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter
-
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
         policies = () if policy is None else (policy,)
         selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit)
@@ -142,8 +138,6 @@ def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy
 
 
 def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None) -> None:
-    from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
-
     def listener(written: DatasetExport, count: int) -> Callable[[], None]:
         if written.existing:
             out.print(f"continuing: {written.existing} of {counted(written.wanted, 'episode')} are recorded already")

@@ -106,9 +106,7 @@ def list_schedules(
     """List schedules with their next time and the outcome of the last run."""
     with _open_stores(url) as stores:
         schedules = [stores.find(name)] if name else stores.schedules.schedules()
-        last_runs = {
-            schedule.name: stores.schedules.scheduled_runs(schedule=schedule.name, limit=1) for schedule in schedules
-        }
+        last_runs = [stores.schedules.scheduled_runs(schedule=schedule.name, limit=1) for schedule in schedules]
     if target is not None:
         for schedule in schedules:
             out.print(render_for(schedule, target, Path.cwd()), markup=False, soft_wrap=True, end="")
@@ -117,10 +115,8 @@ def list_schedules(
         print_line("no schedule yet; add one: robogauntlet schedule add nightly SUITE --cron '0 2 * * *'")
         return
     rows = []
-    for schedule in schedules:
-        state = NOTHING
-        for run in last_runs[schedule.name]:
-            state = f"{run.state}: {run.outcome}" if run.outcome else str(run.state)
+    for schedule, last in zip(schedules, last_runs, strict=True):
+        state = ": ".join(filter(None, (last[0].state, last[0].outcome))) if last else NOTHING
         times = f"{schedule.cron} {schedule.timezone}"
         rows.append((schedule.name, schedule.suite, times, _next_time(schedule), state))
     out.print(rich_table(TextTable(("name", "suite", "when", "next", "last"), tuple(rows), 5), title="schedules"))
@@ -177,9 +173,8 @@ def test_message() -> None:
     """Send a test notification to all recipients."""
     recipients = notifiers(os.environ)
     if not recipients:
-        raise BadInput(
-            "no recipient: set ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/notifications.md)"
-        )
+        variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/notifications.md)"
+        raise BadInput(f"no recipient: set {variables}")
     message = Message("RoboGauntlet: a test", ("If you read this, notifications arrive.",), "none")
     if problems := send_all(message, recipients):
         raise BadInput("\n".join(problems))

@@ -21,7 +21,8 @@ def list_adapters() -> None:
     for simulator in shown:
         solved = sum(f"{simulator.name}/{task}" in oracles.scripts() for task in simulator.tasks)
         counts = str(len(simulator.tasks)), str(solved)
-        table.add_row(simulator.name, simulator.title, _versions(environments, simulator), *counts, _adjusts(simulator))
+        adjusts = "all" if simulator.adjusts >= ADJUSTABLE else ", ".join(sorted(simulator.adjusts)) or "nothing"
+        table.add_row(simulator.name, simulator.title, _versions(environments, simulator), *counts, adjusts)
     out.print(table)
     for simulator in shown:
         if reason := environments.missing_reason(simulator):
@@ -35,9 +36,3 @@ def _versions(environments: EnvironmentResolver, simulator: Simulator) -> str:
         return "not installed"
     versions = environments.versions(simulator)
     return ", ".join(f"{name} {versions.get(name, '?')}" for name in simulator.distributions)
-
-
-def _adjusts(simulator: Simulator) -> str:
-    if simulator.adjusts >= ADJUSTABLE:
-        return "all"
-    return ", ".join(sorted(simulator.adjusts)) or "nothing"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -167,10 +168,9 @@ def _options(given: Sequence[str]) -> dict[str, Any]:
         name, equals, value = text.partition("=")
         if not name or not equals:
             raise MergeError(f"expected --option NAME=VALUE, got '{text}'")
-        try:
+        options[name] = value
+        with suppress(ValueError):
             options[name] = json.loads(value)
-        except ValueError:
-            options[name] = value
     return options
 
 
@@ -235,7 +235,6 @@ def _show(report: MergeReport, recipe: Recipe, losses: Mapping[str, tuple[float,
     out.print(table)
     out.print(f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f}; {report.entries} weights merged")
     for part, distances in report.block_distances.items():
-        first_kept = len(distances) - recipe.kept_blocks
-        halves = distances[:first_kept], distances[first_kept:]
-        trunk, head = (" ".join(f"{distance:.3f}" for distance in half) for half in halves)
+        texts, first_kept = [f"{distance:.3f}" for distance in distances], len(distances) - recipe.kept_blocks
+        trunk, head = " ".join(texts[:first_kept]), " ".join(texts[first_kept:])
         print_line(f"distance of experts by block, {part}: merged {trunk or 'none'}; kept {head or 'none'}")

@@ -60,9 +60,8 @@ def routing(
 
         from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudyRequest, study_routing
         from robogauntlet.orchestrator.routing_evaluation.first_observations import FirstObservationError
-    request = RoutingStudyRequest(
-        checkpoint, range(first_seed, first_seed + seed_count), keep, tuple(demonstrations or ())
-    )
+    seeds = range(first_seed, first_seed + seed_count)
+    request = RoutingStudyRequest(checkpoint, seeds, keep, tuple(demonstrations or ()))
     try:
         with StudyProgress(out) as progress:
             study = study_routing(request, progress.show)

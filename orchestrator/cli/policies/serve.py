@@ -60,9 +60,8 @@ def serve(
             ServerOptions,
         )
     except ModuleNotFoundError as error:
-        raise BadInput(
-            f'not installed (no module {error.name}); install it: pip install "robogauntlet[remote]"'
-        ) from None
+        remedy = 'install it: pip install "robogauntlet[remote]"'
+        raise BadInput(f"not installed (no module {error.name}); {remedy}") from None
     place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
     try:
         place.check()

@@ -52,9 +52,8 @@ def needs_training_packages() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise BadInput(
-            f'training: not installed (no module {error.name}); install it: pip install "robogauntlet[mergevla]"'
-        ) from None
+        remedy = 'install it: pip install "robogauntlet[mergevla]"'
+        raise BadInput(f"training: not installed (no module {error.name}); {remedy}") from None
 
 
 @contextmanager

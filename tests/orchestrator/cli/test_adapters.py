@@ -13,10 +13,9 @@ from robogauntlet.orchestrator.adapter_kit.scaffold import renamed
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.adapters.check import check
 from robogauntlet.orchestrator.cli.adapters.new import new
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, INPUT_ERRORS
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
-from robogauntlet.support.errors import BadInput
 from tests import ROOT
 from tests.full_disk import full_disk
 
@@ -117,7 +116,7 @@ BAD = ["MySim", "my sim", "my_sim", "-x", "x-", "1x", "a" * 41, "../up", "manisk
 
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
-    with pytest.raises(BadInput) as refused:
+    with pytest.raises(INPUT_ERRORS) as refused:
         new(name, tmp_path / "folder")
     assert f"'{name}'" in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
@@ -125,7 +124,7 @@ def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
 
 
 def test_a_package_that_cannot_be_written_whole_is_a_line_and_leaves_no_part(tmp_path):
-    with full_disk(), pytest.raises(BadInput, match="cannot be written: File too large"):
+    with full_disk(), pytest.raises(INPUT_ERRORS, match="cannot be written: File too large"):
         new("mysim", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
@@ -147,7 +146,7 @@ def test_a_folder_that_exists_is_left_alone(tmp_path):
     ],
 )
 def test_an_unknown_name_is_answered_with_what_was_meant(arguments, said):
-    with pytest.raises(BadInput) as refused:
+    with pytest.raises(INPUT_ERRORS) as refused:
         check(**{"name": "pybullet", **arguments})
     assert str(refused.value) == said
 
