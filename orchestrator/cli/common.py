@@ -60,6 +60,11 @@ SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]
+TOKEN = "ROBOGAUNTLET_TOKEN"
+Host = Annotated[
+    str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
+]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")]
 HistoryUrl = Annotated[
     str | None,
     typer.Option(
@@ -105,11 +110,7 @@ def runs_root(url: str | None) -> Path:
 
 @contextmanager
 def open_history(url: str | None, root: Path | None = None) -> Iterator[History]:
-    """Open the history and record in it the runs under `root` that it does not list yet.
-
-    Args:
-        url: URL of the history; None for the file beside the run folders.
-        root: Folder of the run folders; None for `runs_root(url)`.
+    """Open the history at `url` and record in it the runs under `root` that it does not list yet.
 
     Raises:
         BadInput: The folder cannot be written.

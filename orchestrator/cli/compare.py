@@ -71,13 +71,7 @@ def compare(
 
 
 def compare_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> Comparison:
-    """Compare two run folders with the options of `api.compare`.
-
-    Raises:
-        BadInput: A run lacks one of the policies.
-        RunError: A folder is not a run folder.
-        StoreError: The rows of a run cannot be read.
-    """
+    """Compare two run folders with the options of `api.compare`; raises BadInput if a run lacks a policy."""
     sides = [api.open_run(folder, store) for folder in (run, baseline)]
     for side in sides:
         check_policies(side.folder, side.document, options["only"])
@@ -93,13 +87,7 @@ def check_policies(folder: Path, document: RunDocument, policies: list[str]) -> 
 
 
 def conclude(comparison: Comparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
-    """Print a comparison or write it into a file, and exit with the code of its verdict.
-
-    Args:
-        comparison: The comparison.
-        form: The output format.
-        file: The file to write; None to print.
-        tables: Whether a printed text begins with a table of each policy.
+    """Write a comparison into a file or print it, if wanted after a table of each policy; exit with its code.
 
     Raises:
         BadInput: The file cannot be written.

@@ -7,19 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from robogauntlet.orchestrator.cli import compare
 from robogauntlet.orchestrator.cli.common import HistoryUrl, NewestRunArgument, StoreUrl, newest_run, open_history
-from robogauntlet.orchestrator.cli.compare import (
-    Allow,
-    Alpha,
-    Format,
-    Margin,
-    Only,
-    OutFile,
-    OutputFormat,
-    check_policies,
-    compare_folders,
-    conclude,
-)
 from robogauntlet.orchestrator.runs.regression_check import check_regression
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.run_document import read_run
@@ -33,12 +22,12 @@ def gate(
         Path | None,
         typer.Option(help="Run folder to compare it with; by default the last good run of its suite before it."),
     ] = None,
-    policy: Only = None,
-    allow: Allow = None,
-    alpha: Alpha = None,
-    margin: Margin = None,
-    form: OutputFormat = Format.TEXT,
-    file: OutFile = None,
+    policy: compare.Only = None,
+    allow: compare.Allow = None,
+    alpha: compare.Alpha = None,
+    margin: compare.Margin = None,
+    form: compare.OutputFormat = compare.Format.TEXT,
+    file: compare.OutFile = None,
     store: StoreUrl = None,
     url: HistoryUrl = None,
 ) -> None:
@@ -51,22 +40,16 @@ def gate(
         raise BadInput(f"{run}: with --store, name the run to compare it with: --baseline RUN")
     options = {"only": policy or [], "allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
     if baseline is not None:
-        comparison = compare_folders(run, baseline, store, options)
+        comparison = compare.compare_folders(run, baseline, store, options)
     else:
         comparison = _compare_with_last_good(run, url, options)
-    conclude(comparison, form, file, tables=False)
+    compare.conclude(comparison, form, file, tables=False)
 
 
 def _compare_with_last_good(run: Path, url: str | None, options: dict[str, Any]) -> Comparison:
-    """Compare the run with the last good one of its suite, and record the verdict in the history.
-
-    Raises:
-        BadInput: There is no earlier run, or the run lacks one of the policies.
-        RunError: One of the two cannot be read.
-        StoreError: The history or the rows of a run cannot be read.
-    """
+    """Compare the run with the last good one of its suite, and record the verdict in the history."""
     document = read_run(run)
-    check_policies(run, document, options["only"])
+    compare.check_policies(run, document, options["only"])
     with open_history(url, run.absolute().parent if url is None else None) as history:
         if history.find(document.run_id) is None:
             record_run_folder(history, run, document)

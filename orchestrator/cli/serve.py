@@ -9,18 +9,14 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, out, runs_root
+from robogauntlet.orchestrator.cli.common import TOKEN, HistoryUrl, Host, Port, open_history, out, runs_root
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.network import is_loopback
 
-TOKEN = "ROBOGAUNTLET_TOKEN"
-
 
 def serve(
-    host: Annotated[
-        str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")] = 8770,
+    host: Host = "127.0.0.1",
+    port: Port = 8770,
     max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
     url: HistoryUrl = None,
 ) -> None:

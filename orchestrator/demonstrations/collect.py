@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -106,14 +107,20 @@ class CollectionRequest:
 
 
 @dataclass
-class CollectionResult:
-    """The outcome of a collection."""
+class RecordingResult:
+    """The outcome of recording datasets."""
 
-    status: RunStatus
-    tasks: list[CollectionTask]
-    seconds: float
+    status: RunStatus = RunStatus.COMPLETE
     warnings: list[str] = field(default_factory=list)
     """Messages for the user, a line each."""
+
+
+@dataclass
+class CollectionResult(RecordingResult):
+    """The outcome of a collection."""
+
+    tasks: list[CollectionTask] = field(default_factory=list)
+    seconds: float = 0.0
 
 
 def resolve(names: Sequence[str]) -> tuple[tuple[str, ...], View]:
@@ -164,7 +171,7 @@ def collect(request: CollectionRequest, folder: Path, display: DemonstrationProg
         for task in tasks:
             if task.cell.simulator in absent:
                 task.give_up(absent[task.cell.simulator])
-        collected = CollectionResult(RunStatus.COMPLETE, tasks, 0.0)
+        collected = CollectionResult(tasks=tasks)
         _play(request, collected, display, environments)
         collected.warnings += [f"{task.name}: {task.reason}" for task in tasks if task.reason]
         if collected.status is RunStatus.COMPLETE and any(task.kept < task.episodes for task in tasks):
@@ -211,20 +218,27 @@ def _play(
     learner = PolicySource(EXPERTS_NAME, {"folder": request.learner}) if request.learner is not None else None
     job = DemonstrationJob(request.noise, learner, whole=request.whole)
     options = SchedulerOptions(lambda: request.workers, EPISODE_TIME_LIMIT_S, allowed_errors=sys.maxsize)
+    # Flushing commits the seeds before the first gap; those after it are played again in another session.
+    with recording(collected, [task.writer for task in tasks]), ray_session(address=None, workers=request.workers):
+        pool = RayWorkerPool({ORACLE: PolicySource(ORACLE)}, environments=environments, job=job)
+        observer = _Observer(collected.tasks, display)
+        Scheduler(work, pool, options, sink=lambda results: None, observer=observer).run()
+
+
+@contextmanager
+def recording(result: RecordingResult, writers: Iterable[DatasetWriter]) -> Iterator[None]:
+    """Flush the writers after the block. Note in the result if an interruption or a failure ended the block early."""
     try:
         try:
-            with ray_session(address=None, workers=request.workers):
-                pool = RayWorkerPool({ORACLE: PolicySource(ORACLE)}, environments=environments, job=job)
-                observer = _Observer(collected.tasks, display)
-                Scheduler(work, pool, options, sink=lambda results: None, observer=observer).run()
+            yield
         finally:
-            for task in tasks:
-                task.writer.flush()  # up to the first gap; seeds beyond it are played again in another session
+            for writer in writers:
+                writer.flush()
     except KeyboardInterrupt:
-        collected.status = RunStatus.INTERRUPTED
+        result.status = RunStatus.INTERRUPTED
     except (OSError, RayLost, WorkerPoolError) as error:
-        collected.status = RunStatus.STOPPED
-        collected.warnings.append(describe_os_error(error))
+        result.status = RunStatus.STOPPED
+        result.warnings.append(describe_os_error(error))
 
 
 def _open_task(

@@ -80,11 +80,7 @@ def create(environment: Environment, log: Log, *, fresh: bool = False) -> bool:
 
 
 def remove(name: str) -> list[Path]:
-    """Remove all finished and unfinished environments of a name, and return their folders.
-
-    Raises:
-        EnvironmentProblem: An environment is being created, or cannot be removed.
-    """
+    """Remove all environments of a name, finished or not, and return their folders. Raises EnvironmentProblem."""
     folders = [folder for folder in all_folders() if folder.name.rpartition("-")[0] == name]
     try:
         for folder in folders:

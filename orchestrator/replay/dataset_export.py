@@ -13,21 +13,20 @@ from itertools import chain
 from pathlib import Path
 
 from robogauntlet.adapters.contract import Simulation
-from robogauntlet.orchestrator.demonstrations.collect import dataset_name
+from robogauntlet.orchestrator.demonstrations.collect import RecordingResult, dataset_name, recording
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
-from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
+from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from robogauntlet.orchestrator.replay.replay import NotReplayed, episode_of, replay, replay_rows
 from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedEpisode, encode_episode
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus
+from robogauntlet.results.run_document import PlannedCell, RunDocument
 from robogauntlet.suites.episode import Condition, content_hash
 from robogauntlet.suites.selection import match_patterns
-from robogauntlet.support.errors import describe_os_error
 
 PLAYED = (str(Status.FAILURE), str(Status.SUCCESS))
 """Statuses of episodes that can be replayed."""
@@ -103,17 +102,14 @@ def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode 
 
 
 @dataclass
-class DatasetExport:
+class DatasetExport(RecordingResult):
     """The datasets of a run's episodes."""
 
-    status: RunStatus = RunStatus.COMPLETE
     writers: dict[str, DatasetWriter] = field(default_factory=dict)
     """Task to its dataset."""
     wanted: int = 0
     existing: int = 0
     """Number of wanted episodes that were in the datasets before."""
-    warnings: list[str] = field(default_factory=list)
-    """A line for each episode or simulator that failed."""
 
 
 def write_datasets(
@@ -149,38 +145,30 @@ def write_datasets(
         missing = [row for row in rows if row.episode_id not in existing]
         export.existing = len(rows) - len(missing)
         if missing:
-            _replay(missing, sources, export, on_start(export, len(missing)), environments)
+            on_replayed = on_start(export, len(missing))
+            simulators = {row.simulator for row in missing}
+            with recording(export, export.writers.values()), ray_session(address=None, workers=len(simulators)):
+                _add_episodes(export, replay_rows(missing, sources, environments, record_episode), on_replayed)
     return export
 
 
-def _replay(
-    missing: Sequence[EpisodeResult],
-    sources: Mapping[str, PolicySource],
+def _add_episodes(
     export: DatasetExport,
+    episodes: Iterable[tuple[EpisodeResult, EncodedEpisode | str | NotReplayed]],
     on_replayed: Callable[[], None],
-    environments: EnvironmentResolver,
 ) -> None:
     not_replayed: Counter[NotReplayed] = Counter()
     try:
-        try:
-            with ray_session(address=None, workers=len({row.simulator for row in missing})):
-                for row, episode in replay_rows(missing, sources, environments, record_episode):
-                    if isinstance(episode, NotReplayed):
-                        not_replayed[episode] += 1
-                    elif isinstance(episode, str):
-                        export.warnings.append(episode)
-                    else:
-                        writer = export.writers[row.task]
-                        writer.add(Attempt(row.seed, row.status, row.steps), episode)
-                        writer.flush_if_due()
-                    on_replayed()
-        finally:
-            for why, count in not_replayed.items():
-                export.warnings.append(f"{why.simulator}: {count} not played again: {why.reason}")
-            for writer in export.writers.values():
-                writer.flush()
-    except KeyboardInterrupt:
-        export.status = RunStatus.INTERRUPTED
-    except (OSError, RayLost) as error:
-        export.status = RunStatus.STOPPED
-        export.warnings.append(describe_os_error(error))
+        for row, episode in episodes:
+            if isinstance(episode, NotReplayed):
+                not_replayed[episode] += 1
+            elif isinstance(episode, str):
+                export.warnings.append(episode)
+            else:
+                writer = export.writers[row.task]
+                writer.add(Attempt(row.seed, row.status, row.steps), episode)
+                writer.flush_if_due()
+            on_replayed()
+    finally:
+        for why, count in not_replayed.items():
+            export.warnings.append(f"{why.simulator}: {count} not played again: {why.reason}")

@@ -49,7 +49,8 @@ def check(
     simulator = _find(name)
     wanted = checks_for(_tasks(simulator, task, all_tasks), _checks(only), every=all_tasks)
     began = time.perf_counter()
-    with _progress() as progress:
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, TextColumn("{task.fields[doing]}"), console=err, transient=True) as progress:
         bar = progress.add_task(name, total=sum(map(len, wanted.values())), doing="")
         finished: set[tuple[str, str]] = set()
         lock = threading.Lock()
@@ -96,11 +97,6 @@ def _checks(only: Sequence[str] | None) -> list[Check]:
         if not any(name.startswith(beginning) for name in CHECKS):
             raise BadInput(f"unknown check '{beginning}'{did_you_mean(beginning, CHECKS)}")
     return [check for name, check in CHECKS.items() if not only or name.startswith(tuple(only))]
-
-
-def _progress() -> Progress:
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    return Progress(*columns, TextColumn("{task.fields[doing]}"), console=err, transient=True)
 
 
 def _show(wanted: Mapping[str, Sequence[Check]], results: Sequence[CheckResult], seconds: float) -> None:
