@@ -24,7 +24,7 @@ MIN_DISK_GB = 2.0
 def doctor() -> None:
     """Check that every simulator opens and renders on this machine.
 
-    Each simulator is opened in a process of its own and renders one frame. Exit code 1 if something does not work.
+    Each simulator is opened in a separate process and renders one frame. Exit code 1 if something does not work.
     """
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     ray = metadata.version("ray")

@@ -34,7 +34,7 @@ from robogauntlet.support.errors import BadInput
 app = typer.Typer(no_args_is_help=True)
 
 Name = Annotated[
-    str, typer.Argument(help="Name of a simulator or policy kind with an environment of its own, such as libero.")
+    str, typer.Argument(help="Name of a simulator or policy kind with its own environment, such as libero.")
 ]
 InSuite = Annotated[
     str | None,
@@ -88,7 +88,7 @@ def list_environments() -> None:
     if table.row_count:
         out.print(table, soft_wrap=True)
     else:
-        out.print(f"no simulator has an environment of its own; {config_path()} or a suite can name one", markup=False)
+        out.print(f"no simulator has its own environment; {config_path()} or a suite can name one", markup=False)
 
 
 @app.command()

@@ -60,8 +60,8 @@ def check(environment: Environment, user: EnvironmentUser) -> EnvironmentCheck:
     if installed["python"].rpartition(".")[0] != RUNNING:
         problems = [_other_python(label, installed["python"])]
     else:
-        found = _problems(installed["modules"], versions, user, wanted)
-        problems = [f"{label}: {problem}; {remedy}" for problem in found]
+        lacking = _problems(installed["modules"], versions, user, wanted)
+        problems = [f"{label}: {problem}; {remedy}" for problem in lacking]
     return EnvironmentCheck(tuple(problems), installed["python"], versions)
 
 

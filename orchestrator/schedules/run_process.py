@@ -1,4 +1,4 @@
-"""Starts scheduled runs in processes of their own and concludes them: regression check, notifications, old folders."""
+"""Starts scheduled runs in separate processes and concludes them: regression check, notifications, old folders."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def check(
     time_limit: Annotated[float, typer.Option(help="Time limit of a check (s).", min=1.0)] = TIME_LIMIT_S,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
 ) -> None:
-    """Check an adapter against its contract, each task in a process of its own.
+    """Check an adapter against its contract, each task in a separate process.
 
     Exit code 1 if a check failed.
     """
