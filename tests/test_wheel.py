@@ -1,4 +1,4 @@
-"""The wheels: complete, light, and usable in an environment that holds nothing else."""
+"""The wheels: complete, light, and usable in an empty environment."""
 
 import shutil
 import subprocess
@@ -88,7 +88,7 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
 
 
 @pytest.mark.slow
-def test_every_verb_explains_itself(program, tmp_path):
+def test_every_verb_has_help(program, tmp_path):
     assert int(run(program.with_name("python"), "-c", HELP, cwd=tmp_path)) > 40
 
 

@@ -1,4 +1,4 @@
-"""`robogauntlet adapters` as a person types it: list, new, check."""
+"""The verbs of `robogauntlet adapters`: list, new, check."""
 
 import json
 import os
@@ -93,7 +93,7 @@ def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
     assert "(the other sign?)" in findings[0]["seen"]
 
 
-def test_the_list_tells_versions_tasks_oracles_and_what_can_be_adjusted():
+def test_the_list_shows_versions_tasks_oracles_and_adjustments():
     done = CliRunner().invoke(app, ["adapters", "list"])
     (line,) = [line.split() for line in done.stdout.splitlines() if line.startswith("pybullet")]
     assert line == [
@@ -115,7 +115,7 @@ BAD = ["MySim", "my sim", "my_sim", "-x", "x-", "1x", "a" * 41, "../up", "manisk
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
+def test_a_bad_name_is_refused_in_one_line_and_nothing_is_written(tmp_path, name):
     with pytest.raises(INPUT_ERRORS) as refused:
         new(name, tmp_path / "folder")
     assert f"'{name}'" in str(refused.value)
@@ -123,7 +123,7 @@ def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_package_that_cannot_be_written_whole_is_a_line_and_leaves_no_part(tmp_path):
+def test_a_package_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path):
     with full_disk(), pytest.raises(INPUT_ERRORS, match="cannot be written: File too large"):
         new("mysim", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
@@ -145,7 +145,7 @@ def test_a_folder_that_exists_is_left_alone(tmp_path):
         ({"only": ["sedes"]}, "unknown check 'sedes'; did you mean 'seeds'?"),
     ],
 )
-def test_an_unknown_name_is_answered_with_what_was_meant(arguments, said):
+def test_an_unknown_name_gets_a_suggestion(arguments, said):
     with pytest.raises(INPUT_ERRORS) as refused:
         check(**{"name": "pybullet", **arguments})
     assert str(refused.value) == said

@@ -1,4 +1,4 @@
-"""What a run prints at its end."""
+"""The tables that a run prints at its end."""
 
 import pytest
 
@@ -30,14 +30,14 @@ def test_a_suite_that_compares_merged_policies_gets_their_table(said):
     assert ["percentage", "points", "merged", "merged-paper"] in lines
 
 
-def test_nothing_of_it_is_cut_off_in_a_terminal_of_80_columns(said, monkeypatch):
+def test_the_table_fits_a_terminal_of_80_columns(said, monkeypatch):
     monkeypatch.setattr(console_tables.out, "_width", 80)
     lines = said()
     start = next(i for i, line in enumerate(lines) if line[:3] == ["task", "expert", "oracle-routed"])
     assert not any("…" in word for line in lines[start:] for word in line)
 
 
-def test_any_other_suite_does_not(said):
+def test_other_suites_get_no_such_table(said):
     assert not any(line[:3] == ["task", "expert", "oracle-routed"] for line in said(merging=None))
 
 

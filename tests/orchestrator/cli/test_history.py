@@ -1,4 +1,4 @@
-"""`robogauntlet history`, `leaderboard`, `accept`, `export`, `import` as a person types them."""
+"""`robogauntlet history`, `leaderboard`, `accept`, `export` and `import`."""
 
 import sqlite3
 
@@ -18,7 +18,7 @@ def runs(tmp_path):
     return root
 
 
-def test_runs_that_lie_there_are_listed_the_newest_first(run_command, runs):
+def test_run_folders_are_listed_the_newest_first(run_command, runs):
     said = run_command("history")
     assert said.code == 0
     names = [line.split()[2] for line in said.out.splitlines()[2:]]
@@ -26,7 +26,7 @@ def test_runs_that_lie_there_are_listed_the_newest_first(run_command, runs):
     assert [line.split()[2] for line in run_command("history", "--suite", "another").out.splitlines()[2:]] == ["other"]
 
 
-def test_a_policy_is_followed_with_intervals_and_verdicts(run_command, runs, tmp_path):
+def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_path):
     assert run_command("gate", "runs/tuesday").code == 1
     said = run_command("history", "p", "--suite", "synthetic", "--out", "plot.svg")
     lines = said.out.splitlines()
@@ -62,7 +62,7 @@ def test_the_leaderboard_gives_letters_and_no_ranks(run_command, runs):
     assert rows == {"q": "a", "p": "b"}
 
 
-def test_a_run_travels_as_one_file(run_command, runs, tmp_path):
+def test_a_run_is_exported_and_imported_as_one_file(run_command, runs, tmp_path):
     assert run_command("export", "runs/monday").out == "160 episodes into monday.robogauntlet\n"
     said = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday")
     assert said.code == 0
@@ -79,7 +79,7 @@ def test_a_run_travels_as_one_file(run_command, runs, tmp_path):
         ("vla-eval", "monday-vla_eval.json"),
     ],
 )
-def test_results_are_written_for_other_programs_and_over_nothing(run_command, runs, tmp_path, form, file):
+def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
     whole = form in ("csv", "parquet")
     typed = ("export", "runs/monday", "--format", form, *(() if whole else ("--policy", "p")))
     count = 160 if whole else 80
@@ -126,7 +126,7 @@ def test_what_cannot_be_is_one_line(run_command, runs, typed, words):
     assert "secret" not in said.err
 
 
-def test_a_history_of_a_newer_version_is_refused_and_untouched(run_command, runs):
+def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs):
     run_command("history")
     with sqlite3.connect(runs / "history.sqlite") as connection:
         connection.execute("UPDATE robogauntlet_schema SET version = 99")

@@ -81,7 +81,7 @@ def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, 
     assert CheckpointMetadata.read(tmp_path / "expert").metrics["frames"] == DatasetMixture.open([data, other]).frames
 
 
-def test_the_first_interrupt_asks_and_the_second_interrupts():
+def test_the_first_interrupt_stops_after_the_step_and_the_second_at_once():
     with stoppable() as stop:
         assert not stop()
         signal.raise_signal(signal.SIGINT)

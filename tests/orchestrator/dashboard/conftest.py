@@ -1,4 +1,4 @@
-"""A dashboard that is really served, on a free port, from a real store."""
+"""A dashboard that is served on a free port from a real store."""
 
 import contextlib
 import threading

@@ -1,4 +1,4 @@
-"""Stores full of runs that nobody ran, for tests and for looking at pages."""
+"""Stores of synthetic runs, for tests and for looking at pages."""
 
 from __future__ import annotations
 

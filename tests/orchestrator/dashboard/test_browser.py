@@ -1,4 +1,4 @@
-"""The pages in a real browser: nothing that a name says is run, and numbers change while one looks."""
+"""The pages in a real browser: names are never run as scripts, and numbers change without a reload."""
 
 import html
 import re
@@ -73,7 +73,7 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
             assert not is_owned(page), path
 
 
-def test_numbers_change_while_one_looks_without_loading_the_page_again(tmp_path):
+def test_numbers_change_without_a_reload(tmp_path):
     asked = []
 
     def tell(served, path):
@@ -94,7 +94,7 @@ def test_numbers_change_while_one_looks_without_loading_the_page_again(tmp_path)
     assert "of 1,500 episodes" in re.search(r'id="announced">([^<]*)<', page)[1]
 
 
-def test_a_script_in_what_a_run_says_later_is_not_run_either(tmp_path):
+def test_a_script_in_a_later_message_is_not_run(tmp_path):
     number = iter(range(1, 99))
 
     def tell(served, path):
@@ -109,7 +109,7 @@ def test_a_script_in_what_a_run_says_later_is_not_run_either(tmp_path):
     assert re.search(r'data-field="doing">[^<]*&lt;script&gt;.* [1-9]\d*<', page)
 
 
-def test_a_run_that_ends_shows_what_came_of_it_without_a_reload(tmp_path):
+def test_a_run_that_ends_shows_its_outcome_without_a_reload(tmp_path):
     def end(served, path):
         if path == "/api/live":
             run = served.history.document("running-1")
@@ -123,7 +123,7 @@ def test_a_run_that_ends_shows_what_came_of_it_without_a_reload(tmp_path):
     assert "progressbar" not in page
 
 
-def test_an_old_number_is_said_to_be_old_when_the_server_fails(tmp_path):
+def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
     def fail(served, path):
         if path == "/api/live":
             with served.history.database.writing() as connection:

@@ -12,7 +12,7 @@ from tests.results.store.test_postgresql import server  # noqa: F401
 pytestmark = pytest.mark.slow
 
 
-def test_every_page_is_made_from_postgresql_too(tmp_path, server):  # noqa: F811
+def test_every_page_works_with_postgresql(tmp_path, server):  # noqa: F811
     made = fill(tmp_path, url=server)
     last, before = made[-1][1].run_id, made[-2][1].run_id
     with serving(tmp_path, url=server) as served:

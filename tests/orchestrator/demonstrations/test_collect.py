@@ -1,4 +1,4 @@
-"""A collection from beginning to end: complete, continued, interrupted, and the same whoever did it."""
+"""A whole collection: complete, continued, interrupted, and the same with any workers."""
 
 import json
 import os
@@ -81,7 +81,7 @@ def test_patterns_tasks_and_suites_name_the_tasks_and_a_suite_the_view():
         (CollectionRequest(("null/Reach",), 1, View(("front",))), "camera: expected third_person or wrist, got front"),
     ],
 )
-def test_a_wrong_order_is_refused_before_anything_is_written(tmp_path, wrong, message):
+def test_an_invalid_request_is_refused_before_anything_is_written(tmp_path, wrong, message):
     with pytest.raises(DemonstrateError, match=message):
         collect(wrong, tmp_path / "out", Quiet())
     assert not (tmp_path / "out").exists()
@@ -127,7 +127,7 @@ class TestWithRay:
             assert opened(tmp_path, task).episodes == 3
         assert any("the worker process died" in line for line in quiet.said)
 
-    def test_a_worker_that_hangs_is_ended(self, tmp_path, monkeypatch):
+    def test_a_hanging_worker_is_killed(self, tmp_path, monkeypatch):
         monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
         monkeypatch.setattr(demonstrate, "EPISODE_TIME_LIMIT_S", 10.0)
         marked = {"env_vars": {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}}
@@ -137,7 +137,7 @@ class TestWithRay:
         assert quiet.said == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
         assert opened(tmp_path / "out", "null/Hang").episodes == 1
 
-    def test_an_interruption_keeps_what_came_back(self, tmp_path):
+    def test_an_interruption_keeps_the_finished_episodes(self, tmp_path):
         def interrupt(lanes):
             if lanes[0].kept >= 5:
                 raise KeyboardInterrupt
@@ -153,11 +153,11 @@ class TestWithRay:
         with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2"):
             collect(order(noise=0.2), tmp_path, Quiet())
 
-    def test_scripts_of_other_simulators_are_no_part_of_what_it_was_begun_with(self, tmp_path):
+    def test_oracles_of_other_simulators_are_not_part_of_a_datasets_source(self, tmp_path):
         collect(order(), tmp_path, Quiet())
         assert journal(tmp_path)["source"]["oracle"] == digest_of_task("null/Reach")
 
-    def test_a_full_disk_ends_the_collection_with_a_word(self, tmp_path, monkeypatch):
+    def test_a_full_disk_ends_the_collection_with_a_message(self, tmp_path, monkeypatch):
         def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
@@ -167,7 +167,7 @@ class TestWithRay:
         assert collected.warnings[0].startswith("the disk is full")
 
     @pytest.mark.simulator
-    def test_an_expert_acts_first_and_what_the_oracle_does_then_is_recorded(self, tmp_path):
+    def test_an_expert_acts_first_and_the_oracles_actions_are_recorded(self, tmp_path):
         task, view = "pybullet/PandaPush-v3", View(image_size=96, render_profile=RenderProfile.FAST)
         alone = collect(CollectionRequest((task,), 3, view), tmp_path / "alone", Quiet())
         helped = collect(CollectionRequest((task,), 3, view, learner="zoo:experts"), tmp_path / "helped", Quiet())
@@ -180,7 +180,7 @@ class TestWithRay:
         assert shown.success[shown.ends - 1].all()
 
     @pytest.mark.simulator
-    def test_pybullet_is_demonstrated(self, tmp_path):
+    def test_demonstrations_in_pybullet_are_collected(self, tmp_path):
         task = "pybullet/PandaReach-v3"
         collected = collect(order(task), tmp_path, Quiet())
         assert collected.status is RunStatus.COMPLETE

@@ -1,4 +1,4 @@
-"""Real servers on this machine that take what is told: a webhook that first fails, and an SMTP server."""
+"""Real servers on this machine that receive notifications: a webhook that first fails, and an SMTP server."""
 
 import contextlib
 import json

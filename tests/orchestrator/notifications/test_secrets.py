@@ -1,4 +1,4 @@
-"""No secret is told to anybody: not in a line, a log, an exception or a repr, whatever fails and however."""
+"""No secret appears in a message, a log, an exception or a repr, whatever fails."""
 
 import base64
 import contextlib
@@ -101,7 +101,7 @@ def test_an_address_is_not_repeated_when_a_connection_breaks(hostile, secret, wa
 
 @few
 @given(SECRET, st.sampled_from(["http", "https"]), st.sampled_from(["localhost", "robogauntlet.invalid"]))
-def test_an_address_is_not_repeated_when_there_is_nobody(secret, scheme, host):
+def test_an_address_is_not_repeated_when_the_connection_is_refused(secret, scheme, host):
     assert told({"ROBOGAUNTLET_WEBHOOK_URL": f"{scheme}://{host}:{closed_port()}/{secret}?{secret}"}, secret)
 
 
@@ -110,7 +110,7 @@ def test_an_address_is_not_repeated_by_a_certificate_that_is_not_accepted():
         assert told({"ROBOGAUNTLET_WEBHOOK_URL": hook.url}, "s3cr3t")
 
 
-def test_an_address_is_not_logged_when_all_is_well_either(hostile):
+def test_an_address_is_not_logged_after_a_success(hostile):
     hostile.script = [503, 200]
     assert told({"ROBOGAUNTLET_WEBHOOK_URL": hostile.url}, "s3cr3t") == []
 
@@ -147,7 +147,7 @@ def test_a_password_is_not_repeated_from_a_server_that_repeats_it(echoing, secre
 
 @few
 @given(SECRET, st.sampled_from([b"220 {}\r\n", b"421 {}\r\n", b"554 {}\r\n", b"{}\r\n", b"{}"]))
-def test_a_password_is_not_repeated_from_whatever_greets(secret, greeting):
+def test_a_password_is_not_repeated_from_a_servers_greeting(secret, greeting):
     with greeter(greeting.replace(b"{}", secret.encode())) as port:
         login = {
             "ROBOGAUNTLET_SMTP_USER": secret,
@@ -159,7 +159,7 @@ def test_a_password_is_not_repeated_from_whatever_greets(secret, greeting):
 
 @few
 @given(SECRET, st.sampled_from(["starttls", "tls", "none"]))
-def test_a_password_is_not_repeated_when_there_is_nobody(secret, tls):
+def test_a_password_is_not_repeated_when_the_connection_is_refused(secret, tls):
     login = {"ROBOGAUNTLET_SMTP_USER": secret, "ROBOGAUNTLET_SMTP_PASSWORD": secret, "ROBOGAUNTLET_SMTP_TLS": tls}
     assert told(MAIL | login | {"ROBOGAUNTLET_SMTP_PORT": str(closed_port())}, secret)
 
@@ -181,7 +181,7 @@ URLS = (
 
 
 @given(PASSWORD, st.dictionaries(st.sampled_from(VARIABLES), st.booleans()), st.sampled_from(URLS))
-def test_what_is_malformed_is_named_and_not_shown(secret, wrong, url):
+def test_malformed_variables_are_named_without_their_values(secret, wrong, url):
     """Secrets get into the wrong variables; what is wrong is said without its value."""
     environment = MAIL | {name: secret if whole else f"x\n{secret}@" for name, whole in wrong.items()}
     environment["ROBOGAUNTLET_WEBHOOK_URL"] = url.replace("{}", secret)
@@ -191,7 +191,7 @@ def test_what_is_malformed_is_named_and_not_shown(secret, wrong, url):
 
 
 @given(st.text(min_size=1), st.text(), st.text(), st.text())
-def test_no_configuration_raises_anything_else(url, host, sender, recipients):
+def test_a_wrong_configuration_raises_only_notification_errors(url, host, sender, recipients):
     names = ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST", "ROBOGAUNTLET_MAIL_FROM", "ROBOGAUNTLET_MAIL_TO")
     with contextlib.suppress(NotificationError):
         notifiers(dict(zip(names, (url, host, sender, recipients), strict=True)))

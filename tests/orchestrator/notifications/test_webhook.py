@@ -1,4 +1,4 @@
-"""Telling by webhook, to real servers that fail first, say no, hang up or are not there."""
+"""Notifications by webhook to real servers that fail first, refuse, hang up or are unreachable."""
 
 import pytest
 import trustme
@@ -13,7 +13,7 @@ def told(url):
     return send_all(MESSAGE, notifiers({"ROBOGAUNTLET_WEBHOOK_URL": url}), retries=QUICK)
 
 
-def test_what_arrives_is_json_that_slack_takes():
+def test_a_webhook_receives_json_as_slack_expects():
     with Hook() as hook:
         assert told(hook.url) == []
     (came,) = hook.came
@@ -27,7 +27,7 @@ def test_what_arrives_is_json_that_slack_takes():
 
 
 @pytest.mark.parametrize("failure", [429, 500, 502, 503, 504, "hang up"])
-def test_what_may_pass_is_tried_again_until_it_works(failure):
+def test_temporary_failures_are_retried(failure):
     with Hook([failure] * 3) as hook:
         assert told(hook.url) == []
     assert len(hook.came) == 4
@@ -43,7 +43,7 @@ def test_what_may_pass_is_tried_again_until_it_works(failure):
         ("no http", "failed with BadStatusLine, after 4 tries; check"),
     ],
 )
-def test_after_four_tries_it_is_given_up_with_what_came(status, words):
+def test_four_failures_end_with_the_reason(status, words):
     with Hook([status] * 4) as hook:
         (line,) = told(hook.url)
     assert line.startswith(f"the notification about a was not sent: webhook (http://localhost): {words}")
@@ -54,7 +54,7 @@ def test_after_four_tries_it_is_given_up_with_what_came(status, words):
     ("status", "words"),
     [(400, "the server answered 400; "), (404, "the server answered 404; "), (302, "the server answered 302; ")],
 )
-def test_what_will_not_pass_is_tried_once(status, words):
+def test_permanent_failures_are_not_retried(status, words):
     with Hook([status], {"Location": "/elsewhere"} if status == 302 else ()) as hook:
         (line,) = told(hook.url)
     assert line.startswith(f"the notification about a was not sent: webhook (http://localhost): {words}")
@@ -62,7 +62,7 @@ def test_what_will_not_pass_is_tried_once(status, words):
     assert len(hook.came) == 1
 
 
-def test_who_is_not_there_is_told_from_a_host_that_does_not_exist():
+def test_a_refused_connection_differs_from_an_unknown_host():
     (refused,) = told(f"http://localhost:{closed_port()}/x")
     assert "connection refused, after 4 tries" in refused
     (unknown,) = told("http://robogauntlet.invalid/x")
@@ -81,7 +81,7 @@ def test_a_certificate_is_checked(tmp_path, monkeypatch):
     assert len(hook.came) == 1
 
 
-def test_a_server_without_tls_is_told_from_one_that_is_down():
+def test_a_server_without_tls_differs_from_one_that_is_down():
     with Hook() as hook:
         (line,) = told(hook.url.replace("http://", "https://"))
     assert "failed with SSLError" in line

@@ -1,4 +1,4 @@
-"""What a policy sees at every severity, side by side."""
+"""Contact sheets of the images at every severity."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_a_sheet_has_a_column_for_each_severity_and_a_line_for_each_task():
 
 
 @pytest.mark.simulator
-def test_looks_differ_from_the_clean_one_more_and_more():
+def test_images_differ_more_with_each_severity():
     clean, *others = (
         np.stack(images).astype(float) for images in render_severities("pybullet/PandaPush-v3", AXES["noise"], VIEW, 0)
     )

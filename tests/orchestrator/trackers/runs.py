@@ -1,4 +1,4 @@
-"""What the tests of loggers share: a run to log, the verb, and a reader of W&B's files."""
+"""Shared by the tests of trackers: a run to log, the verb, and a reader of W&B's files."""
 
 import json
 import os
