@@ -138,17 +138,17 @@ def test_a_folder_that_exists_is_left_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ({"name": "pybulet"}, "unknown simulator 'pybulet'; did you mean 'pybullet'?"),
         ({"task": ["PandaReech-v3"]}, "unknown task 'pybullet/PandaReech-v3'; did you mean 'pybullet/PandaReach-v3'?"),
         ({"only": ["sedes"]}, "unknown check 'sedes'; did you mean 'seeds'?"),
     ],
 )
-def test_an_unknown_name_gets_a_suggestion(arguments, said):
+def test_an_unknown_name_gets_a_suggestion(arguments, message):
     with pytest.raises(INPUT_ERRORS) as refused:
         check(**{"name": "pybullet", **arguments})
-    assert str(refused.value) == said
+    assert str(refused.value) == message
 
 
 @pytest.mark.parametrize("name", ["toysim2", "my-sim", "sim"])

@@ -48,10 +48,10 @@ def test_help_names_every_verb():
 
 
 def test_list_names_simulators_tasks_policies_and_suites():
-    said = run_command("list").stdout
+    output = run_command("list").stdout
     for name in ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift", "oracle", "tabletop"):
-        assert name in said
-    assert "null/" not in said
+        assert name in output
+    assert "null/" not in output
 
 
 def test_validate_finds_every_mistake_in_every_file(tmp_path, suite):
@@ -188,8 +188,8 @@ def test_run_replay_and_report(tmp_path, suite):
     assert run_command("report", folder).returncode == 0
     assert (folder / "report.html").exists()
 
-    said = run_command("plan", suite, "--out", folder).stdout
-    assert "10 episodes, 0 to play" in said
+    output = run_command("plan", suite, "--out", folder).stdout
+    assert "10 episodes, 0 to play" in output
 
 
 @pytest.mark.ray

@@ -70,12 +70,12 @@ def test_other_suites_are_compared_only_if_allowed(runs):
 
 
 def test_it_is_written_as_json_markdown_and_junit(runs, tmp_path):
-    for told, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
-        file = tmp_path / told
-        done = run_command("gate", runs / "wednesday", "--format", told, "--out", file)
+    for form, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
+        file = tmp_path / form
+        done = run_command("gate", runs / "wednesday", "--format", form, "--out", file)
         assert (done.returncode, done.stdout) == (1, "")
         assert read(file.read_text())
-        printed = run_command("gate", runs / "wednesday", "--format", told)
+        printed = run_command("gate", runs / "wednesday", "--format", form)
         assert printed.stdout == file.read_text()
 
 

@@ -25,22 +25,22 @@ SUITE = "name: s\npolicies: [random]\ntasks: [null/Reach]\nseeds: {count: 1}\n"
 )
 def test_a_mistake_is_one_line_before_anything_starts(run_command, tmp_path, typed, line):
     (tmp_path / "suite.yaml").write_text(SUITE)
-    said = run_command(*typed.split())
-    assert (said.code, said.err) == (2, f"robogauntlet: {line}\n")
+    result = run_command(*typed.split())
+    assert (result.code, result.err) == (2, f"robogauntlet: {line}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["suite.yaml"]
 
 
 def test_demonstrations_are_not_written_into_a_run_folder(run_command, tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.json").touch()
-    said = run_command("policies", "demonstrate", "null/Reach", "--out", "run")
+    result = run_command("policies", "demonstrate", "null/Reach", "--out", "run")
     line = "robogauntlet: run: expected another folder than that of a run; give one with --out\n"
-    assert (said.code, said.err) == (2, line)
+    assert (result.code, result.err) == (2, line)
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
 
 
 @pytest.mark.parametrize("wrong", ["--seed=-1", "--image-size=0", "--image-size=100000"])
 def test_a_sheet_needs_a_valid_seed_and_image_size(run_command, wrong):
-    said = run_command("axes", "sheet", "noise", "--out", "x.png", "--task", "null/Reach", wrong)
-    assert said.code == 2
-    assert f"Invalid value for '{wrong.partition('=')[0]}'" in said.err
+    result = run_command("axes", "sheet", "noise", "--out", "x.png", "--task", "null/Reach", wrong)
+    assert result.code == 2
+    assert f"Invalid value for '{wrong.partition('=')[0]}'" in result.err

@@ -112,17 +112,17 @@ def test_a_mistake_is_one_line(arguments, message, zoo):
 def test_a_hanging_simulator_is_abandoned(monkeypatch, tmp_path):
     monkeypatch.setattr("robogauntlet.orchestrator.routing_evaluation.first_observations.SILENCE_S", 1.0)
     with pytest.raises(FirstObservationError, match="null: no result within 1 s"):
-        collect_first_observations(["null/Hang"], View(image_size=16), [7], tmp_path, lambda *told: None)
+        collect_first_observations(["null/Hang"], View(image_size=16), [7], tmp_path, lambda *progress: None)
 
 
 def test_a_simulator_that_crashes_is_named(tmp_path):
     with pytest.raises(FirstObservationError, match=r"null: .*died"):
-        collect_first_observations(["null/Crash"], View(image_size=16), [7], tmp_path, lambda *told: None)
+        collect_first_observations(["null/Crash"], View(image_size=16), [7], tmp_path, lambda *progress: None)
 
 
 def test_tasks_of_missing_simulators_are_refused(tmp_path):
     with pytest.raises(FirstObservationError, match="unknown simulator 'nul'"):
-        collect_first_observations(["nul/Reach"], View(), [0], tmp_path, lambda *told: None)
+        collect_first_observations(["nul/Reach"], View(), [0], tmp_path, lambda *progress: None)
 
 
 def test_progress_without_a_terminal_is_an_occasional_line():

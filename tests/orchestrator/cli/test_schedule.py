@@ -33,9 +33,9 @@ def test_a_schedule_is_added_listed_and_removed(run_command, suite):
 @pytest.mark.ray
 def test_run_now_plays_checks_and_records_a_run(run_command, suite):
     run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily", "--no-media")
-    said = run_command("schedule", "run-now", "nightly")
-    assert said.code == 0, said.err
-    assert "nightly: done, 100 % of 5 episodes; the first of its suite" in said.out
+    result = run_command("schedule", "run-now", "nightly")
+    assert result.code == 0, result.err
+    assert "nightly: done, 100 % of 5 episodes; the first of its suite" in result.out
     assert "done: 100 % of 5 episodes" in run_command("schedule", "list").out
     assert "nulls" in run_command("history").out
 
@@ -44,8 +44,8 @@ def test_run_now_leaves_the_run_to_a_running_server(run_command, suite, tmp_path
     run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily")
     schedule_store = ScheduleStore.open(file_url(tmp_path / "runs" / "history.sqlite"))
     with exclusive_server(schedule_store.database, tmp_path / "runs"):
-        said = run_command("schedule", "run-now", "nightly")
-        assert "the running schedule server starts it" in said.out
+        result = run_command("schedule", "run-now", "nightly")
+        assert "the running schedule server starts it" in result.out
         assert [scheduled_run.manual for scheduled_run in schedule_store.scheduled_runs()] == [True]
         other = run_command("schedule", "serve")
         assert (other.code, "another schedule server runs on" in other.err) == (2, True)
@@ -70,10 +70,10 @@ def test_run_now_leaves_the_run_to_a_running_server(run_command, suite, tmp_path
 def test_what_cannot_be_is_one_line(run_command, suite, monkeypatch, typed, words):
     for name in ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST"):
         monkeypatch.delenv(name, raising=False)
-    said = run_command("schedule", *typed)
-    assert said.code == 2
-    assert words in said.err
-    assert said.err.count("\n") == 1
+    result = run_command("schedule", *typed)
+    assert result.code == 2
+    assert words in result.err
+    assert result.err.count("\n") == 1
     assert "no schedule yet" in run_command("schedule", "list").out
 
 
@@ -122,8 +122,8 @@ def test_github_gets_the_workflow_of_the_example_at_its_time_with_its_arguments(
 
 
 def test_github_accepts_utc_only(run_command, suite):
-    said = printed(run_command, "github", timezone="Europe/Berlin")
-    assert (said.code, "GitHub runs schedules in UTC" in said.err) == (2, True)
+    result = printed(run_command, "github", timezone="Europe/Berlin")
+    assert (result.code, "GitHub runs schedules in UTC" in result.err) == (2, True)
 
 
 def test_times_before_a_schedule_was_added_are_not_due(tmp_path):

@@ -38,7 +38,7 @@ def served(*arguments, **environment):
         line = process.stdout.readline()
         found = re.search(r"ws://\S+?:\d+", line)
         assert found, process.stderr.read()
-        yield SimpleNamespace(process=process, address=found[0], said=line)
+        yield SimpleNamespace(process=process, address=found[0], first_line=line)
     finally:
         process.kill()
         process.communicate()
@@ -63,7 +63,7 @@ def rows(folder):
 def test_it_serves_until_a_signal_stops_it(number):
     with served("untrained") as server:
         digest = catalog.digest("untrained", {})
-        assert f"serving untrained ({digest}) at ws://127.0.0.1:" in server.said
+        assert f"serving untrained ({digest}) at ws://127.0.0.1:" in server.first_line
         assert catalog.digest("openpi", {"address": server.address}) == digest
         server.process.send_signal(number)
         out, err = server.process.communicate(timeout=20)
@@ -101,10 +101,10 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),
     ):
-        said = run_command("policies", "serve", *arguments)
-        assert said.code == 2
-        assert match in said.err
-        assert len(said.err.splitlines()) == 1, said.err
+        result = run_command("policies", "serve", *arguments)
+        assert result.code == 2
+        assert match in result.err
+        assert len(result.err.splitlines()) == 1, result.err
     taken.close()
 
 
@@ -159,9 +159,9 @@ def test_a_failing_server_causes_error_rows_of_its_policy_only(run_command, tmp_
 def test_a_dead_server_or_a_broken_module_starts_nothing(run_command, tmp_path):
     (tmp_path / "broken.py").write_text("raise RuntimeError('no GPU')\n")
     dead = {"name": "pi0", "kind": "openpi", "options": {"address": "127.0.0.1:1", "retries": 0}}
-    said = run_of(run_command, tmp_path, [dead, "python:broken:act", "zero"])
-    assert said.code == 2
+    result = run_of(run_command, tmp_path, [dead, "python:broken:act", "zero"])
+    assert result.code == 2
     assert not (tmp_path / "run").exists()
-    first, second = [line for line in said.err.splitlines() if "policy" in line]
+    first, second = [line for line in result.err.splitlines() if "policy" in line]
     assert "policy 'pi0': policy server ws://127.0.0.1:1: expected an answer" in first
     assert "importing 'broken' raised RuntimeError: no GPU" in second

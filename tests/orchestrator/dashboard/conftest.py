@@ -25,7 +25,7 @@ class Served:
 
     def __init__(self, root, history, schedule_store, address):
         self.root, self.history, self.schedule_store, self.address = root, history, schedule_store, address
-        self.asked = []
+        self.requested = []
 
     def get(self, path, **options):
         return httpx2.get(self.address + path, timeout=30, trust_env=False, **options)
@@ -49,7 +49,7 @@ def serving(root, before=None, url=None, **settings):
 
     async def noting(scope, receive, send):
         if scope["type"] == "http":
-            served.asked.append(scope["path"])
+            served.requested.append(scope["path"])
             if before is not None:
                 before(served, scope["path"])
         await app(scope, receive, send)

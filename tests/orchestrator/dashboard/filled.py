@@ -76,7 +76,7 @@ def judged(history: History, folder: Path, run) -> None:
 
 
 def running(history: History, run_id="running-1", suite="nightly", **changes):
-    """A run that runs; what it says of itself is up to `said`."""
+    """A running suite without a live status; see `live_status`."""
     run = document(
         100,
         of=plan(),
@@ -86,8 +86,8 @@ def running(history: History, run_id="running-1", suite="nightly", **changes):
     return run
 
 
-def said(done=120, *, at=None, errors=1, workers=True):
-    """What a running suite tells."""
+def live_status(done=120, *, at=None, errors=1, workers=True):
+    """The live status of a running suite."""
     now = time.time() if at is None else at
     simulators = tuple(
         LiveSimulator(
@@ -115,8 +115,8 @@ def said(done=120, *, at=None, errors=1, workers=True):
         LiveWorker(worker="robosuite-0", simulator="robosuite", activity="merged on robosuite/Door", since=now - 11),
         LiveWorker(worker="robosuite-1", simulator="robosuite", activity="starting", since=now - 31),
     )
-    says = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
-    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=says)
+    lines = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
+    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=lines)
 
 
 def film(folder: Path, run, results, count=6) -> None:
@@ -178,7 +178,7 @@ def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
             ended_at=scheduled_run.due_at + 1800,
         )
     running(history, "running-1")
-    history.write_live_status("running-1", said(140))
+    history.write_live_status("running-1", live_status(140))
     running(history, "running-2", "screening", started_at=now - 7200)
-    history.write_live_status("running-2", said(80, at=now - 1500, workers=False))
+    history.write_live_status("running-2", live_status(80, at=now - 1500, workers=False))
     return history, schedule_store

@@ -13,7 +13,7 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts
 from robogauntlet.suites.episode import Cell, Protocol
 from tests.orchestrator.dashboard.conftest import serving
-from tests.orchestrator.dashboard.filled import running, said
+from tests.orchestrator.dashboard.filled import live_status, running
 from tests.results.synthetic import document, row, run_folder
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -45,7 +45,9 @@ def seen(address, profile, budget=3000):
 def bad_live(done=5):
     line = LiveSimulator(simulator=BAD, planned=10, successes=done, failures=0, errors=0)
     worker = LiveWorker(worker=BAD, simulator=BAD, activity=f"{BAD} {done}", since=0.0)
-    return said(1).model_copy(update={"phase": BAD, "simulators": (line,), "workers": (worker,), "says": (BAD,)})
+    return live_status(1).model_copy(
+        update={"phase": BAD, "simulators": (line,), "workers": (worker,), "messages": (BAD,)}
+    )
 
 
 def is_owned(page):
@@ -74,22 +76,22 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
 
 
 def test_numbers_change_without_a_reload(tmp_path):
-    asked = []
+    polls = []
 
     def tell(served, path):
         if path == "/api/live":
-            asked.append(path)
-            served.history.write_live_status("running-1", said(120 + 7 * len(asked)))
+            polls.append(path)
+            served.history.write_live_status("running-1", live_status(120 + 7 * len(polls)))
 
     with serving(tmp_path, before=tell) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 9000)
-        pages = served.asked.count("/")
+        pages = served.requested.count("/")
     assert pages == 1
     last = max(int(number) for number in re.findall(r'data-field="done">(\d+)<', page))
     assert last > 121
-    assert len(asked) >= 2
+    assert len(polls) >= 2
     assert f'aria-valuenow="{last}"' in page
     assert "of 1,500 episodes" in re.search(r'id="announced">([^<]*)<', page)[1]
 
@@ -117,7 +119,7 @@ def test_a_run_that_ends_shows_its_outcome_without_a_reload(tmp_path):
 
     with serving(tmp_path, before=end) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         page = seen(served.address + "/runs/running-1", tmp_path / "profile", 7000)
     assert 'class="pill complete"' in page
     assert "progressbar" not in page
@@ -131,7 +133,7 @@ def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
 
     with serving(tmp_path, before=fail) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 5000)
     assert re.search(r'id="note"[^>]*>The server does not answer', page)
 

@@ -220,7 +220,7 @@ def test_the_command_serves_until_it_is_interrupted(tmp_path):
 
 
 def test_a_file_that_is_no_store_is_one_line(tmp_path):
-    (tmp_path / "history.sqlite").write_text("this is a letter to my aunt, and no store, whatever it is called\n" * 99)
+    (tmp_path / "history.sqlite").write_text("this text is no store, whatever the name of its file\n" * 99)
     done = served_by_command("--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert "expected a store" in done.stderr

@@ -7,7 +7,7 @@ import pytest
 
 from robogauntlet.orchestrator.dashboard.app_state import AnswerCache
 from tests.orchestrator.dashboard.conftest import fill, serving
-from tests.orchestrator.dashboard.filled import running, said
+from tests.orchestrator.dashboard.filled import live_status, running
 
 PAGES = (
     "/",
@@ -71,7 +71,7 @@ def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
             done = 0
             while not ended.wait(0.05):
                 done += 1
-                served.history.write_live_status("running-1", said(done))
+                served.history.write_live_status("running-1", live_status(done))
 
         def read(number):
             for turn in range(4):

@@ -117,7 +117,7 @@ def test_a_wrong_length_admits_no_larger_upload(served):
     connection.putrequest("POST", "/runs")
     connection.putheader("Content-Length", "10")
     connection.endheaders(b"x" * 5000)
-    assert connection.getresponse().status == 400  # of the ten bytes that it said
+    assert connection.getresponse().status == 400  # fewer bytes than its length
     connection.close()
     assert left_over(served.root) == []
 

@@ -39,10 +39,10 @@ SMALL = View(image_size=16)
 
 class Quiet:
     def __init__(self, then=lambda lanes: None):
-        self.said, self.show = [], then
+        self.messages, self.show = [], then
 
     def log(self, message):
-        self.said.append(message)
+        self.messages.append(message)
 
 
 def order(task="null/Reach", episodes=3, **changes):
@@ -125,7 +125,7 @@ class TestWithRay:
             assert collected.status is RunStatus.COMPLETE
             assert journal(tmp_path, task)["attempts"][0]["status"] == "error"
             assert opened(tmp_path, task).episodes == 3
-        assert any("the worker process died" in line for line in quiet.said)
+        assert any("the worker process died" in line for line in quiet.messages)
 
     def test_a_hanging_worker_is_killed(self, tmp_path, monkeypatch):
         monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
@@ -134,7 +134,7 @@ class TestWithRay:
         monkeypatch.setattr(demonstrate.EnvironmentResolver, "ray_runtime_env", lambda environments, simulator: marked)
         quiet = Quiet()
         collect(order("null/Hang", 1, first_seed=FIRST_SEED // 7 * 7), tmp_path / "out", quiet)
-        assert quiet.said == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
+        assert quiet.messages == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
         assert opened(tmp_path / "out", "null/Hang").episodes == 1
 
     def test_an_interruption_keeps_the_finished_episodes(self, tmp_path):
@@ -224,9 +224,9 @@ def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
     ):
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
-    said, complaints = process.communicate(timeout=300)
-    assert process.returncode == EXIT_INTERRUPTED, said
-    assert complaints.strip() == "robogauntlet: interrupted; give the same command to continue"
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == EXIT_INTERRUPTED, output
+    assert errors.strip() == "robogauntlet: interrupted; give the same command to continue"
     there = opened(tmp_path / "out", "null/Slow").episodes
     assert there > 0
     command[command.index("400")] = str(there + 2)

@@ -78,10 +78,10 @@ class Sideways(StatelessPolicy):
     spec = PolicySpec(PolicyInput.OBSERVATION, chunk_length=8)
 
     def __init__(self):
-        self.asked = []
+        self.queried_steps = []
 
     def act(self, queries):
-        self.asked += [query.step for query in queries]
+        self.queried_steps += [query.step for query in queries]
         return [Decision(np.tile([0.0, 0.01, 0, 0, 0, 0, 0], (8, 1))) for _ in queries]
 
 
@@ -104,17 +104,17 @@ def test_a_learner_acts_until_the_handover_and_the_oracles_actions_are_recorded(
     found = recorded.recording()
     assert np.all(found.actions == clean)
     assert len(found.actions) == len(found.states) == len(found.images["wrist"]) == recorded.recorded_steps
-    assert learner.policy.asked == list(range(0, learner.handover_step, LEARNER_REPLANS_EVERY))
+    assert learner.policy.queried_steps == list(range(0, learner.handover_step, LEARNER_REPLANS_EVERY))
 
 
 def test_whole_episodes_are_recorded_on_request():
     simulation = catalog.open_simulation("null/Reach", VIEW)
     recorded = RecordedSimulation(simulation, episode(), 0.0, Learner(Sideways(), episode(), 40, recorded=True))
     recorded.reset(0)
-    told = np.array([[0.001 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for step in range(50)])
-    for action in told:
+    commanded = np.array([[0.001 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for step in range(50)])
+    for action in commanded:
         recorded.step(action)
-    np.testing.assert_array_equal(recorded.recording().actions, told)
+    np.testing.assert_array_equal(recorded.recording().actions, commanded)
 
 
 def test_handover_steps_are_uniform():

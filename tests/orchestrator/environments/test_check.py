@@ -83,8 +83,8 @@ def test_an_interpreter_that_fails_is_reported_with_its_last_line(gears, tmp_pat
     python.write_text("#!/bin/sh\necho 'no libc here' >&2\nexit 3\n")
     python.chmod(0o755)
     (problem,) = problems(python)
-    said = "the process ended with code 3: no libc here"
-    assert problem == f"environment bare: expected an answer from {python}, got: {said}; install it there"
+    ended = "the process ended with code 3: no libc here"
+    assert problem == f"environment bare: expected an answer from {python}, got: {ended}; install it there"
 
 
 def test_a_changed_package_is_reported_with_its_version(made):

@@ -92,13 +92,13 @@ def test_a_full_disk_is_reported_and_leaves_nothing(environment, monkeypatch):
 
 
 def test_a_full_disk_in_an_installers_output_is_reported():
-    said = ["Collecting x", "ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device"]
-    assert installer.reason(said).startswith("the disk is full")
+    output = ["Collecting x", "ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device"]
+    assert installer.reason(output).startswith("the disk is full")
 
 
 def test_the_last_reason_of_uv_is_reported():
-    said = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
-    assert installer.reason(said).endswith("the installer failed: Because gears was not found")
+    output = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
+    assert installer.reason(output).endswith("the installer failed: Because gears was not found")
 
 
 def test_another_python_is_refused_before_anything_is_created(environment):

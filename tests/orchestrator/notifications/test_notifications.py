@@ -31,26 +31,26 @@ def compared(success, **changes):
 
 
 def test_a_regression_is_reported_with_its_reasons():
-    told = message_for(document(), compared(lambda seed: seed % 2), "http://lab/tuesday")
-    assert told.title == "REGRESSED: tuesday against monday"
-    assert any(line.startswith("p, maniskill/A: 75 % before, 50 % now of 40 episodes") for line in told.lines)
-    assert (told.run, told.link) == ("tuesday", "http://lab/tuesday")
+    message = message_for(document(), compared(lambda seed: seed % 2), "http://lab/tuesday")
+    assert message.title == "REGRESSED: tuesday against monday"
+    assert any(line.startswith("p, maniskill/A: 75 % before, 50 % now of 40 episodes") for line in message.lines)
+    assert (message.run, message.link) == ("tuesday", "http://lab/tuesday")
 
 
 def test_a_regression_of_a_stopped_run_mentions_both():
     ended = document(status=RunStatus.STOPPED, reason="the disk is full")
-    told = message_for(ended, compared(lambda seed: seed % 2), None)
-    assert told.title.startswith("REGRESSED")
-    assert told.lines[-1] == "stopped early: the disk is full"
+    message = message_for(ended, compared(lambda seed: seed % 2), None)
+    assert message.title.startswith("REGRESSED")
+    assert message.lines[-1] == "stopped early: the disk is full"
 
 
 def test_a_run_that_is_not_comparable_is_reported():
     ended = document(name="another")
     found = compared(lambda seed: True, name="another")
-    told = message_for(ended, found, None)
-    assert told.title == "NOT COMPARABLE: tuesday against monday"
-    assert told.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
-    assert told.lines[-1].endswith("robogauntlet accept tuesday")
+    message = message_for(ended, found, None)
+    assert message.title == "NOT COMPARABLE: tuesday against monday"
+    assert message.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
+    assert message.lines[-1].endswith("robogauntlet accept tuesday")
 
 
 @pytest.mark.parametrize("status", [RunStatus.COMPLETE, RunStatus.INTERRUPTED, RunStatus.RUNNING])
@@ -60,9 +60,9 @@ def test_complete_and_interrupted_runs_cause_no_notification(status):
 
 
 def test_a_stopped_run_is_reported_with_its_reason():
-    told = message_for(document(status=RunStatus.STOPPED, reason="the disk is full"), None, None)
-    assert told.title == "STOPPED: synthetic run-1"
-    assert told.lines[0] == "stopped early: the disk is full"
+    message = message_for(document(status=RunStatus.STOPPED, reason="the disk is full"), None, None)
+    assert message.title == "STOPPED: synthetic run-1"
+    assert message.lines[0] == "stopped early: the disk is full"
 
 
 @given(st.text(max_size=3000), st.lists(st.text(), max_size=3), st.text(), st.none() | st.text())
@@ -95,7 +95,7 @@ def test_a_failing_target_does_not_affect_the_others():
         "the notification about demo was not sent: webhook 1 of 2 (http://localhost): connection refused, "
         "after 4 tries; check the host and ROBOGAUNTLET_WEBHOOK_URL"
     ]
-    assert len(hook.came) == len(inbox.letters) == 1
+    assert len(hook.received) == len(inbox.mails) == 1
 
 
 def test_no_target_is_no_error():

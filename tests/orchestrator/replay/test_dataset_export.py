@@ -120,13 +120,13 @@ def test_a_record_holds_the_state_before_each_step_and_the_commanded_action():
     outer = perturbed(recorder, one)
     outer.reset(3)
     recorder.watch(outer, 0)
-    told, places = np.array([0.02, 0, 0, 0, 0, 0, 0]), []
+    commanded, places = np.array([0.02, 0, 0, 0, 0, 0, 0]), []
     for _ in range(4):
         places.append(simulation.observe().proprioception)
-        outer.step(told)
+        outer.step(commanded)
     found = recorder.recording()
     assert np.array_equal(found.states, places)
-    assert np.all(found.actions == told)
+    assert np.all(found.actions == commanded)
     assert not np.array_equal(np.diff(found.states[:, :3], axis=0), found.actions[:-1, :3])
 
 
@@ -158,9 +158,9 @@ class TestExport:
         first = run_command(*typed, "--limit", 2)
         assert (first.code, first.err) == (0, "")
         assert "nulls-lerobot/null__Reach: 2 episodes, 120 frames\n" in first.out
-        said = run_command(*typed)
+        result = run_command(*typed)
         failed = {one.episode_id: one for one in played if one.status == "failure"}
-        assert f"continuing: 2 of {len(failed)} episodes are recorded already\n" in said.out
+        assert f"continuing: 2 of {len(failed)} episodes are recorded already\n" in result.out
         table = pd.read_parquet(tmp_path / "nulls-lerobot/null__Reach/meta/episodes/chunk-000/file-000.parquet")
         assert sorted(table["episode_id"]) == sorted(failed)
         assert [failed[name].seed for name in table["episode_id"]] == table["seed"].tolist()
@@ -176,8 +176,8 @@ class TestExport:
 
         with monkeypatch.context() as patch:
             patch.setattr("robogauntlet.policies.training.dataset_writer.pq.ParquetWriter", full)
-            said = run_command("export", run, "--format", "lerobot-dataset", "--out", "data")
-        assert (said.code, said.err) == (3, "robogauntlet: the disk is full; free some space and run again\n")
+            result = run_command("export", run, "--format", "lerobot-dataset", "--out", "data")
+        assert (result.code, result.err) == (3, "robogauntlet: the disk is full; free some space and run again\n")
         assert not list((tmp_path / "data").rglob("*.parquet"))
 
 
@@ -190,19 +190,19 @@ class TestExport:
     ],
 )
 def test_what_cannot_be_exported_is_one_line(run_command, run, typed, line):
-    said = run_command("export", run, *typed)
-    assert said.code == 2
-    assert line in said.err
-    assert said.err.count("\n") == 1
+    result = run_command("export", run, *typed)
+    assert result.code == 2
+    assert line in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_a_policy_that_has_changed_is_one_line(run_command, run):
     text = (run / "run.json").read_text()
     digest = json.loads(text)["plan"][0]["policy_digest"]
     (run / "run.json").write_text(text.replace(digest, "f" * 16))
-    said = run_command("export", run, "--format", "lerobot-dataset")
-    assert (said.code, said.err.count("\n")) == (2, 1)
-    assert "policy 'random' has changed since the run" in said.err
+    result = run_command("export", run, "--format", "lerobot-dataset")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "policy 'random' has changed since the run" in result.err
 
 
 def test_the_identity_survives_the_row(played):
