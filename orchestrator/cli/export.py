@@ -153,8 +153,8 @@ def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str
         written = write_datasets(chosen, document, sources, folder, listener, environments)
     for writer in written.writers.values():
         print_line(f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}")
-    for trouble in written.warnings:
-        fail(trouble)
+    for warning in written.warnings:
+        fail(warning)
     if written.status is RunStatus.INTERRUPTED:
         fail("interrupted; give the same command to continue")
         raise typer.Exit(EXIT_INTERRUPTED)

@@ -109,8 +109,8 @@ def _conclude(outcome: RunOutcome, command: str) -> None:
     document = outcome.document
     if outcome.report is not None:
         print_summary(outcome.report)
-    for trouble in outcome.warnings:
-        fail(trouble)
+    for warning in outcome.warnings:
+        fail(warning)
     out.print(f"{outcome.done} of {document.planned} episodes in {format_duration(document.elapsed_s)}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
     print_line(f"report: {outcome.folder / 'report.html'}")

@@ -8,7 +8,7 @@ from starlette.responses import Response
 from robogauntlet.orchestrator.dashboard.app_state import CurrentAppState
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.api import compare, open_entry
-from robogauntlet.results.report import comparison as words
+from robogauntlet.results.report import comparison as report
 from robogauntlet.results.run_document import RunError
 
 router = APIRouter()
@@ -35,7 +35,7 @@ def compare_runs(app_state: CurrentAppState, run: str = "", baseline: str = "") 
         entries=[first, second],
         selected={"run": run, "baseline": baseline},
         comparison=comparison,
-        words=words,
+        report=report,
         problem=problem,
         recent=history.runs(limit=60),
     )

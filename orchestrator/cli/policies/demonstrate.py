@@ -87,8 +87,8 @@ def _conclude(collected: CollectionResult, folder: Path) -> None:
     out.print(table)
     kept = sum(task.writer.episodes for task in collected.tasks)
     print_line(f"{kept} episodes in {folder} after {format_duration(collected.seconds)}")
-    for trouble in collected.warnings:
-        fail(trouble)
+    for warning in collected.warnings:
+        fail(warning)
     if collected.status is RunStatus.INTERRUPTED:
         fail("interrupted; give the same command to continue")
         raise typer.Exit(EXIT_INTERRUPTED)

@@ -70,7 +70,7 @@ def serving(root, before=None, url=None, **settings):
 
 
 def fill(root, nights=4, url=None):
-    """Nights with a regression in the last; filmed."""
+    """Nightly runs with videos; the last one is worse."""
     root.mkdir(parents=True, exist_ok=True)
     history = History.open(file_url(root / "history.sqlite")) if url is None else History.open(url)
     made = []

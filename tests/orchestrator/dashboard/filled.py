@@ -140,7 +140,7 @@ def film(folder: Path, run, results, count=6) -> None:
 
 
 def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
-    """What a group has after forty nights: two regressions, a suite that runs, one that fell silent, schedules."""
+    """Forty nightly runs with two regressions, a running suite, a silent one, and schedules."""
     root.mkdir(parents=True, exist_ok=True)
     history = History.open(file_url(root / "history.sqlite"))
     schedule_store = ScheduleStore.open(history.url)

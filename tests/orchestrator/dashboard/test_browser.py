@@ -35,7 +35,7 @@ onload = () => {{
 
 
 def seen(address, profile, budget=3000):
-    """The page as it is after so many milliseconds of the browser's time."""
+    """The page after `budget` milliseconds of the browser's time."""
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}"]
     command += ["--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", f"--virtual-time-budget={budget}"]
     done = subprocess.run([*command, "--dump-dom", address], capture_output=True, text=True, timeout=120, check=True)

@@ -73,7 +73,7 @@ def test_observations_precede_the_step():
 
 
 class Sideways(StatelessPolicy):
-    """Moves along y, whatever it sees."""
+    """Moves along y, whatever it observes."""
 
     spec = PolicySpec(PolicyInput.OBSERVATION, chunk_length=8)
 
@@ -136,7 +136,7 @@ def test_an_episode_with_a_learner_repeats_and_differs_from_one_without(runner):
 
 
 class Reaching(Sideways):
-    """Goes straight to a goal that only a test can tell it."""
+    """Moves straight to a goal that the test sets."""
 
     def __init__(self, goal):
         super().__init__()

@@ -27,7 +27,7 @@ TASKS = {"a": ("a/1", "a/2"), "b": ("b/1",)}
 
 
 class Shelf:
-    """A writer that remembers."""
+    """A writer that stores what is added."""
 
     def __init__(self):
         self.attempts, self.episodes = [], []

@@ -19,7 +19,7 @@ QUICK = Retries(waits_s=(0.001, 0.001, 0.001))
 
 
 class Hook(ThreadingHTTPServer):
-    """Answers with the statuses of `script` in turn, then with 200; remembers the JSON that came with each."""
+    """Answers with the statuses of `script` in turn, then with 200; stores the JSON of each request."""
 
     def __init__(self, script=(), headers=(), echo=False, tls=None):
         super().__init__(("127.0.0.1", 0), _Handler)
@@ -136,7 +136,7 @@ def greeter(words):
 
 
 def closed_port():
-    """A port at which nobody listens."""
+    """A port without a listener."""
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as free:
         return free.getsockname()[1]
 

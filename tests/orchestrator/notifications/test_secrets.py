@@ -68,7 +68,7 @@ def chain(error):
 
 
 def notify(environment, secret):
-    """Tell, and look for the secret in all that can be seen."""
+    """Send a notification, and check that the secret is in nothing that is visible."""
     found = notifiers(environment)
     with logged() as texts:
         lines = send_all(MESSAGE, found, retries=QUICK)

@@ -39,7 +39,7 @@ def members(field, low, high):
 
 
 def matches(cron, moment):
-    """By the letter of cron(5), minute by minute."""
+    """As cron(5) defines it, minute by minute."""
     minute, hour, day, month, weekday = cron.split()
     in_time = moment.minute in members(minute, 0, 59) and moment.hour in members(hour, 0, 23)
     by_day = moment.day in members(day, 1, 31)
