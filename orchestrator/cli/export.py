@@ -11,15 +11,8 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import (
-    EXIT_INTERRUPTED,
-    EXIT_STOPPED,
-    RunArgument,
-    StoreUrl,
-    fail,
-    out,
-    print_line,
-)
+from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, out, print_line
+from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, EpisodeFilter, write_datasets
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
@@ -27,7 +20,7 @@ from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.report.parquet import write_parquet
-from robogauntlet.results.run_document import RunDocument, RunStatus, read_run
+from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from robogauntlet.support.errors import BadInput
@@ -153,13 +146,9 @@ def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str
         written = write_datasets(chosen, document, sources, folder, listener, environments)
     for writer in written.writers.values():
         print_line(f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}")
-    for warning in written.warnings:
-        fail(warning)
-    if written.status is RunStatus.INTERRUPTED:
-        fail("interrupted; give the same command to continue")
-        raise typer.Exit(EXIT_INTERRUPTED)
+    conclude_recording(written)
     if written.warnings:
-        raise typer.Exit(EXIT_STOPPED if written.status is RunStatus.STOPPED else 1)
+        raise typer.Exit(1)
 
 
 def _new(file: Path) -> Path:
