@@ -118,7 +118,7 @@ def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
         (("import", "runs/monday/run.json"), "this is something else"),
     ],
 )
-def test_what_cannot_be_is_one_line(run_command, runs, typed, words):
+def test_a_mistake_is_one_line(run_command, runs, typed, words):
     result = run_command(*typed)
     assert result.code == 2
     assert words in result.err

@@ -67,7 +67,7 @@ def test_run_now_leaves_the_run_to_a_running_server(run_command, suite, tmp_path
         (("test-message",), "no recipient: set ROBOGAUNTLET_WEBHOOK_URL"),
     ],
 )
-def test_what_cannot_be_is_one_line(run_command, suite, monkeypatch, typed, words):
+def test_a_mistake_is_one_line(run_command, suite, monkeypatch, typed, words):
     for name in ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST"):
         monkeypatch.delenv(name, raising=False)
     result = run_command("schedule", *typed)

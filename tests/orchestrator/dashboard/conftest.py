@@ -15,7 +15,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
-from tests.orchestrator.dashboard.filled import DAY, film, judged, night
+from tests.orchestrator.dashboard.filled import DAY, add_videos, nightly_run, record_verdict
 
 NOW = 1_790_000_000.0
 
@@ -76,13 +76,13 @@ def fill(root, nights=4, url=None):
     made = []
     for number in range(nights):
         last = number == nights - 1
-        folder, run, results = night(
+        folder, run, results = nightly_run(
             root, number, NOW + number * DAY, version=2 if last else 1, rate=0.5 if last else 0.95
         )
         record_run_folder(history, folder, run)
-        judged(history, folder, run)
+        record_verdict(history, folder, run)
         made.append((folder, run, results))
-    film(*made[-1], count=3)
+    add_videos(*made[-1], count=3)
     history.close()
     return made
 

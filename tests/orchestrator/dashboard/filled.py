@@ -40,7 +40,9 @@ def plan(policies=POLICIES, tasks=TASKS, version=1):
     ]
 
 
-def night(root: Path, number: int, started_at: float, *, version=1, rate=0.9, seeds=20, suite="nightly", **changes):
+def nightly_run(
+    root: Path, number: int, started_at: float, *, version=1, rate=0.9, seeds=20, suite="nightly", **changes
+):
     """A finished run in a folder, and its document. Each (policy content, task, seed) does the same every night."""
     of = plan(version=version)
     results = []
@@ -67,8 +69,8 @@ def night(root: Path, number: int, started_at: float, *, version=1, rate=0.9, se
     return folder, run, results
 
 
-def judged(history: History, folder: Path, run) -> None:
-    """Hold a run against the last good one, as a nightly run does."""
+def record_verdict(history: History, folder: Path, run) -> None:
+    """Compare a run with the last good one and record the verdict, as a nightly run does."""
     baseline = history.baseline(run)
     if baseline is not None:
         found = compare(open_run(folder), open_run(baseline.folder))
@@ -119,7 +121,7 @@ def live_status(done=120, *, at=None, errors=1, workers=True):
     return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=lines)
 
 
-def film(folder: Path, run, results, count=6) -> None:
+def add_videos(folder: Path, run, results, count=6) -> None:
     """Videos of the first failures, and a picture of each task."""
     failed = [one for one in results if one.status == "failure"][:count]
     for number, one in enumerate(failed):
@@ -139,7 +141,7 @@ def film(folder: Path, run, results, count=6) -> None:
         Image.new("RGB", (128, 128), (shade, 110, 190 - shade)).save(path)
 
 
-def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
+def example_store(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
     """Forty nightly runs with two regressions, a running suite, a silent one, and schedules."""
     root.mkdir(parents=True, exist_ok=True)
     history = History.open(file_url(root / "history.sqlite"))
@@ -153,13 +155,13 @@ def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
         elif number in (14, 30):
             version, rate = version + 1, 0.9
         changes = {"status": RunStatus.STOPPED, "reason": "the disk was full"} if number == 20 else {}
-        folder, run, results = night(
+        folder, run, results = nightly_run(
             root, number, first + number * DAY, version=version, rate=rate, seeds=40, **changes
         )
         record_run_folder(history, folder, run)
-        judged(history, folder, run)
+        record_verdict(history, folder, run)
         if number == nights - 1:
-            film(folder, run, results)
+            add_videos(folder, run, results)
             write_report(folder)
     schedule = Schedule("nightly", "nightly", "0 2 * * *", "Europe/Berlin", created_at=now - 3 * DAY, keep=60)
     schedule_store.add(schedule)

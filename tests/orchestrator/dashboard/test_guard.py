@@ -15,7 +15,7 @@ import pytest
 from robogauntlet.orchestrator.dashboard.files import known_file
 from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import serving
-from tests.orchestrator.dashboard.filled import night
+from tests.orchestrator.dashboard.filled import nightly_run
 
 TOKEN = "correct-horse-battery-staple"
 SERVE = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "serve"]
@@ -181,7 +181,7 @@ def test_links_that_lead_out_of_the_run_are_not_followed(tmp_path):
 
 
 def test_every_file_of_a_report_is_shown(tmp_path):
-    folder, _, _ = night(tmp_path, 0, 0.0, seeds=2)
+    folder, _, _ = nightly_run(tmp_path, 0, 0.0, seeds=2)
     write_report(folder)
     for name in ("report.html", "report.md", "summary.json", "cells.csv"):
         assert known_file(folder, name) == folder / name

@@ -9,7 +9,7 @@ from robogauntlet.orchestrator.schedules.schedule import Schedule, State
 from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import fill, serving
-from tests.orchestrator.dashboard.filled import live_status, night, running
+from tests.orchestrator.dashboard.filled import live_status, nightly_run, running
 from tests.results.synthetic import document
 
 
@@ -204,14 +204,14 @@ def test_videos_of_failures_are_shown_and_filtered(filled):
 
 
 def test_a_part_of_a_video_can_be_requested(filled):
-    film = re.search(r'<video[^>]* src="([^"]+)"', filled.get("/failures").text)[1]
-    part = filled.get(film, headers={"range": "bytes=10-19"})
+    video = re.search(r'<video[^>]* src="([^"]+)"', filled.get("/failures").text)[1]
+    part = filled.get(video, headers={"range": "bytes=10-19"})
     assert part.status_code == 206
     assert len(part.content) == 10
 
 
 def test_a_report_is_shown_in_a_sandbox_without_scripts(tmp_path):
-    folder, run, _ = night(tmp_path, 0, 0.0, seeds=2)
+    folder, run, _ = nightly_run(tmp_path, 0, 0.0, seeds=2)
     write_report(folder)
     with serving(tmp_path) as served:
         while not served.get(f"/runs/{run.run_id}").is_success:
@@ -246,7 +246,7 @@ def test_metrics_have_running_suites_verdicts_and_next_runs(served):
 
 
 def test_run_folders_are_imported_automatically(tmp_path):
-    _, run, _ = night(tmp_path, 0, 0.0, seeds=2)
+    _, run, _ = nightly_run(tmp_path, 0, 0.0, seeds=2)
     with serving(tmp_path) as served:
         while run.run_id not in served.get("/runs").text:
             time.sleep(0.05)

@@ -24,7 +24,7 @@ FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
 
 @pytest.fixture
 def broken(tmp_path):
-    """Served from a store that something else was written over."""
+    """A dashboard whose store was overwritten with something else."""
     fill(tmp_path, nights=1)
     with serving(tmp_path) as served:
         assert served.get("/healthz").text == "ok\n"

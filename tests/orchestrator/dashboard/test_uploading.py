@@ -12,7 +12,7 @@ from robogauntlet.results.run_document import store_url
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from tests.orchestrator.dashboard.conftest import serving
-from tests.orchestrator.dashboard.filled import night
+from tests.orchestrator.dashboard.filled import nightly_run
 from tests.results.synthetic import document
 
 LIMIT = 1_000_000
@@ -28,7 +28,7 @@ def served(tmp_path):
 def exported(tmp_path_factory):
     """A run, and the file that it was exported into."""
     root = tmp_path_factory.mktemp("elsewhere")
-    folder, run, _ = night(root, 7, 1_790_000_000.0, seeds=2)
+    folder, run, _ = nightly_run(root, 7, 1_790_000_000.0, seeds=2)
     rows = Store.open(store_url(folder, run), run.run_id)
     export_run(run, rows, root / "run.robogauntlet")
     rows.close()

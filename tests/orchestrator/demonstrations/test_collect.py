@@ -26,13 +26,8 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import RenderProfile, View
 from tests import ROOT
 
-DEMONSTRATE = [
-    sys.executable,
-    "-c",
-    "from robogauntlet.orchestrator.cli import main; main()",
-    "policies",
-    "demonstrate",
-]
+MAIN = "from robogauntlet.orchestrator.cli import main; main()"
+DEMONSTRATE = [sys.executable, "-c", MAIN, "policies", "demonstrate"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
 SMALL = View(image_size=16)
 
@@ -100,9 +95,8 @@ class TestWithRay:
         assert [attempt["seed"] for attempt in journal(tmp_path)["attempts"]] == [FIRST_SEED + i for i in range(3)]
 
     def test_the_data_do_not_depend_on_workers_or_on_stopping_between(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(
-            "robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0
-        )  # so that the second worker is started for so little
+        # So that the second worker is started for so few episodes.
+        monkeypatch.setattr("robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0)
         for name, workers, counts in (("one", 1, (9,)), ("two", 2, (9,)), ("parts", 2, (2, 5, 9))):
             for count in counts:
                 collect(order(episodes=count, noise=0.7, workers=workers), tmp_path / name, Quiet())

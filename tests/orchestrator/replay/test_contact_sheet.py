@@ -42,18 +42,8 @@ def test_images_differ_more_with_each_severity():
 @pytest.mark.simulator
 def test_a_sheet_is_written_by_one_command(tmp_path):
     file = tmp_path / "orbit.png"
-    command = [
-        "axes",
-        "sheet",
-        "camera-orbit",
-        "--out",
-        str(file),
-        "--task",
-        "pybullet/PandaReach-v3",
-        "--image-size",
-        "48",
-    ]
-    done = CliRunner().invoke(app, command)
+    options = ["--out", str(file), "--task", "pybullet/PandaReach-v3", "--image-size", "48"]
+    done = CliRunner().invoke(app, ["axes", "sheet", "camera-orbit", *options])
     assert done.exit_code == 0, done.exception
     assert Image.open(file).size == (LABEL_WIDTH + 6 * 52, 16 + 104)
 
