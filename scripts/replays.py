@@ -1,4 +1,4 @@
-"""Records what the `replay` policy plays: the actions of each oracle on one training seed, without noise.
+"""Records the actions that the `replay` policy plays: those of each oracle on one training seed, without noise.
 
 Usage: python scripts/replays.py [FILE]   (default policies/open_loop_replays.json)
 """
@@ -24,7 +24,7 @@ ROUNDED = 5
 
 
 def demonstration(runner: EpisodeRunner, task: str, horizon: int) -> tuple[str, FloatArray]:
-    """How the oracle's episode ended, and its actions (steps, 7)."""
+    """Return the status of the oracle's episode, and its actions (steps, 7)."""
     episode = Episode("oracle", "oracle", task, FIRST_SEED, Protocol(horizon, 1, DEFAULT_VIEW))
     records: list[TrajectoryRecorder] = []
 
@@ -38,15 +38,15 @@ def demonstration(runner: EpisodeRunner, task: str, horizon: int) -> tuple[str, 
 
 def main() -> None:
     """Play every task of the real simulators once."""
-    shown = [simulator for simulator in catalog.simulators().values() if not simulator.internal]
-    for simulator in shown:  # set before any is imported: they import each other's renderers
+    simulators = [simulator for simulator in catalog.simulators().values() if not simulator.internal]
+    for simulator in simulators:  # set before any is imported: they import each other's renderers
         for name, value in simulator.environment.items():
             os.environ.setdefault(name, value)
     runner = EpisodeRunner({"oracle": PolicySource("oracle")})
     document = {}
-    for simulator in shown:
-        for name, card in simulator.tasks.items():
-            status, actions = demonstration(runner, f"{simulator.name}/{name}", card.horizon)
+    for simulator in simulators:
+        for name, description in simulator.tasks.items():
+            status, actions = demonstration(runner, f"{simulator.name}/{name}", description.horizon)
             document[f"{simulator.name}/{name}"] = {"seed": FIRST_SEED, "actions": actions.round(ROUNDED).tolist()}
             print(f"{simulator.name}/{name}: {status}, {len(actions)} steps")
     runner.close()

@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Fixtures that all tests share."""
 
 import os
 import signal
@@ -9,11 +9,11 @@ from hypothesis import settings
 
 from robogauntlet.adapters import catalog
 
-# How long an example takes says something about the machine and what else it does, nothing about the code.
+# The duration of an example depends on the load of the machine, not on the code.
 settings.register_profile("whatever the time", deadline=None)
 settings.load_profile("whatever the time")
 
-# Tables are as wide as their content, in whatever terminal or process the tests run.
+# Tables are as wide as their content, in any terminal or process.
 os.environ["COLUMNS"] = "200"
 
 # Tests that are started in the background ignore Ctrl-C, and so would the commands that they start and interrupt.
@@ -24,7 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
 os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = tempfile.mkdtemp(prefix="robogauntlet-environments-")
 
-# Tests open several simulators in one process, so what each asks for must be set before the first is imported.
+# Tests open several simulators in one process, so the variables of all are set before the first is imported.
 for _simulator in catalog.simulators().values():
     for _name, _value in _simulator.environment.items():
         os.environ.setdefault(_name, _value)

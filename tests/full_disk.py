@@ -1,4 +1,4 @@
-"""A disk that is full, as far as a process can tell."""
+"""A full disk, simulated by a limit on the size of files."""
 
 import contextlib
 import resource

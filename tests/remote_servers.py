@@ -1,4 +1,4 @@
-"""Real servers on loopback: RoboGauntlet's own, and whatever a test wants to be answered with."""
+"""Servers on loopback: RoboGauntlet's own, and one that sends the answers of a test."""
 
 import asyncio
 import threading

@@ -1,4 +1,4 @@
-"""The examples work: their steps are run as they are."""
+"""The steps of the examples are run."""
 
 import os
 import sqlite3
@@ -53,7 +53,7 @@ def night(tmp_path):
 
 
 @pytest.mark.ray
-def test_the_workflow_passes_on_good_nights_and_fails_on_a_regression(night, tmp_path):
+def test_the_workflow_passes_on_good_runs_and_fails_on_a_regression(night, tmp_path):
     assert night("play") == (0, "")
     assert night("compare") == (0, "the first night: no baseline to compare with yet\n")
     assert night("keep a good night") == (0, "")

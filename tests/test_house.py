@@ -1,4 +1,4 @@
-"""The code stays as it was designed: imports go one way, light modules stay light, files stay short."""
+"""The structure of the code: imports go one way, light modules stay light, files stay short."""
 
 import ast
 import subprocess
@@ -57,7 +57,7 @@ def test_a_package_imports_only_the_packages_below_it(package):
     assert not {(path, name) for path, name in ours if name.split(".")[1] not in allowed}
 
 
-def test_policies_know_no_single_simulator():
+def test_policies_depend_on_no_single_simulator():
     allowed = {f"robogauntlet.adapters.{name}" for name in ("contract", "catalog", "frames")}
     names = {name for path in (SOURCE / "policies").rglob("*.py") for name in imports(path)}
     assert {name for name in names if name.startswith("robogauntlet.adapters")} <= allowed
@@ -116,7 +116,7 @@ def test_every_public_name_is_there():
         _ = robogauntlet.nothing
 
 
-def test_no_file_grows_past_the_limit():
+def test_no_file_is_longer_than_the_limit():
     folders = (*PACKAGES.keys() - {"support"}, "tests", "scripts", "src")
     files = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     assert {str(p): n for p in files if (n := len(p.read_text(encoding="utf-8").splitlines())) > LONGEST} == {}

@@ -1,4 +1,4 @@
-"""RoboGauntlet takes one import name: packages of users may be called as its folders are."""
+"""RoboGauntlet uses one import name: packages of users may have the names of its folders."""
 
 import os
 import subprocess
@@ -45,7 +45,7 @@ def project(tmp_path):
     return tmp_path
 
 
-def test_a_script_beside_packages_of_these_names_imports_those(project):
+def test_a_script_beside_packages_of_these_names_imports_them(project):
     (project / "script.py").write_text(SCRIPT)
     done = python("script.py", folder=project)
     assert done.stdout.strip() == "[True, True, True]", done.stderr
@@ -59,7 +59,7 @@ def test_a_run_uses_a_policy_from_the_users_own_package_policies(project):
     assert (project / "run" / "report.html").is_file()
 
 
-def test_the_pytest_plugin_leaves_a_repository_with_its_own_orchestrator_alone(project):
+def test_the_pytest_plugin_works_beside_another_package_orchestrator(project):
     (project / "test_own.py").write_text("import orchestrator\n\ndef test_own():\n    assert orchestrator.MINE\n")
     done = python("-m", "pytest", "-q", "-p", "no:cacheprovider", folder=project)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""The scripts that take hours give commands that are understood: a mistyped option is found here, not after a night."""
+"""The commands of the scripts that take hours are valid."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ def understand(arguments: Sequence[str]) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(("script", "verbs"), [("zoo.sh", 23), ("training_controls.sh", 118)])
-def test_every_command_of_a_script_of_hours_is_understood(script: str, verbs: int, tmp_path: Path) -> None:
+def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp_path: Path) -> None:
     commands = given(script, tmp_path)
     for command in commands:
         understand(command)
     assert len(commands) == verbs
 
 
-def test_percent_makes_the_zoo_from_that_share_and_three_demonstrations_at_least(tmp_path: Path) -> None:
+def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Path) -> None:
     options = [understand(command) for command in given("zoo.sh", tmp_path, percent="1")]
     assert {values["episodes"] for values in options if "episodes" in values} == {3, 4, 5, 6, 7}
     assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 120, 140}
@@ -77,9 +77,7 @@ def test_percent_makes_the_zoo_from_that_share_and_three_demonstrations_at_least
 
 @pytest.mark.parametrize("script", ["zoo.sh", "training_controls.sh"])
 @pytest.mark.parametrize("percent", ["0", "-1", "half", "1000", "1.5"])
-def test_a_share_that_is_no_whole_percent_is_refused_before_anything_is_made(
-    script: str, percent: str, tmp_path: Path
-) -> None:
+def test_a_share_that_is_no_whole_percent_is_refused_first(script: str, percent: str, tmp_path: Path) -> None:
     with pytest.raises(subprocess.CalledProcessError) as refused:
         given(script, tmp_path, percent=percent)
     assert refused.value.stderr == f"PERCENT: expected a whole number from 1 to 999, got '{percent}'\n"

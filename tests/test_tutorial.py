@@ -1,4 +1,4 @@
-"""What docs/adapters.md says is done, word for word: from an empty folder to an adapter that passes every check."""
+"""The steps of docs/adapters.md lead from an empty folder to an adapter that passes every check."""
 
 import os
 import re
@@ -38,7 +38,7 @@ def test_the_tutorials_adapter_has_at_most_120_lines():
     assert sum(len(lines[path]) for path in lines if path.startswith("desk/")) <= 120
 
 
-def test_the_tutorial_leads_from_an_empty_folder_to_an_adapter_that_passes_and_is_played(tmp_path):
+def test_the_tutorial_leads_to_an_adapter_that_passes_and_can_be_run(tmp_path):
     for path, text in files().items():
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_text(text, encoding="utf-8")

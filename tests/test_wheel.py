@@ -1,4 +1,4 @@
-"""The wheels: complete, light, and usable in an environment that holds nothing else."""
+"""The wheels: complete, light, and usable in an empty environment."""
 
 import shutil
 import subprocess
@@ -43,7 +43,7 @@ def run(*command, **options):
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
-    """Both wheels, built from the files that git knows."""
+    """Both wheels, built from the files in git."""
     source, dist = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
     for name in run("git", "ls-files", "-co", "--exclude-standard", cwd=ROOT).splitlines():
         if (ROOT / name).exists():
@@ -88,7 +88,7 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
 
 
 @pytest.mark.slow
-def test_every_verb_explains_itself(program, tmp_path):
+def test_every_verb_has_help(program, tmp_path):
     assert int(run(program.with_name("python"), "-c", HELP, cwd=tmp_path)) > 40
 
 

@@ -104,9 +104,9 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:
-        from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput, fail
+        from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, INPUT_ERRORS, fail
 
-        if not isinstance(error, BadInput):
+        if not isinstance(error, INPUT_ERRORS):
             raise
         fail(str(error))
         sys.exit(EXIT_BAD_INPUT)

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, open_history, print_line
+from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, print_line
+from robogauntlet.support.errors import BadInput
 
 
 def accept(

@@ -10,11 +10,13 @@ from rich.table import Table
 
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.adapters.contract import AdapterError, Simulator
-from robogauntlet.orchestrator.cli.common import BadInput, environment_resolver, out, print_line
+from robogauntlet.orchestrator.cli.common import out, print_line
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.runs.plan import why_unadjusted
 from robogauntlet.suites.axes import AXES, SEVERITIES, Axis
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -57,9 +59,7 @@ def sheet(
     out_file: Annotated[Path, typer.Option("--out", help="PNG file to write.")],
     task: Annotated[
         list[str] | None,
-        typer.Option(
-            help="simulator/task. Repeatable. Default: the first task of each simulator that supports the axis."
-        ),
+        typer.Option(help="simulator/task. Repeatable. By default the first of each simulator that supports the axis."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the episode whose first images are shown.")] = 0,
     image_size: Annotated[int, typer.Option(min=16, max=1024, help="Height and width of each image (px).")] = 128,
@@ -72,15 +72,12 @@ def sheet(
         raise BadInput(f"expected a file that ends in .png for --out, got '{out_file}'")
     if out_file.is_dir() or not out_file.parent.is_dir():
         raise BadInput(f"--out: expected a file in an existing folder, got '{out_file}'")
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     usable = [s for s in simulators.simulators().values() if not s.internal and not environments.missing_reason(s)]
     tasks = task or [first for simulator in usable for first in _supporting_tasks(simulator, axis)[:1]]
     if not tasks:
-        raise BadInput(
-            "expected an installed simulator, got none"
-            if not usable
-            else f"no installed simulator supports '{axis.name}'"
-        )
+        unusable = f"no installed simulator supports '{axis.name}'"
+        raise BadInput(unusable if usable else "expected an installed simulator, got none")
     for task_name in tasks:
         if task_name in simulators.task_descriptions() and (reason := why_unadjusted(axis, task_name)):
             raise BadInput(f"axis '{axis.name}' is unsupported in {task_name}: {reason}")

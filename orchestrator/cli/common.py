@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
-from robogauntlet.orchestrator.runs.plan import WHOLE, Plan, PlanError, find_suite, load_registry, make_plan
-from robogauntlet.results.run_document import RUN_FILE
+from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.orchestrator.runs.plan import PlanError
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.results.folder_lock import FolderError
+from robogauntlet.results.run_document import RUN_FILE, RunError
 from robogauntlet.results.store.database import StoreError, file_url, parse
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.run_history import HISTORY_FILE, History
-from robogauntlet.suites.environments import EnvironmentEntry
-from robogauntlet.suites.loading import SuiteError, load_suite
-from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.selection import SelectionError
+from robogauntlet.support.errors import BadInput
 
+INPUT_ERRORS = (
+    BadInput,
+    SuiteError,
+    SelectionError,
+    PlanError,
+    PolicyError,
+    AdapterError,
+    FolderError,
+    RunError,
+    StoreError,
+)
+"""Exceptions whose messages are for the user. `main` prints them and exits with `EXIT_BAD_INPUT`."""
 RUNS = Path("runs")
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 3
@@ -46,6 +60,11 @@ SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]
+TOKEN = "ROBOGAUNTLET_TOKEN"
+Host = Annotated[
+    str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
+]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")]
 HistoryUrl = Annotated[
     str | None,
     typer.Option(
@@ -55,10 +74,6 @@ HistoryUrl = Annotated[
         help="URL of the history, the store that lists all runs; by default history.sqlite beside the run folders.",
     ),
 ]
-
-
-class BadInput(Exception):
-    """The command cannot be carried out as given; the message has one line per problem."""
 
 
 def fail(message: str) -> None:
@@ -72,74 +87,19 @@ def print_line(line: str) -> None:
     out.print(line, markup=False, soft_wrap=True)
 
 
-def read_plan(
-    suite: str, *, part: SuiteSelection = WHOLE, only: tuple[str, ...] = (), require_installed: bool = True
-) -> Plan:
-    """Return the plan of a suite file or shipped suite; see `make_plan` for the options.
-
-    Args:
-        suite: A file, or the name of a shipped suite.
-        part: The part to plan.
-        only: Simulators that must be able to run.
-        require_installed: See `make_plan`.
-
-    Raises:
-        BadInput: The suite is wrong or cannot be run.
-    """
-    try:
-        return make_plan(find_suite(suite), part=part, only=only, require_installed=require_installed)
-    except (SuiteError, PlanError) as error:
-        raise BadInput(str(error)) from None
-
-
-def declared_environments(suite: str) -> dict[str, EnvironmentEntry]:
-    """Return the environments that a suite declares.
-
-    Raises:
-        BadInput: The suite is wrong.
-    """
-    try:
-        return load_suite(find_suite(suite), load_registry()).environments
-    except SuiteError as error:
-        raise BadInput(str(error)) from None
-
-
-def environment_resolver(declared: Mapping[str, EnvironmentEntry] | None = None) -> EnvironmentResolver:
-    """Return the resolver of the simulators' environments.
-
-    Raises:
-        BadInput: The user's configuration is wrong.
-    """
-    try:
-        return EnvironmentResolver(declared)
-    except SuiteError as error:
-        raise BadInput(str(error)) from None
-
-
 def newest_run(root: Path = RUNS) -> Path:
-    """Return the run folder under `root` that was changed last.
-
-    Raises:
-        BadInput: `root` holds no run.
-    """
-    documents = sorted(root.glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime)
-    if not documents:
+    """Return the run folder under `root` that was changed last. Raises BadInput if there is none."""
+    newest = max(root.glob(f"*/{RUN_FILE}"), key=lambda path: path.stat().st_mtime, default=None)
+    if newest is None:
         raise BadInput(f"no run under {root}/; name one")
-    return documents[-1].parent
+    return newest.parent
 
 
 def history_url(url: str | None, root: Path = RUNS) -> str:
-    """Return the URL of the history: the given one, or that of the file beside the run folders.
-
-    Raises:
-        BadInput: `url` is not the URL of a store.
-    """
+    """Return the URL of the history: the given one, which must be valid, or that of the file beside the run folders."""
     if url is None:
         return file_url((root / HISTORY_FILE).absolute())
-    try:
-        return parse(url).render_as_string(hide_password=False)
-    except StoreError as error:
-        raise BadInput(str(error)) from None
+    return parse(url).render_as_string(hide_password=False)
 
 
 def runs_root(url: str | None) -> Path:
@@ -150,26 +110,18 @@ def runs_root(url: str | None) -> Path:
 
 @contextmanager
 def open_history(url: str | None, root: Path | None = None) -> Iterator[History]:
-    """Open the history and record in it the runs under `root` that it does not list yet.
-
-    Args:
-        url: URL of the history; None for the file beside the run folders.
-        root: Folder of the run folders; None for `runs_root(url)`.
+    """Open the history at `url` and record in it the runs under `root` that it does not list yet.
 
     Raises:
-        BadInput: The history cannot be opened, read or written.
+        BadInput: The folder cannot be written.
+        StoreError: The history cannot be opened, read or written.
     """
     root = root or runs_root(url)
     try:
         if url is None:
             root.mkdir(parents=True, exist_ok=True)
-        history = History.open(history_url(url, root))
-        try:
+        with closing(History.open(history_url(url, root))) as history:
             record_run_folders(history, root)
             yield history
-        finally:
-            history.close()
-    except StoreError as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{root}: {error.strerror}") from None

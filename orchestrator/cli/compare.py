@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, RunArgument, StoreUrl, out
+from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, out
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results import api
 from robogauntlet.results.analysis.comparison import Comparison, Difference, Verdict
-from robogauntlet.results.run_document import RunDocument, RunError
-from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 EXIT_CODES = {Verdict.REGRESSED: 1, Verdict.IMPROVED: 0, Verdict.NO_EVIDENCE: 0, Verdict.NOT_COMPARABLE: 2}
 
@@ -66,64 +66,43 @@ def compare(
 
     Exit codes: 0 no regression, 1 a regression, 2 not comparable.
     """
-    comparison = compare_folders(run, baseline, policy or [], allow or [], alpha, margin, store)
-    write_comparison(comparison, form, file)
-    raise typer.Exit(EXIT_CODES[comparison.verdict])
+    options = {"only": policy or [], "allowed": frozenset(allow or []), "alpha": alpha, "margin": margin}
+    conclude(compare_folders(run, baseline, store, options), form, file, tables=True)
 
 
-def compare_folders(
-    run: Path,
-    baseline: Path,
-    policies: list[str],
-    allowed: list[Difference],
-    alpha: float | None,
-    margin: float | None,
-    store: str | None,
-) -> Comparison:
-    """Compare two run folders.
-
-    Raises:
-        BadInput: One of them cannot be read, or lacks a policy.
-    """
-    try:
-        sides = [api.open_run(folder, store) for folder in (run, baseline)]
-        for side in sides:
-            check_policies(side.folder, side.document, policies)
-        return api.compare(*sides, alpha=alpha, margin=margin, only=policies, allowed=frozenset(allowed))
-    except (RunError, StoreError) as error:
-        raise BadInput(str(error)) from None
+def compare_folders(run: Path, baseline: Path, store: str | None, options: dict[str, Any]) -> Comparison:
+    """Compare two run folders with the options of `api.compare`; raises BadInput if a run lacks a policy."""
+    sides = [api.open_run(folder, store) for folder in (run, baseline)]
+    for side in sides:
+        check_policies(side.folder, side.document, options["only"])
+    return api.compare(*sides, **options)
 
 
 def check_policies(folder: Path, document: RunDocument, policies: list[str]) -> None:
-    """Check that a run has all these policies.
-
-    Raises:
-        BadInput: The run lacks one of them.
-    """
+    """Raise BadInput unless a run has all these policies."""
     known = dict.fromkeys(cell.policy for cell in document.plan)
     for name in policies:
         if name not in known:
             raise BadInput(f"{folder}: the run has no policy '{name}'{did_you_mean(name, known)}")
 
 
-def write_comparison(comparison: Comparison, form: Format, file: Path | None) -> None:
-    """Print a comparison, or write it into a file.
+def conclude(comparison: Comparison, form: Format, file: Path | None, *, tables: bool) -> NoReturn:
+    """Write a comparison into a file or print it, if wanted after a table of each policy; exit with its code.
 
     Raises:
         BadInput: The file cannot be written.
     """
-    from robogauntlet.results.report.comparison import FORMATS, as_text, table
+    from robogauntlet.results.report.comparison import FORMATS, table
 
+    text = FORMATS[form](comparison)
     if file is not None:
         try:
-            file.write_text(FORMATS[form](comparison), encoding="utf-8")
+            file.write_text(text, encoding="utf-8")
         except OSError as error:
             raise BadInput(f"{file}: cannot be written: {error.strerror}") from None
-        return
-    if form is not Format.TEXT:
-        out.print(FORMATS[form](comparison), markup=False, soft_wrap=True, end="")
-        return
-    for policy in comparison.policies:
-        out.print(rich_table(table(policy, comparison.alpha), title=policy.policy))
-        out.print()
-    out.print(as_text(comparison), markup=False, soft_wrap=True, end="")
+    else:
+        for policy in comparison.policies if tables and form is Format.TEXT else ():
+            out.print(rich_table(table(policy, comparison.alpha), title=policy.policy))
+            out.print()
+        out.print(text, markup=False, soft_wrap=True, end="")
+    raise typer.Exit(EXIT_CODES[comparison.verdict])

@@ -27,13 +27,11 @@ def print_summary(report: Report) -> None:
     many = len(tables.conditions) > MAX_CONDITIONS
     shown = tables.conditions[:1] if many else tables.conditions
     where = f", {shown[0]}" if many else ""
-    out.print(rich_table(_per_task(tables, shown), title=f"Success rate with 95 % Wilson interval, per task{where}"))
-    out.print()
+    _print_table(_per_task(tables, shown), f"Success rate with 95 % Wilson interval, per task{where}")
     if many:
-        out.print(rich_table(_per_condition(tables), title="Per condition, over all tasks and simulators"))
+        _print_table(_per_condition(tables), "Per condition, over all tasks and simulators")
     else:
-        out.print(rich_table(_fitting(summary_table(tables)), title="Per simulator"))
-    out.print()
+        _print_table(_fitting(summary_table(tables)), "Per simulator")
     for finding in findings:
         out.print(f"- {finding}", markup=False)
     if findings:
@@ -42,10 +40,12 @@ def print_summary(report: Report) -> None:
         return
     for comparison in merging.routed:
         sides = f"expert ({merging.expert}), oracle-routed ({merging.oracle_routed}), routed ({comparison.policy})"
-        title = f"Success of {sides}; accuracy of the router"
-        out.print(rich_table(compact_table(comparison), title=title))
-        out.print()
-    out.print(rich_table(overall_table(merging), title="Success lost over all tasks, on the same episodes"))
+        _print_table(compact_table(comparison), f"Success of {sides}; accuracy of the router")
+    _print_table(overall_table(merging), "Success lost over all tasks, on the same episodes")
+
+
+def _print_table(table: TextTable, title: str) -> None:
+    out.print(rich_table(table, title=title))
     out.print()
 
 

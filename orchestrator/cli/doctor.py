@@ -12,8 +12,9 @@ import typer
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.cli.common import environment_resolver, fail, out
+from robogauntlet.orchestrator.cli.common import fail, out
 from robogauntlet.orchestrator.environments.probe import probe
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies import oracles
 
@@ -23,13 +24,13 @@ MIN_DISK_GB = 2.0
 def doctor() -> None:
     """Check that every simulator opens and renders on this machine.
 
-    Each simulator is opened in a process of its own and renders one frame. Exit code 1 if something does not work.
+    Each simulator is opened in a separate process and renders one frame. Exit code 1 if something does not work.
     """
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     ray = metadata.version("ray")
     out.print(f"Python {platform.python_version()}, Ray {ray}, {os.cpu_count()} cores, {memory:.0f} GiB memory")
     names = [name for name, simulator in catalog.simulators().items() if not simulator.internal]
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     with out.status("opening the simulators"):
         findings = probe(names, environments)
     table = Table("simulator", "version", "renders on", "one frame", box=None, pad_edge=False)
@@ -65,10 +66,9 @@ def _machine_problems() -> list[str]:
         imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:
         problems.append(f"videos cannot be written: {error}; pip install imageio-ffmpeg")
-    free = shutil.disk_usage(".").free / 1e9
-    if free < MIN_DISK_GB:
-        problems.append(f"only {free:.1f} GB are free in this folder; a run with videos needs up to {MIN_DISK_GB:g} GB")
-    free = shutil.disk_usage(tempfile.gettempdir()).free / 1e9
-    if free < MIN_DISK_GB:
-        problems.append(f"only {free:.1f} GB are free in {tempfile.gettempdir()}, where Ray keeps its files")
+    here, ray = f"this folder; a run with videos needs up to {MIN_DISK_GB:g} GB", "where Ray keeps its files"
+    for folder, place in ((".", here), (tempfile.gettempdir(), f"{tempfile.gettempdir()}, {ray}")):
+        free = shutil.disk_usage(folder).free / 1e9
+        if free < MIN_DISK_GB:
+            problems.append(f"only {free:.1f} GB are free in {place}")
     return problems

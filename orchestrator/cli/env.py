@@ -14,31 +14,27 @@ import typer
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.cli.common import (
-    BadInput,
-    declared_environments,
-    environment_resolver,
-    fail,
-    out,
-    print_line,
-)
+from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import (
     Environment,
-    EnvironmentProblem,
     EnvironmentUser,
     adapter_environment,
     config_path,
     environment_users,
 )
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.runs.plan import find_suite, load_registry
+from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.errors import BadInput
 
 app = typer.Typer(no_args_is_help=True)
 
 Name = Annotated[
-    str, typer.Argument(help="Name of a simulator or policy kind with an environment of its own, such as libero.")
+    str, typer.Argument(help="Name of a simulator or policy kind with its own environment, such as libero.")
 ]
 InSuite = Annotated[
     str | None,
@@ -58,25 +54,20 @@ def create(
     """
     simulator, environment = _find(name, suite)
     began = time.monotonic()
-    try:
-        with _progress() as report:
-            created = installer.create(environment, report, fresh=fresh)
-    except EnvironmentProblem as error:
-        raise BadInput(str(error)) from None
+    with _progress() as log:
+        created = installer.create(environment, log, fresh=fresh)
     state = f"created in {format_duration(time.monotonic() - began)}" if created else "exists"
     print_line(f"{name}: {state}: {environment.folder}")
     if environment.origin == "its adapter" and adapter_environment(simulator) is None:
-        fail(
-            f"{name} is also installed in the running environment, which runs use unless a suite or {config_path()} "
-            "names another one"
-        )
+        users = f"which runs use unless a suite or {config_path()} names another one"
+        fail(f"{name} is also installed in the running environment, {users}")
     _report_fit(environment, simulator)
 
 
 @app.command("list")
 def list_environments() -> None:
     """List the environments of simulators, and unused environment folders."""
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     table = Table("environment", "declared by", "state", "folder", box=None, pad_edge=False)
     used: set[Path] = set()
     for simulator in environment_users().values():
@@ -97,21 +88,24 @@ def list_environments() -> None:
     if table.row_count:
         out.print(table, soft_wrap=True)
     else:
-        out.print(f"no simulator has an environment of its own; {config_path()} or a suite can name one", markup=False)
+        out.print(f"no simulator has its own environment; {config_path()} or a suite can name one", markup=False)
 
 
 @app.command()
 def show(name: Name, suite: InSuite = None) -> None:
     """Show the declaration, the folder and the versions of an environment."""
     simulator, environment = _find(name, suite)
-    entry = environment.entry.model_dump(mode="json", exclude_defaults=True)
-    contents = check(environment, simulator)
+    contents, manifest = check(environment, simulator), environment.manifest
+    created = "no"
+    if manifest is not None:
+        made_at = manifest.get("made_at")
+        created = f"{datetime.fromtimestamp(made_at):%Y-%m-%d %H:%M:%S}" if made_at else "by the user"
     rows = {
         "declared by": environment.origin,
         "hash": environment.entry.hash,
-        "entry": json.dumps(entry),
+        "entry": json.dumps(environment.entry.model_dump(mode="json", exclude_defaults=True)),
         "python": str(environment.python),
-        "created": "no" if environment.manifest is None else _moment(environment.manifest.get("made_at")),
+        "created": created,
         **contents.versions,
     }
     table = Table(box=None, pad_edge=False, show_header=False)
@@ -134,10 +128,7 @@ def check_environment(name: Name, suite: InSuite = None) -> None:
 @app.command()
 def remove(name: Name) -> None:
     """Remove all environments of that name."""
-    try:
-        removed = installer.remove(name)
-    except EnvironmentProblem as error:
-        raise BadInput(str(error)) from None
+    removed = installer.remove(name)
     if not removed:
         raise BadInput(f"{name}: no environment of that name; see: robogauntlet env list")
     for folder in removed:
@@ -150,14 +141,11 @@ def _find(name: str, suite: str | None) -> tuple[EnvironmentUser, Environment]:
         shown = known.keys() - {name for name, simulator in catalog.simulators().items() if simulator.internal}
         raise BadInput(f"unknown simulator '{name}'{did_you_mean(name, shown)}")
     simulator = known[name]
-    declared = declared_environments(suite) if suite is not None else {}
-    environment = environment_resolver(declared).resolve(simulator) or adapter_environment(simulator, always=True)
+    declared = {} if suite is None else load_suite(find_suite(suite), load_registry()).environments
+    environment = EnvironmentResolver(declared).resolve(simulator) or adapter_environment(simulator, always=True)
     if environment is None:
-        where = suite or str(config_path())
-        raise BadInput(
-            f"{name}: runs in the running environment; to give it its own environment, add "
-            f"environments: {{{name}: {{requirements: [...]}}}} to {where}"
-        )
+        remedy = f"add environments: {{{name}: {{requirements: [...]}}}} to {suite or config_path()}"
+        raise BadInput(f"{name}: runs in the running environment; to give it its own environment, {remedy}")
     return simulator, environment
 
 
@@ -169,10 +157,6 @@ def _report_fit(environment: Environment, simulator: EnvironmentUser) -> None:
         raise typer.Exit(1)
     versions = ", ".join(f"{name} {version}" for name, version in contents.versions.items())
     print_line(f"{simulator.name}: fits: Python {contents.python}, {versions}")
-
-
-def _moment(seconds: float | None) -> str:
-    return "by the user" if seconds is None else f"{datetime.fromtimestamp(seconds):%Y-%m-%d %H:%M:%S}"
 
 
 @contextlib.contextmanager

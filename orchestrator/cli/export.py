@@ -7,35 +7,23 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import (
-    EXIT_INTERRUPTED,
-    EXIT_STOPPED,
-    BadInput,
-    RunArgument,
-    StoreUrl,
-    fail,
-    out,
-    print_line,
-)
-from robogauntlet.orchestrator.replay.replay import ReplayError, environments_of, policy_sources
+from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, out, print_line
+from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
+from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, EpisodeFilter, write_datasets
+from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
-from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.api import OpenRun
-from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.report.parquet import write_parquet
-from robogauntlet.results.run_document import RunDocument, RunError, RunStatus, read_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.run_document import RunDocument, read_run
+from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
-from robogauntlet.suites.selection import SelectionError
-
-if TYPE_CHECKING:
-    from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter
+from robogauntlet.support.errors import BadInput
 
 
 class Format(StrEnum):
@@ -105,8 +93,6 @@ def export(
     """
     file = file or Path(f"{run.absolute().name}{SUFFIXES[form]}")
     if form is Format.LEROBOT_DATASET:
-        from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter
-
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
         policies = () if policy is None else (policy,)
         selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit)
@@ -118,8 +104,7 @@ def export(
         raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
     try:
         document = read_run(run)
-        rows = Store.open_begun(run, document, store)
-        try:
+        with closing(Store.open_begun(run, document, store)) as rows:
             if form is Format.RUN:
                 count = export_run(document, rows, file)
             elif form is Format.PARQUET:
@@ -127,10 +112,6 @@ def export(
                 count = sum(rows.status_counts().values())
             else:
                 count = _write(form, document, OpenRun(run, document, store), _new(file), policy)
-        finally:
-            rows.close()
-    except (RunError, StoreError) as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         if form is not Format.RUN:
             file.unlink(missing_ok=True)  # it is new; the next attempt needs the name
@@ -150,38 +131,27 @@ def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy
 
 
 def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None) -> None:
-    from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, write_datasets
-
     def listener(written: DatasetExport, count: int) -> Callable[[], None]:
         if written.existing:
             out.print(f"continuing: {written.existing} of {counted(written.wanted, 'episode')} are recorded already")
         return progress.enter_context(RecordingProgress(out, count, activity="replaying")).advance
 
-    try:
-        document = read_run(run)
-        with closing(Store.open_begun(run, document, store)) as rows:
-            chosen = selected.select(document, rows.results())
-        if not chosen:
-            raise BadInput(f"{run}: no episode matches the options")
-        with ExitStack() as progress:
-            written = write_datasets(
-                chosen, document, policy_sources(document), folder, listener, environments_of(document)
-            )
-    except (RunError, StoreError, ReplayError, SelectionError, PolicyError, FolderError) as error:
-        raise BadInput(str(error)) from None
+    document = read_run(run)
+    with closing(Store.open_begun(run, document, store)) as rows:
+        chosen = selected.select(document, rows.results())
+    if not chosen:
+        raise BadInput(f"{run}: no episode matches the options")
+    with ExitStack() as progress:
+        sources, environments = policy_sources(document), environments_of(document)
+        written = write_datasets(chosen, document, sources, folder, listener, environments)
     for writer in written.writers.values():
-        line = f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}"
-        print_line(line)
-    for trouble in written.warnings:
-        fail(trouble)
-    if written.status is RunStatus.INTERRUPTED:
-        fail("interrupted; give the same command to continue")
-        raise typer.Exit(EXIT_INTERRUPTED)
+        print_line(f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}")
+    conclude_recording(written)
     if written.warnings:
-        raise typer.Exit(EXIT_STOPPED if written.status is RunStatus.STOPPED else 1)
+        raise typer.Exit(1)
 
 
 def _new(file: Path) -> Path:
     if file.exists():
-        raise RunError(f"{file}: expected a new file, this one exists")
+        raise BadInput(f"{file}: expected a new file, this one exists")
     return file

@@ -8,12 +8,13 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, open_history, out, print_line
+from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.report.formatting import TextTable, count, percent, span
 from robogauntlet.results.report.history_plot import policy_history_table, sparkline, verdict_text, when, write_plot
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 
 def history(

@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, history_url, open_history, print_line, runs_root
+from robogauntlet.orchestrator.cli.common import HistoryUrl, history_url, open_history, print_line, runs_root
 from robogauntlet.results.report.formatting import counted
-from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store import run_archive
-from robogauntlet.results.store.episode_store import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
+from robogauntlet.support.errors import BadInput
 
 
 def import_run(
@@ -36,8 +35,6 @@ def import_run(
         write_report(run, store_url=store)
         with open_history(url) as history:
             record_run_folder(history, run, document)
-    except (RunError, StoreError) as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{root}: cannot be written: {error.strerror}") from None
     print_line(f"{counted(document.planned, 'planned episode')} of {document.suite.name} in {run}")

@@ -6,11 +6,12 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, fail, open_history, out
+from robogauntlet.orchestrator.cli.common import HistoryUrl, fail, open_history, out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.analysis import leaderboard as analysis
 from robogauntlet.results.report.history_plot import leaderboard_table
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 
 def leaderboard(
@@ -30,6 +31,4 @@ def leaderboard(
         raise BadInput(f"expected a complete run of suite '{suite}', found none")
     table = leaderboard_table(analysis.leaderboard(results, alpha))
     out.print(rich_table(table, title=f"{suite}, clean episodes"))
-    out.print(
-        f"\nPolicies that share a letter do not differ significantly (McNemar, Holm, alpha {alpha:g}).", markup=False
-    )
+    print_line(f"\nPolicies that share a letter do not differ significantly (McNemar, Holm, alpha {alpha:g}).")

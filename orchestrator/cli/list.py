@@ -5,8 +5,9 @@ from __future__ import annotations
 from rich.table import Table
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.orchestrator.cli.common import environment_resolver, fail, out
+from robogauntlet.orchestrator.cli.common import fail, out
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.runs.plan import SHIPPED
 from robogauntlet.policies import catalog as policies
 
@@ -19,7 +20,7 @@ def list_names() -> None:
     tasks.add_column("task", no_wrap=True)
     for column in ("instruction", "horizon", "simulator"):
         tasks.add_column(column)
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue

@@ -7,10 +7,8 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, RunArgument, StoreUrl, print_line
+from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, print_line
 from robogauntlet.results.api import open_run
-from robogauntlet.results.run_document import RunError
-from robogauntlet.results.store.episode_store import StoreError
 
 
 class Tracker(StrEnum):
@@ -30,12 +28,9 @@ def log(
 
     Success rates, intervals, errors and provenance are sent. A run that was sent before is updated.
     """
-    from robogauntlet.orchestrator.trackers import TrackerError, mlflow, wandb
+    from robogauntlet.orchestrator.trackers import mlflow, wandb
 
     log_run = {Tracker.WANDB: wandb.log_run, Tracker.MLFLOW: mlflow.log_run}[to]
-    try:
-        opened = open_run(run, store)
-        address = log_run(opened.document, opened.tables(), name=run.absolute().name, project=project)
-    except (RunError, StoreError, TrackerError) as error:
-        raise BadInput(str(error)) from None
+    opened = open_run(run, store)
+    address = log_run(opened.document, opened.tables(), name=run.absolute().name, project=project)
     print_line(f"logged: {address}")

@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from robogauntlet.orchestrator.cli.common import (
-    BadInput,
-    Policies,
-    SeedCount,
-    StoreUrl,
-    SuiteArgument,
-    Tasks,
-    fail,
-    out,
-    read_plan,
-)
+from robogauntlet.orchestrator.cli.common import Policies, SeedCount, StoreUrl, SuiteArgument, Tasks, fail, out
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
-from robogauntlet.orchestrator.runs.plan import PlanError, check_same, remaining_work
-from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, remaining_work
+from robogauntlet.results.run_document import RUN_FILE, read_run
+from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.support.errors import BadInput
 
 
 def plan(
@@ -41,19 +33,15 @@ def plan(
     Episodes of simulators that are not installed on this machine are shown as skipped.
     """
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
-    planned = read_plan(suite, part=part, require_installed=False)
+    planned = make_plan(find_suite(suite), part=part, require_installed=False)
     done: Outcomes = {}
     if out_folder is not None and out_folder.is_file():
         raise BadInput(f"{out_folder}: expected a run folder, this is a file")
     if out_folder is not None and (out_folder / RUN_FILE).exists():
-        try:
-            document = read_run(out_folder)
-            check_same(planned, document, out_folder)
-            rows = Store.open_begun(out_folder, document, store)
+        document = read_run(out_folder)
+        check_same(planned, document, out_folder)
+        with closing(Store.open_begun(out_folder, document, store)) as rows:
             done = rows.outcomes()
-            rows.close()
-        except (RunError, PlanError, StoreError) as error:
-            raise BadInput(str(error)) from None
     missing = {cell: len(seeds) for cell, seeds in remaining_work(planned, done).work}
     table = Table("task", "policy", "condition", "horizon", "episodes", "missing", box=None, pad_edge=False)
     for cell in planned.cells:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, StoreUrl, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.cli.common import StoreUrl, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
-from robogauntlet.orchestrator.replay.replay import ReplayError, environments_of, policy_sources, replay_with_video
+from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources, replay_with_video
 from robogauntlet.results.media_paths import video_path
 from robogauntlet.results.record import Status
-from robogauntlet.results.run_document import RunError, read_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.support.errors import BadInput
 
 
 def replay_episode(
@@ -27,20 +29,15 @@ def replay_episode(
     Exit code 1 if the outcome differs from the row.
     """
     folder = folder or newest_run()
-    try:
-        document = read_run(folder)
-        rows = Store.open_begun(folder, document, store)
+    document = read_run(folder)
+    with closing(Store.open_begun(folder, document, store)) as rows:
         row = rows.find(episode_id)
-        rows.close()
-        if row is None:
-            raise BadInput(f"{folder}: no episode {episode_id}; ids are in its episodes.parquet")
-        sources = policy_sources(document)
-    except (RunError, StoreError, ReplayError) as error:
-        raise BadInput(str(error)) from None
+    if row is None:
+        raise BadInput(f"{folder}: no episode {episode_id}; ids are in its episodes.parquet")
     video = video or video_path(folder, row.episode_id)
     try:
-        replay = replay_with_video(row, sources, video, environments_of(document))
-    except (ReplayError, RayLost) as error:
+        replay = replay_with_video(row, policy_sources(document), video, environments_of(document))
+    except RayLost as error:
         raise BadInput(str(error)) from None
     result = replay.result
     outcome = result.error if result.status == Status.ERROR else f"{result.status} after {result.steps} steps"

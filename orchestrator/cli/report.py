@@ -6,10 +6,9 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, NewestRunArgument, StoreUrl, newest_run, print_line
+from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, newest_run, print_line
 from robogauntlet.orchestrator.cli.console_tables import print_summary
-from robogauntlet.results.run_document import RunError
-from robogauntlet.results.store.episode_store import StoreError
+from robogauntlet.support.errors import BadInput
 
 
 def report(
@@ -30,8 +29,6 @@ def report(
     budget = {} if video_mb is None else {"video_budget": int(1e6 * video_mb)}
     try:
         written = write_report(folder, store_url=store, **budget)
-    except (RunError, StoreError) as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{folder}: cannot be written: {error.strerror}") from None
     print_summary(written)

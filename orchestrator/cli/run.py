@@ -13,7 +13,6 @@ import typer
 from robogauntlet.orchestrator.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_STOPPED,
-    BadInput,
     HistoryUrl,
     Policies,
     SeedCount,
@@ -23,21 +22,19 @@ from robogauntlet.orchestrator.cli.common import (
     history_url,
     out,
     print_line,
-    read_plan,
 )
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.ray_runtime.session import NoCluster, check_address
-from robogauntlet.orchestrator.runs.plan import PlanError
+from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
-from robogauntlet.results.folder_lock import FolderError
-from robogauntlet.results.run_document import RunError, RunStatus
+from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.database import without_password
-from robogauntlet.results.store.episode_store import StoreError
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.errors import BadInput
 
 STORE_VARIABLE = "ROBOGAUNTLET_STORE"
 
@@ -77,7 +74,7 @@ def run(
     """
     required = tuple(require or ())
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
-    plan = read_plan(suite, part=part, only=required)
+    plan = make_plan(find_suite(suite), part=part, only=required)
     broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.environments) if f.problem]
     if broken:
         raise BadInput("\n".join(broken))
@@ -92,10 +89,7 @@ def run(
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)
     options = RunOptions(store, address, retry_errors, media, history_store, os.environ.get(SCHEDULE_VARIABLE))
-    try:
-        outcome = run_plan(plan, folder, options, Progress(out))
-    except (PlanError, FolderError, RunError, StoreError) as error:
-        raise BadInput(str(error)) from None
+    outcome = run_plan(plan, folder, options, Progress(out))
     _conclude(outcome, _command(outcome, part, store, address))
 
 
@@ -115,8 +109,8 @@ def _conclude(outcome: RunOutcome, command: str) -> None:
     document = outcome.document
     if outcome.report is not None:
         print_summary(outcome.report)
-    for trouble in outcome.warnings:
-        fail(trouble)
+    for warning in outcome.warnings:
+        fail(warning)
     out.print(f"{outcome.done} of {document.planned} episodes in {format_duration(document.elapsed_s)}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
     print_line(f"report: {outcome.folder / 'report.html'}")

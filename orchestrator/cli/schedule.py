@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -14,28 +14,27 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import (
-    BadInput,
     HistoryUrl,
     SuiteArgument,
     fail,
     open_history,
     out,
     print_line,
-    read_plan,
     runs_root,
 )
 from robogauntlet.orchestrator.cli.console_tables import rich_table
-from robogauntlet.orchestrator.notifications import Message, NotificationError, Notifier, notifiers, send_all
+from robogauntlet.orchestrator.notifications import Message, Notifier, notifiers, send_all
+from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
 from robogauntlet.orchestrator.schedules.export import Target, render_for
-from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, ScheduleError, State, checked
+from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State, checked
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.report.formatting import NOTHING, TextTable
 from robogauntlet.results.report.history_plot import when
-from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.support.errors import BadInput
 
 app = typer.Typer(no_args_is_help=True)
 ScheduleName = Annotated[str, typer.Argument(help="Name of a schedule.")]
@@ -85,18 +84,14 @@ def add(
     """Add a schedule. Its runs are started by `robogauntlet schedule serve`."""
     path = Path(suite)
     suite = str(path.resolve()) if path.suffix in (".yaml", ".yml") or path.exists() else suite
-    plan = read_plan(suite, part=SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds))
+    plan = make_plan(find_suite(suite), part=SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds))
     arguments = [*(f"--policy={pattern}" for pattern in policy or ()), *(f"--task={pattern}" for pattern in task or ())]
     arguments += [f"--seeds={seeds}"] if seeds else []
     arguments += [] if media else ["--no-media"]
-    try:
-        schedule = checked(
-            Schedule(name, suite, cron, timezone, tuple(arguments), catch_up, keep, gate, created_at=time.time())
-        )
-        with _open_stores(url) as stores:
-            stores.schedules.add(schedule)
-    except ScheduleError as error:
-        raise BadInput(str(error)) from None
+    schedule = Schedule(name, suite, cron, timezone, tuple(arguments), catch_up, keep, gate, created_at=time.time())
+    checked(schedule)
+    with _open_stores(url) as stores:
+        stores.schedules.add(schedule)
     print_line(f"{name}: {plan.episodes:,} episodes of {plan.suite.name}, next at {_next_time(schedule)}")
 
 
@@ -111,24 +106,17 @@ def list_schedules(
     """List schedules with their next time and the outcome of the last run."""
     with _open_stores(url) as stores:
         schedules = [stores.find(name)] if name else stores.schedules.schedules()
-        last_runs = {
-            schedule.name: stores.schedules.scheduled_runs(schedule=schedule.name, limit=1) for schedule in schedules
-        }
+        last_runs = [stores.schedules.scheduled_runs(schedule=schedule.name, limit=1) for schedule in schedules]
     if target is not None:
-        try:
-            for schedule in schedules:
-                out.print(render_for(schedule, target, Path.cwd()), markup=False, soft_wrap=True, end="")
-        except ScheduleError as error:
-            raise BadInput(str(error)) from None
+        for schedule in schedules:
+            out.print(render_for(schedule, target, Path.cwd()), markup=False, soft_wrap=True, end="")
         return
     if not schedules:
         print_line("no schedule yet; add one: robogauntlet schedule add nightly SUITE --cron '0 2 * * *'")
         return
     rows = []
-    for schedule in schedules:
-        state = NOTHING
-        for run in last_runs[schedule.name]:
-            state = f"{run.state}: {run.outcome}" if run.outcome else str(run.state)
+    for schedule, last in zip(schedules, last_runs, strict=True):
+        state = ": ".join(filter(None, (last[0].state, last[0].outcome))) if last else NOTHING
         times = f"{schedule.cron} {schedule.timezone}"
         rows.append((schedule.name, schedule.suite, times, _next_time(schedule), state))
     out.print(rich_table(TextTable(("name", "suite", "when", "next", "last"), tuple(rows), 5), title="schedules"))
@@ -148,7 +136,7 @@ def run_now(name: ScheduleName, url: HistoryUrl = None) -> None:
     """Run a schedule now, as if it were due. Exit code 1 after a regression or a run that failed."""
     with _open_stores(url) as stores:
         schedule = stores.find(name)
-        server = stores.server(_recipients())
+        server = stores.server(notifiers(os.environ))
         try:
             with exclusive_server(stores.schedules.database, stores.root):
                 run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
@@ -158,8 +146,6 @@ def run_now(name: ScheduleName, url: HistoryUrl = None) -> None:
             run = stores.schedules.trigger_now(schedule, time.time(), server.folder)
             print_line(f"{name}: the running schedule server starts it, into {run.folder}")
             return
-        except OSError as error:
-            raise BadInput(f"{stores.root}: {error.strerror}") from None
         entry = stores.history.find(run.run_id or "")
     print_line(f"{name}: {run.state}, {run.outcome}")
     if run.state is not State.DONE or (entry is not None and entry.verdict == "regressed"):
@@ -174,26 +160,21 @@ def serve(
     url: HistoryUrl = None,
 ) -> None:
     """Start runs when they are due, until stopped. After a restart, runs are continued."""
-    recipients = _recipients()
-    with _open_stores(url) as stores:
-        try:
-            with exclusive_server(stores.schedules.database, stores.root):
-                names = ", ".join(schedule.name for schedule in stores.schedules.schedules()) or "no schedule yet"
-                targets = ", ".join(notifier.name for notifier in recipients) or "this log only"
-                _log(f"serving {names}; notifications go to {targets}")
-                stores.server(recipients, max_parallel).serve()
-        except AlreadyRunning as error:
-            raise BadInput(str(error)) from None
+    recipients = notifiers(os.environ)
+    with _open_stores(url) as stores, exclusive_server(stores.schedules.database, stores.root):
+        names = ", ".join(schedule.name for schedule in stores.schedules.schedules()) or "no schedule yet"
+        targets = ", ".join(notifier.name for notifier in recipients) or "this log only"
+        _log(f"serving {names}; notifications go to {targets}")
+        stores.server(recipients, max_parallel).serve()
 
 
 @app.command("test-message")
 def test_message() -> None:
     """Send a test notification to all recipients."""
-    recipients = _recipients()
+    recipients = notifiers(os.environ)
     if not recipients:
-        raise BadInput(
-            "no recipient: set ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/notifications.md)"
-        )
+        variables = "ROBOGAUNTLET_WEBHOOK_URL, or the variables for e-mail (docs/notifications.md)"
+        raise BadInput(f"no recipient: set {variables}")
     message = Message("RoboGauntlet: a test", ("If you read this, notifications arrive.",), "none")
     if problems := send_all(message, recipients):
         raise BadInput("\n".join(problems))
@@ -202,22 +183,8 @@ def test_message() -> None:
 
 @contextmanager
 def _open_stores(url: str | None) -> Iterator[_Stores]:
-    with open_history(url) as history:
-        try:
-            schedules = ScheduleStore.open(history.url)
-            try:
-                yield _Stores(schedules, history, runs_root(url).absolute())
-            finally:
-                schedules.close()
-        except StoreError as error:
-            raise BadInput(str(error)) from None
-
-
-def _recipients() -> list[Notifier]:
-    try:
-        return notifiers(os.environ)
-    except NotificationError as error:
-        raise BadInput(str(error)) from None
+    with open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedules:
+        yield _Stores(schedules, history, runs_root(url).absolute())
 
 
 def _log(line: str) -> None:

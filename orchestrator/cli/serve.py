@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import os
 import socket
+from contextlib import closing, suppress
 from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import BadInput, HistoryUrl, history_url, open_history, out, runs_root
-
-TOKEN = "ROBOGAUNTLET_TOKEN"
+from robogauntlet.orchestrator.cli.common import TOKEN, HistoryUrl, Host, Port, open_history, out, runs_root
+from robogauntlet.support.errors import BadInput
+from robogauntlet.support.network import is_loopback
 
 
 def serve(
-    host: Annotated[
-        str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")] = 8770,
+    host: Host = "127.0.0.1",
+    port: Port = 8770,
     max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
     url: HistoryUrl = None,
 ) -> None:
@@ -30,46 +29,23 @@ def serve(
     from robogauntlet.orchestrator.dashboard.app import create_app
     from robogauntlet.orchestrator.dashboard.app_state import Settings
     from robogauntlet.orchestrator.schedules.store import ScheduleStore
-    from robogauntlet.results.store.database import StoreError
 
     token = _token(host)
     listening = listen(host, port)
     os.nice(19)  # below Ray's workers, which have 15
-    try:
-        with open_history(url) as history:
-            try:
-                schedule_store = ScheduleStore.open(history_url(url))
-            except StoreError as error:
-                raise BadInput(str(error)) from None
-            settings = Settings(runs_root(url), host, token, max_upload_mb * 1024 * 1024)
-            config = uvicorn.Config(
-                create_app(history, schedule_store, settings),
-                log_level="warning",
-                access_log=False,
-                server_header=False,
-                ws="none",
-                timeout_graceful_shutdown=3,
-            )
-            shown = f"[{host}]" if ":" in host else host
-            out.print(f"dashboard: http://{shown}:{listening.getsockname()[1]}/  (stop with Ctrl-C)", soft_wrap=True)
-            try:
-                uvicorn.Server(config).run(sockets=[listening])
-            except KeyboardInterrupt:
-                pass  # Ctrl-C or SIGTERM
-            finally:
-                schedule_store.close()
-    finally:
-        listening.close()
+    with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
+        app = create_app(history, schedule_store, Settings(runs_root(url), host, token, max_upload_mb * 1024 * 1024))
+        config = uvicorn.Config(
+            app, log_level="warning", access_log=False, server_header=False, ws="none", timeout_graceful_shutdown=3
+        )
+        shown = f"[{host}]" if ":" in host else host
+        out.print(f"dashboard: http://{shown}:{listening.getsockname()[1]}/  (stop with Ctrl-C)", soft_wrap=True)
+        with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
+            uvicorn.Server(config).run(sockets=[listening])
 
 
 def _token(host: str) -> str | None:
-    """The token that requests must carry, or None.
-
-    Raises:
-        BadInput: The host needs a token and there is none, or the token is not printable ASCII.
-    """
-    from robogauntlet.support.network import is_loopback
-
+    """The token that requests must carry, or None. Raises BadInput if the host needs one or it is malformed."""
     token = os.environ.get(TOKEN) or None
     if token is None and not is_loopback(host):
         raise BadInput(

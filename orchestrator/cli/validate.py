@@ -6,7 +6,9 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput, fail, print_line, read_plan
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, fail, print_line
+from robogauntlet.orchestrator.runs.plan import PlanError, find_suite, make_plan
+from robogauntlet.suites.loading import SuiteError
 
 
 def validate(suites: Annotated[list[str], typer.Argument(help="Suite files, or names of shipped suites.")]) -> None:
@@ -17,8 +19,8 @@ def validate(suites: Annotated[list[str], typer.Argument(help="Suite files, or n
     valid = True
     for suite in suites:
         try:
-            plan = read_plan(suite, require_installed=False)
-        except BadInput as error:
+            plan = make_plan(find_suite(suite), require_installed=False)
+        except (SuiteError, PlanError) as error:
             valid = False
             fail(str(error))
             continue

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import (
-    BadInput,
-    NewestRunArgument,
-    StoreUrl,
-    fail,
-    newest_run,
-    out,
-    print_line,
-)
-from robogauntlet.orchestrator.replay.replay import ReplayError, environments_of, policy_sources
-from robogauntlet.results.run_document import RunError, read_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
 
 
 def verify(
@@ -34,15 +27,11 @@ def verify(
     from robogauntlet.orchestrator.replay import verify
 
     folder = folder or newest_run()
-    try:
-        document = read_run(folder)
-        rows = Store.open_begun(folder, document, store)
+    document = read_run(folder)
+    with closing(Store.open_begun(folder, document, store)) as rows:
         stored = verify.sample_rows(rows.results(), sample, seed)
-        rows.close()
-        sources = policy_sources(document) if stored.sample else {}
-        environments = environments_of(document)
-    except (RunError, StoreError, ReplayError) as error:
-        raise BadInput(str(error)) from None
+    sources = policy_sources(document) if stored.sample else {}
+    environments = environments_of(document)
     problems = []
     rows_text = f"{stored.rows:,} rows, hash {stored.rows_hash}"
     if document.rows_hash is None:

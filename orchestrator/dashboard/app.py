@@ -25,13 +25,7 @@ PLAIN_TEXT_PATHS = ("/metrics", "/healthz")
 
 
 def create_app(history: History, schedule_store: ScheduleStore, settings: Settings) -> ASGIApp:
-    """Create the dashboard as an ASGI application.
-
-    Args:
-        history: The runs; must stay open while the application is used.
-        schedule_store: The schedules; must stay open as well.
-        settings: Address, token and limits.
-    """
+    """Create the dashboard as an ASGI application. Both stores must stay open while it is used."""
     app_state = AppState(history, schedule_store, settings)
 
     @asynccontextmanager

@@ -90,9 +90,9 @@ class Settings:
 class Names:
     """Names that filters offer."""
 
-    suites: tuple[str, ...]
-    statuses: tuple[str, ...]
-    policies: tuple[str, ...]
+    suites: list[str]
+    statuses: list[str]
+    policies: list[str]
 
 
 class AppState:
@@ -139,12 +139,10 @@ class AppState:
 
     def choices(self) -> Names:
         """Return the names for filters, at most `NAMES_S` old. Raises StoreError."""
-        return self.names.get(
-            "all",
-            lambda: Names(
-                tuple(self.history.suites()), tuple(queries.statuses(self.history)), tuple(self.history.policies())
-            ),
-        )
+        return self.names.get("all", self._read_names)
+
+    def _read_names(self) -> Names:
+        return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())
 
     def begin(self) -> None:
         """Import new run folders every `SYNC_S`, until `end`."""

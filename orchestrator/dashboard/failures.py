@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import closing
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,24 +31,6 @@ RUNS = 100
 router = APIRouter()
 
 
-@dataclass(frozen=True)
-class FailureVideo:
-    """The video of a failed episode."""
-
-    run_id: str
-    run: str
-    episode_id: str
-    policy: str
-    task: str
-    condition: str
-    seed: int
-    steps: int
-    video: str
-    """Address of the video."""
-    poster: str | None
-    """Address of a still image."""
-
-
 @router.get("/failures")
 def failures(
     app_state: CurrentAppState,
@@ -58,12 +40,13 @@ def failures(
     page: Annotated[int, Query(ge=1, le=10_000)] = 1,
 ) -> Response:
     """List videos of failures, the newest runs first."""
-    entries = _runs(app_state, run, policy)
+    wanted = queries.Filter(policy=policy or None)
+    entries = [app_state.run_named(run)] if run else queries.page_of_runs(app_state.history, wanted, RUNS, 0)
     videos = (
         video
         for entry in entries
         for video in failure_videos(app_state, entry)
-        if (not policy or video.policy == policy) and (not task or video.task == task)
+        if policy in ("", video["policy"]) and task in ("", video["task"])
     )
     shown = list(islice(videos, PAGE * (page - 1), PAGE * page + 1))
     return app_state.page(
@@ -79,59 +62,40 @@ def failures(
     )
 
 
-def failure_videos(app_state: AppState, entry: RunEntry) -> tuple[FailureVideo, ...]:
+def failure_videos(app_state: AppState, entry: RunEntry) -> tuple[dict[str, Any], ...]:
     """Return the videos of a run's failures; none if its folder or rows cannot be read."""
     if entry.folder is None:
         return ()
+    folder = Path(entry.folder)
     try:
-        changed = videos_folder(Path(entry.folder)).stat().st_mtime_ns
-    except OSError:
-        return ()
-    key = (entry.run_id, changed, entry.counts.done)
-    try:
-        return app_state.failure_videos.get(
-            key, lambda: tuple(_read_videos(app_state, entry, Path(entry.folder or "")))
-        )
+        key = (entry.run_id, videos_folder(folder).stat().st_mtime_ns, entry.counts.done)
+        return app_state.failure_videos.get(key, lambda: tuple(_read_videos(app_state, entry, folder)))
     except (RunError, StoreError, OSError):
         return ()
 
 
-def _runs(app_state: AppState, run: str, policy: str) -> list[RunEntry]:
-    if not run:
-        return queries.page_of_runs(app_state.history, queries.Filter(policy=policy or None), RUNS, 0)
-    return [app_state.run_named(run)]
-
-
-def _read_videos(app_state: AppState, entry: RunEntry, folder: Path) -> Iterator[FailureVideo]:
+def _read_videos(app_state: AppState, entry: RunEntry, folder: Path) -> Iterator[dict[str, Any]]:
     """Yield the videos of a run's failures. Raises RunError, StoreError, OSError."""
     recorded = sorted(path.stem for path in videos_folder(folder).glob("*.mp4"))
     rows = _failed(rows_url(entry, app_state.history.url), entry.run_id, recorded) if recorded else []
     for row in rows:
         condition = Condition(row.axis, row.severity)
-        yield FailureVideo(
-            run_id=entry.run_id,
-            run=entry.name,
-            episode_id=row.episode_id,
-            policy=row.policy,
-            task=row.task,
-            condition=str(condition),
-            seed=row.seed,
-            steps=row.steps,
-            video=_address(entry, f"{MEDIA}/videos/{row.episode_id}.mp4"),
-            poster=_poster(entry, folder, row.task, condition),
-        )
+        yield {
+            **row._mapping,
+            "run_id": entry.run_id,
+            "run": entry.name,
+            "condition": str(condition),
+            "video": _address(entry, f"{MEDIA}/videos/{row.episode_id}.mp4"),
+            "poster": _poster(entry, folder, row.task, condition),
+        }
 
 
 def _failed(url: str, run_id: str, ids: list[str]) -> Sequence[Any]:
     e = episodes.c
     columns = (e.episode_id, e.policy, e.task, e.axis, e.severity, e.seed, e.steps)
     query = sa.select(*columns).where(e.run_id == run_id, e.episode_id.in_(ids), e.status == str(Status.FAILURE))
-    store = Store.open(url, run_id)
-    try:
-        with store.database.reading() as connection:
-            return connection.execute(query.order_by(e.task, e.policy, e.axis, e.severity, e.seed)).all()
-    finally:
-        store.close()
+    with closing(Store.open(url, run_id)) as store, store.database.reading() as connection:
+        return connection.execute(query.order_by(e.task, e.policy, e.axis, e.severity, e.seed)).all()
 
 
 def _poster(entry: RunEntry, folder: Path, task: str, condition: Condition) -> str | None:

@@ -50,12 +50,7 @@ def media_type(path: str) -> str | None:
 
 
 def known_file(folder: Path, path: str) -> Path | None:
-    """Return the path of a file that may be served; None if it may not, or is outside of the folder.
-
-    Args:
-        folder: The run folder.
-        path: Path within the folder, as requested.
-    """
+    """Return the file at a requested path in a run folder; None if it may not be served or is outside of the folder."""
     if media_type(path) is None or ".." in path.split("/"):
         return None
     try:

@@ -5,68 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
-from robogauntlet.results.live_status import STALE_S, LiveSimulator
+from robogauntlet.results.live_status import STALE_S, LiveSimulator, LiveWorker
 from robogauntlet.results.report.formatting import NOTHING, count, percent, span
 from robogauntlet.results.store.history_records import Counts, RunEntry
 from robogauntlet.support.durations import format_duration
 
 SILENT = "silent"
 """State of a run whose status is "running" but which has not reported for `STALE_S`."""
-
-
-@dataclass(frozen=True)
-class SimulatorView:
-    """Progress of the episodes of one simulator."""
-
-    simulator: str
-    planned: int
-    done: int
-    successes: int
-    failures: int
-    errors: int
-    shares: tuple[float, float, float]
-    """Successes, failures and errors among the planned episodes (percent)."""
-    rate: str
-    """Success rate so far with its interval."""
-    per_minute: str
-    left: str
-    progress: str
-    """The progress as a sentence, for screen readers."""
-
-
-@dataclass(frozen=True)
-class WorkerView:
-    """Activity of a worker."""
-
-    worker: str
-    simulator: str
-    doing: str
-    since: str
-    """Duration of the activity."""
-
-
-@dataclass(frozen=True)
-class LiveView:
-    """A suite that is running, or was when it last reported."""
-
-    id: str
-    name: str
-    suite: str
-    state: str
-    """Status of the run, or `SILENT`."""
-    state_text: str
-    """The state as text: "running", "silent for 7 min"."""
-    phase: str
-    done: int
-    planned: int
-    errors: int
-    rate: str
-    simulators: tuple[SimulatorView, ...]
-    workers: tuple[WorkerView, ...]
-    messages: tuple[str, ...]
 
 
 def state_of(entry: RunEntry, now: float) -> str:
@@ -87,43 +35,34 @@ def counts_of(entry: RunEntry) -> Counts:
     return sum(map(_counts, entry.live.simulators), Counts())
 
 
-def live_view(entry: RunEntry, now: float) -> LiveView:
-    """Return the view of a running suite.
-
-    Args:
-        entry: The run.
-        now: The time (seconds since 1970, UTC).
-    """
+def live_view(entry: RunEntry, now: float) -> dict[str, Any]:
+    """Return what pages and `/api/live` show of a running suite, at a time in seconds since 1970 (UTC)."""
     counts, live = counts_of(entry), entry.live
     silent = state_of(entry, now) == SILENT
-    return LiveView(
-        id=entry.run_id,
-        name=entry.name,
-        suite=entry.suite,
-        state=state_of(entry, now),
-        state_text=state_text_of(entry, now),
-        phase="" if live is None or silent else live.phase,
-        done=counts.done,
-        planned=counts.planned,
-        errors=counts.errors,
-        rate=_rate(counts),
-        simulators=() if live is None else tuple(_simulator(simulator, silent) for simulator in live.simulators),
-        workers=()
-        if live is None or silent
-        else tuple(WorkerView(w.worker, w.simulator, w.activity, brief(now - w.since)) for w in live.workers),
-        messages=() if live is None else live.messages[-5:],
-    )
+    return {
+        "id": entry.run_id,
+        "name": entry.name,
+        "suite": entry.suite,
+        "state": state_of(entry, now),
+        "state_text": state_text_of(entry, now),
+        "phase": "" if live is None or silent else live.phase,
+        "done": counts.done,
+        "planned": counts.planned,
+        "errors": counts.errors,
+        "rate": _rate(counts),
+        "simulators": [] if live is None else [_simulator(simulator, silent) for simulator in live.simulators],
+        "workers": [] if live is None or silent else [_worker(worker, now) for worker in live.workers],
+        "messages": [] if live is None else live.messages[-5:],
+    }
 
 
-def shape_of(views: Sequence[LiveView]) -> str:
+def shape_of(views: Sequence[dict[str, Any]]) -> str:
     """Return a hash that changes when parts appear or disappear, so that the page must be reloaded."""
     parts = [
         (
-            view.id,
-            view.state,
-            [s.simulator for s in view.simulators],
-            [w.worker for w in view.workers],
-            len(view.messages),
+            *(view["id"], view["state"], len(view["messages"])),
+            [simulator["simulator"] for simulator in view["simulators"]],
+            [worker["worker"] for worker in view["workers"]],
         )
         for view in views
     ]
@@ -146,27 +85,28 @@ def _rate(counts: Counts) -> str:
     return "no result yet" if counts.rate is None else f"{percent(counts.rate)} {span(counts.interval)}"
 
 
-def _simulator(live: LiveSimulator, silent: bool) -> SimulatorView:
-    """The view of a simulator; a silent run has no speed and no time left."""
+def _worker(worker: LiveWorker, now: float) -> dict[str, Any]:
+    doing, since = worker.activity, brief(now - worker.since)
+    return {"worker": worker.worker, "simulator": worker.simulator, "doing": doing, "since": since}
+
+
+def _simulator(live: LiveSimulator, silent: bool) -> dict[str, Any]:
+    """The progress of a simulator's episodes; a silent run has no speed and no time left."""
     pace, left_s = (None, None) if silent else (live.per_minute, live.left_s)
-    counts = _counts(live)
     whole = max(live.planned, live.done, 1)
-    rate, left = _rate(counts), NOTHING if left_s is None else brief(left_s)
+    rate, left = _rate(_counts(live)), NOTHING if left_s is None else brief(left_s)
     progress = f"{count(live.done)} of {count(live.planned)} episodes, success {rate}, {count(live.errors)} errors"
-    return SimulatorView(
-        simulator=live.simulator,
-        planned=live.planned,
-        done=live.done,
-        successes=live.successes,
-        failures=live.failures,
-        errors=live.errors,
-        shares=(
-            round(100 * live.successes / whole, 2),
-            round(100 * live.failures / whole, 2),
-            round(100 * live.errors / whole, 2),
-        ),
-        rate=rate,
-        per_minute=NOTHING if pace is None else f"{pace:,.3g}",
-        left=left,
-        progress=progress + ("" if left_s is None else f", {left} left"),
-    )
+    return {
+        "simulator": live.simulator,
+        "planned": live.planned,
+        "done": live.done,
+        "successes": live.successes,
+        "failures": live.failures,
+        "errors": live.errors,
+        # Percent of the planned episodes.
+        "shares": [round(100 * number / whole, 2) for number in (live.successes, live.failures, live.errors)],
+        "rate": rate,
+        "per_minute": NOTHING if pace is None else f"{pace:,.3g}",
+        "left": left,
+        "progress": progress + ("" if left_s is None else f", {left} left"),  # for screen readers
+    }

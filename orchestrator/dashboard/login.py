@@ -34,15 +34,9 @@ async def login(app_state: CurrentAppState, request: Request) -> Response:
     shown, target = fields.get("token", [""])[0].strip(), _local(fields.get("next", ["/"])[0])
     if app_state.settings.token is None or not tokens_match(shown, app_state.settings.token):
         return app_state.page("login.html.jinja", status=401, next=target, wrong=True)
-    answer = RedirectResponse(target, 303)
-    answer.set_cookie(
-        COOKIE,
-        app_state.sessions.begin(),
-        max_age=int(SESSION_S),
-        httponly=True,
-        samesite="strict",
-        secure=request.url.scheme == "https",
-    )
+    answer, is_secure = RedirectResponse(target, 303), request.url.scheme == "https"
+    cookie, age_s = app_state.sessions.begin(), int(SESSION_S)
+    answer.set_cookie(COOKIE, cookie, max_age=age_s, httponly=True, samesite="strict", secure=is_secure)
     return answer
 
 

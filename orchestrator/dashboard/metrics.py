@@ -70,19 +70,13 @@ class _Gauges(Collector):
                 labels = [entry.run_id, entry.suite, live.simulator]
                 planned.add_metric(labels, live.planned)
                 done.add_metric(labels, live.done)
-                for outcome, number in (
-                    ("success", live.successes),
-                    ("failure", live.failures),
-                    ("error", live.errors),
-                ):
-                    outcomes.add_metric([*labels, outcome], number)
+                outcomes.add_metric([*labels, "success"], live.successes)
+                outcomes.add_metric([*labels, "failure"], live.failures)
+                outcomes.add_metric([*labels, "error"], live.errors)
         yield from (planned, done, outcomes)
 
-        verdicts = GaugeMetricFamily(
-            "robogauntlet_last_verdict",
-            "1 for the verdict of the last compared run of a suite.",
-            labels=["suite", "verdict"],
-        )
+        meaning = "1 for the verdict of the last compared run of a suite."
+        verdicts = GaugeMetricFamily("robogauntlet_last_verdict", meaning, labels=["suite", "verdict"])
         for suite, last in queries.last_verdicts(self._app_state.history).items():
             for verdict in Verdict:
                 verdicts.add_metric([suite, str(verdict)], float(last == str(verdict)))

@@ -45,7 +45,7 @@ def overview(app_state: CurrentAppState) -> Response:
         live=live,
         shape=shape_of(live),
         poll="/api/live",
-        verdicts=queries.judged(app_state.history, LAST_VERDICTS),
+        verdicts=queries.compared_runs(app_state.history, LAST_VERDICTS),
         newest=app_state.history.runs(limit=LAST_VERDICTS),
         due=sorted(due, key=lambda due: due.at or 0.0)[:LAST_VERDICTS],
         statuses=queries.statuses(app_state.history),

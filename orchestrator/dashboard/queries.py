@@ -59,7 +59,7 @@ def statuses(history: History) -> dict[str, int]:
         return {row[0]: row[1] for row in connection.execute(query.order_by(runs.c.status))}
 
 
-def judged(history: History, limit: int) -> list[RunEntry]:
+def compared_runs(history: History, limit: int) -> list[RunEntry]:
     """Return runs that were compared with a baseline run, the newest first. Raises StoreError."""
     query = sa.select(runs.c.run_id).where(runs.c.verdict.is_not(None))
     return history.entries(query.order_by(runs.c.started_at.desc()).limit(limit))

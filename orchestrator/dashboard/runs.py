@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -86,7 +86,7 @@ def show_run(app_state: CurrentAppState, run_id: str) -> Response:
         simulators=_sum_counts(cells, lambda cell: (cell.simulator, None)),
         tasks=_sum_counts(cells, lambda cell: (cell.simulator, cell.task)),
         baseline=None if entry.baseline is None else queries.run_of(app_state.history, entry.baseline),
-        reports=[] if entry.folder is None else _reports(Path(entry.folder)),
+        reports=[(file, label) for file, label in REPORTS if entry.folder and known_file(Path(entry.folder), file)],
         live=live,
         shape=shape_of(live),
         poll=f"/api/live{query(run=run_id)}" if live else "",
@@ -107,16 +107,12 @@ def _live(app_state: AppState, run: str) -> bytes:
     else:
         entries = running(app_state)
     views = [live_view(entry, now) for entry in entries]
-    return json.dumps({"at": now, "shape": shape_of(views), "runs": [asdict(view) for view in views]}).encode()
+    return json.dumps({"at": now, "shape": shape_of(views), "runs": views}).encode()
 
 
 def running(app_state: AppState) -> list[RunEntry]:
     """Return the runs with the status "running", the newest first. Raises StoreError."""
     return app_state.history.runs(status="running", limit=PAGE)
-
-
-def _reports(folder: Path) -> list[tuple[str, str]]:
-    return [(name, label) for name, label in REPORTS if known_file(folder, name) is not None]
 
 
 def _sum_counts(cells: Sequence[CellCounts], place: Callable[[CellCounts], tuple[str, str | None]]) -> list[Row]:

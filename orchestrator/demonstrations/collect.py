@@ -8,13 +8,14 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
-from typing import Protocol as Interface
 
 from robogauntlet.adapters import catalog as simulators
+from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
 from robogauntlet.orchestrator.demonstrations.task_queue import CollectionQueue, CollectionTask, PlayedSeed
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
@@ -36,7 +37,7 @@ from robogauntlet.suites.episode import CAMERAS, Cell, Protocol, RenderProfile, 
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import expand_tasks
-from robogauntlet.support.errors import describe_os_error
+from robogauntlet.support.errors import BadInput, describe_os_error
 
 ORACLE = "oracle"
 FIRST_SEED = 1_000_000
@@ -47,18 +48,8 @@ EPISODE_TIME_LIMIT_S = 420.0
 DEFAULT_VIEW = View(CAMERAS, 96, RenderProfile.FAST)
 
 
-class DemonstrateError(Exception):
+class DemonstrateError(BadInput):
     """A collection request is invalid; one line per problem."""
-
-
-class CollectionDisplay(Interface):
-    """Shows the progress of a collection."""
-
-    def log(self, message: str) -> None:
-        """Print a line."""
-
-    def show(self, tasks: Sequence[CollectionTask]) -> None:
-        """Called several times a second."""
 
 
 @dataclass(frozen=True)
@@ -80,17 +71,8 @@ class CollectionRequest:
 
     @property
     def learners(self) -> dict[str, Path]:
-        """Task to the checkpoint of the expert that acts first.
-
-        Raises:
-            PolicyError: The folder contains no experts.
-        """
+        """Task to the checkpoint of the expert that acts first. Raises PolicyError if the folder contains none."""
         return expert_folders(shipped(self.learner)) if self.learner is not None else {}
-
-    @property
-    def learner_source(self) -> PolicySource | None:
-        """The learner's policy source."""
-        return PolicySource(EXPERTS_NAME, {"folder": self.learner}) if self.learner is not None else None
 
     def problems(self) -> list[str]:
         """The request's mistakes, a line each."""
@@ -98,13 +80,11 @@ class CollectionRequest:
         scripted = policies.find(ORACLE).tasks
         can = set(self.tasks) & (scripted() if scripted else set(self.tasks))
         problems = [f"unknown task '{task}'{did_you_mean(task, known)}" for task in self.tasks if task not in known]
-        problems += [
-            f"the oracle has no script for '{task}'" for task in self.tasks if task in known and task not in can
-        ]
+        unscripted = [task for task in self.tasks if task in known and task not in can]
+        problems += [f"the oracle has no script for '{task}'" for task in unscripted]
         try:
-            problems += [
-                f"the learner has no expert for '{task}'" for task in can - self.learners.keys() if self.learner
-            ]
+            untrained = can - self.learners.keys() if self.learner else ()
+            problems += [f"the learner has no expert for '{task}'" for task in untrained]
         except PolicyError as error:
             problems.append(f"learner: {error}")
         if self.whole and self.learner is None:
@@ -127,14 +107,20 @@ class CollectionRequest:
 
 
 @dataclass
-class CollectionResult:
-    """The outcome of a collection."""
+class RecordingResult:
+    """The outcome of recording datasets."""
 
-    status: RunStatus
-    tasks: list[CollectionTask]
-    seconds: float
+    status: RunStatus = RunStatus.COMPLETE
     warnings: list[str] = field(default_factory=list)
     """Messages for the user, a line each."""
+
+
+@dataclass
+class CollectionResult(RecordingResult):
+    """The outcome of a collection."""
+
+    tasks: list[CollectionTask] = field(default_factory=list)
+    seconds: float = 0.0
 
 
 def resolve(names: Sequence[str]) -> tuple[tuple[str, ...], View]:
@@ -151,17 +137,16 @@ def resolve(names: Sequence[str]) -> tuple[tuple[str, ...], View]:
     for name in names:
         if name in known.tasks or ("*" in name and not Path(name).exists()):
             tasks += expand_tasks([name], known.tasks) or [name]
-            continue
-        if name.partition("/")[0] in known.simulators and not Path(name).exists():
+        elif name.partition("/")[0] in known.simulators and not Path(name).exists():
             tasks.append(name)
-            continue
-        suite = load_suite(find_suite(name), known)
-        tasks += suite.tasks
-        view = view or View(suite.cameras, suite.image_size, suite.render_profile)
+        else:
+            suite = load_suite(find_suite(name), known)
+            tasks += suite.tasks
+            view = view or View(suite.cameras, suite.image_size, suite.render_profile)
     return tuple(dict.fromkeys(tasks)), view or DEFAULT_VIEW
 
 
-def collect(request: CollectionRequest, folder: Path, display: CollectionDisplay) -> CollectionResult:
+def collect(request: CollectionRequest, folder: Path, display: DemonstrationProgress) -> CollectionResult:
     """Collect the missing demonstrations into `folder`, a dataset per task.
 
     An interruption or a full disk ends the collection early. The committed episodes are kept, and collecting again
@@ -186,7 +171,7 @@ def collect(request: CollectionRequest, folder: Path, display: CollectionDisplay
         for task in tasks:
             if task.cell.simulator in absent:
                 task.give_up(absent[task.cell.simulator])
-        collected = CollectionResult(RunStatus.COMPLETE, tasks, 0.0)
+        collected = CollectionResult(tasks=tasks)
         _play(request, collected, display, environments)
         collected.warnings += [f"{task.name}: {task.reason}" for task in tasks if task.reason]
         if collected.status is RunStatus.COMPLETE and any(task.kept < task.episodes for task in tasks):
@@ -198,7 +183,7 @@ def collect(request: CollectionRequest, folder: Path, display: CollectionDisplay
 class _Observer(Observer[PlayedSeed]):
     """Commits played episodes."""
 
-    def __init__(self, tasks: Sequence[CollectionTask], display: CollectionDisplay) -> None:
+    def __init__(self, tasks: Sequence[CollectionTask], display: DemonstrationProgress) -> None:
         self._tasks, self._display = tasks, display
 
     def on_skipped(self, simulator: str, reason: str, episodes: int) -> None:
@@ -219,7 +204,7 @@ class _Observer(Observer[PlayedSeed]):
 def _play(
     request: CollectionRequest,
     collected: CollectionResult,
-    display: CollectionDisplay,
+    display: DemonstrationProgress,
     environments: EnvironmentResolver,
 ) -> None:
     from robogauntlet.orchestrator.demonstrations.recorder import DemonstrationJob
@@ -230,22 +215,30 @@ def _play(
         return
     names = dict.fromkeys(task.cell.simulator for task in tasks)
     work = {name: CollectionQueue(task for task in tasks if task.cell.simulator == name) for name in names}
-    job = DemonstrationJob(request.noise, request.learner_source, whole=request.whole)
+    learner = PolicySource(EXPERTS_NAME, {"folder": request.learner}) if request.learner is not None else None
+    job = DemonstrationJob(request.noise, learner, whole=request.whole)
     options = SchedulerOptions(lambda: request.workers, EPISODE_TIME_LIMIT_S, allowed_errors=sys.maxsize)
+    # Flushing commits the seeds before the first gap; those after it are played again in another session.
+    with recording(collected, [task.writer for task in tasks]), ray_session(address=None, workers=request.workers):
+        pool = RayWorkerPool({ORACLE: PolicySource(ORACLE)}, environments=environments, job=job)
+        observer = _Observer(collected.tasks, display)
+        Scheduler(work, pool, options, sink=lambda results: None, observer=observer).run()
+
+
+@contextmanager
+def recording(result: RecordingResult, writers: Iterable[DatasetWriter]) -> Iterator[None]:
+    """Flush the writers after the block. Note in the result if an interruption or a failure ended the block early."""
     try:
         try:
-            with ray_session(address=None, workers=request.workers):
-                pool = RayWorkerPool({ORACLE: PolicySource(ORACLE)}, environments=environments, job=job)
-                observer = _Observer(collected.tasks, display)
-                Scheduler(work, pool, options, sink=lambda results: None, observer=observer).run()
+            yield
         finally:
-            for task in tasks:
-                task.flush()
+            for writer in writers:
+                writer.flush()
     except KeyboardInterrupt:
-        collected.status = RunStatus.INTERRUPTED
+        result.status = RunStatus.INTERRUPTED
     except (OSError, RayLost, WorkerPoolError) as error:
-        collected.status = RunStatus.STOPPED
-        collected.warnings.append(describe_os_error(error))
+        result.status = RunStatus.STOPPED
+        result.warnings.append(describe_os_error(error))
 
 
 def _open_task(

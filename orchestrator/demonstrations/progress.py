@@ -60,5 +60,5 @@ class DemonstrationProgress(Display):
 
 
 def _rejections(task: CollectionTask) -> str:
-    parts = [f", {task.rejected} rejected" if task.rejected else "", f", {task.errors} errors" if task.errors else ""]
-    return "".join(parts)
+    rejected = f", {task.rejected} rejected" if task.rejected else ""
+    return rejected + (f", {task.errors} errors" if task.errors else "")

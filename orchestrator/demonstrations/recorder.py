@@ -53,11 +53,7 @@ class Learner:
         self.handover_step = int(_generator(self.episode, HANDOVER_KEY).integers(self.limit))
 
     def begin(self, simulation: Simulation) -> None:
-        """Start the episode.
-
-        Raises:
-            PolicyMismatch: The learner does not fit the simulation.
-        """
+        """Start the episode. Raises PolicyMismatch if the learner does not fit the simulation."""
         check_fit(self.policy.spec, simulation.action_spec, simulation.observation_spec)
         self.policy.reset([self.episode])
         self._chunk = []
@@ -78,11 +74,11 @@ class RecordedSimulation(TrajectoryRecorder):
     """
 
     def __init__(self, simulation: Simulation, episode: Episode, noise: float, learner: Learner | None = None) -> None:
-        """Wrap a simulation.
+        """Wrap a simulation for an episode, whose id keys the noise.
 
         Args:
             simulation: The simulation.
-            episode: The episode, whose id keys the noise.
+            episode: The episode.
             noise: Deviation of the executed motion per axis, as a share of the largest motion in one step.
             learner: Acts first, without noise. Until the handover the commanded actions are not executed.
         """

@@ -51,14 +51,7 @@ class CollectionTask:
     """
 
     def __init__(self, cell: Cell, episodes: int, first_seed: int, writer: DatasetWriter) -> None:
-        """Create a task.
-
-        Args:
-            cell: Policy, task and protocol.
-            episodes: Number of successes to collect.
-            first_seed: The first seed.
-            writer: The dataset, which may contain episodes already.
-        """
+        """Collect `episodes` successes from `first_seed` on into a dataset, which may contain some already."""
         self.cell, self.episodes, self.writer = cell, episodes, writer
         self.reason: str | None = None
         """Why no more seeds are played although episodes are missing."""
@@ -115,9 +108,9 @@ class CollectionTask:
     def accept(self, played: PlayedSeed) -> None:
         """Record a played seed."""
         self._deaths_in_a_row = 0
-        self._settle(played)
+        self._record(played)
 
-    def _settle(self, played: PlayedSeed) -> None:
+    def _record(self, played: PlayedSeed) -> None:
         attempt = played.attempt
         self._out.discard(attempt.seed)
         self._counts[attempt.status] += 1
@@ -139,7 +132,7 @@ class CollectionTask:
             self._deaths[seeds[0]] += 1
             if self._deaths[seeds[0]] >= MAX_ATTEMPTS:
                 self._lost.remove(seeds[0])
-                self._settle(PlayedSeed(Attempt(seeds[0], Status.ERROR, 0, f"{reason}, {MAX_ATTEMPTS} times")))
+                self._record(PlayedSeed(Attempt(seeds[0], Status.ERROR, 0, f"{reason}, {MAX_ATTEMPTS} times")))
         self._deaths_in_a_row += 1
         if self._deaths_in_a_row >= MAX_DEATHS_IN_A_ROW:
             self.give_up(f"{reason}, {MAX_DEATHS_IN_A_ROW} times in a row")
@@ -154,10 +147,6 @@ class CollectionTask:
             self.writer.flush_if_due()
         else:
             self.writer.flush()
-
-    def flush(self) -> None:
-        """Commit played seeds up to the first gap; seeds beyond it are played again in another session."""
-        self.writer.flush()
 
 
 class CollectionQueue:
@@ -219,7 +208,7 @@ class CollectionQueue:
 
     def drop(self, task: str, reason: str) -> int:
         """Give up a task that cannot be opened; return the number of its missing episodes."""
-        dropped_task = self._tasks[task]
-        dropped = dropped_task.episodes - dropped_task.kept if dropped_task.open else 0
-        dropped_task.give_up(reason)
-        return dropped
+        dropped = self._tasks[task]
+        missing = dropped.episodes - dropped.kept if dropped.open else 0
+        dropped.give_up(reason)
+        return missing

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from packaging.requirements import InvalidRequirement, Requirement
 
@@ -37,15 +38,6 @@ class EnvironmentCheck:
         return "; ".join(self.problems) or None
 
 
-@dataclass(frozen=True)
-class _Installed:
-    """The answer of an environment's Python."""
-
-    python: str
-    modules: Mapping[str, str | None]
-    versions: Mapping[str, str | None]
-
-
 def check(environment: Environment, user: EnvironmentUser) -> EnvironmentCheck:
     """Compare an environment with the running one, its entry and the requirements of its user."""
     label, entry = f"environment {environment.name}", environment.entry
@@ -59,41 +51,36 @@ def check(environment: Environment, user: EnvironmentUser) -> EnvironmentCheck:
         return EnvironmentCheck((_other_python(label, entry.python or ""),))
     wanted = tuple(named_requirements(*entry.requirements, *entry.without_dependencies))
     distributions = dict.fromkeys(["ray", *user.distributions, *(requirement.name for requirement in wanted)])
+    python, modules = environment.python, (*user.modules, *WORKER_PACKAGES.values(), PACKAGE)
     try:
-        installed = _ask(
-            environment.python,
-            environment.python.lstat().st_mtime_ns,
-            (*user.modules, *WORKER_PACKAGES.values(), PACKAGE),
-            tuple(distributions),
-            import_path(),
-        )
+        installed = _ask(python, python.lstat().st_mtime_ns, modules, tuple(distributions), import_path())
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:
-        return EnvironmentCheck(
-            (f"{label}: expected an answer from {environment.python}, got: {last_line(error)}; {remedy}",)
-        )
-    versions = {name: version for name, version in installed.versions.items() if version is not None}
-    problems = tuple(f"{label}: {problem}" for problem in _problems(installed, user, wanted, remedy))
-    if installed.python.rpartition(".")[0] != RUNNING:
-        problems = (_other_python(label, installed.python),)
-    return EnvironmentCheck(problems, installed.python, versions)
+        return EnvironmentCheck((f"{label}: expected an answer from {python}, got: {last_line(error)}; {remedy}",))
+    versions = {name: version for name, version in installed["versions"].items() if version is not None}
+    if installed["python"].rpartition(".")[0] != RUNNING:
+        problems = [_other_python(label, installed["python"])]
+    else:
+        lacking = _problems(installed["modules"], versions, user, wanted)
+        problems = [f"{label}: {problem}; {remedy}" for problem in lacking]
+    return EnvironmentCheck(tuple(problems), installed["python"], versions)
 
 
 def _problems(
-    installed: _Installed, user: EnvironmentUser, wanted: tuple[Requirement, ...], remedy: str
+    modules: Mapping[str, str | None], versions: Mapping[str, str], user: EnvironmentUser, wanted: Sequence[Requirement]
 ) -> Iterator[str]:
-    ray, its_ray = metadata.version("ray"), installed.versions.get("ray")
+    ray, its_ray = metadata.version("ray"), versions.get("ray")
     if its_ray != ray:
-        yield f"expected Ray {ray} as here, it has {its_ray or 'none'}; {remedy}"
-    source, its_source = source_file(PACKAGE), installed.modules[PACKAGE]
+        yield f"expected Ray {ray} as here, it has {its_ray or 'none'}"
+    source, its_source = source_file(PACKAGE), modules[PACKAGE]
     if its_source != source:
-        yield f"expected RoboGauntlet from {source}, it imports {its_source or 'none'}; {remedy}"
+        yield f"expected RoboGauntlet from {source}, it imports {its_source or 'none'}"
     for what, names in (("packages of workers", WORKER_PACKAGES.values()), (f"modules of {user.name}", user.modules)):
-        if missing := [name for name in names if installed.modules[name] is None]:
-            yield f"expected the {what}, it lacks {', '.join(missing)}; {remedy}"
+        if missing := [name for name in names if modules[name] is None]:
+            yield f"expected the {what}, it lacks {', '.join(missing)}"
     for requirement in wanted:
-        version = installed.versions.get(requirement.name)
+        version = versions.get(requirement.name)
         if version is None or not requirement.specifier.contains(version, prereleases=True):
-            yield f"expected {requirement}, it has {version or 'none'}; {remedy}"
+            yield f"expected {requirement}, it has {version or 'none'}"
 
 
 def _other_python(label: str, python: str) -> str:
@@ -114,8 +101,9 @@ def named_requirements(*texts: str) -> Iterator[Requirement]:
 @lru_cache(maxsize=64)
 def _ask(
     python: Path, changed_ns: int, modules: tuple[str, ...], distributions: tuple[str, ...], python_path: str
-) -> _Installed:
-    """The answer of an environment's Python; cached until the environment is created again (`changed_ns`)."""
+) -> dict[str, Any]:
+    """What `introspect` answers there; cached until the environment is created again (`changed_ns`)."""
     command = [str(python), "-c", Path(introspect.__file__).read_text(encoding="utf-8")]
     with JsonChild(command, environment={**os.environ, "PYTHONPATH": python_path}) as child:
-        return _Installed(**child.ask({"modules": modules, "distributions": distributions}, TIME_LIMIT_S))
+        answer: dict[str, Any] = child.ask({"modules": modules, "distributions": distributions}, TIME_LIMIT_S)
+        return answer

@@ -9,13 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Simulator
 from robogauntlet.policies import catalog as policies
+from robogauntlet.policies.contract import PolicyKind
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.loading import load_config
+from robogauntlet.support.errors import BadInput
 
 MARKER = "environment.json"
 """Written last, so that a folder without it is an unfinished environment."""
@@ -36,32 +39,12 @@ WORKER_PACKAGES: Mapping[str, str] = {
 """RoboGauntlet's requirements that workers import, besides Ray, each with its module."""
 
 
-class EnvironmentProblem(Exception):
+class EnvironmentProblem(BadInput):
     """An environment cannot be created or used; the message says why and what to do."""
 
 
-class EnvironmentUser(Protocol):
-    """A simulator or a kind of policy, which can have its own environment."""
-
-    @property
-    def name(self) -> str:
-        """Name of the user and of its environment."""
-
-    @property
-    def modules(self) -> tuple[str, ...]:
-        """Import names that must be installed."""
-
-    @property
-    def distributions(self) -> tuple[str, ...]:
-        """Distributions whose versions belong to the provenance of a result."""
-
-    @property
-    def requirements(self) -> tuple[str, ...]:
-        """Requirements that pip installs."""
-
-    @property
-    def without_dependencies(self) -> tuple[str, ...]:
-        """Requirements that pip installs without their dependencies."""
+EnvironmentUser = Simulator | PolicyKind
+"""A simulator or a kind of policy, which can have its own environment."""
 
 
 @dataclass(frozen=True)
@@ -134,34 +117,8 @@ def read_config() -> Config:
     return load_config(path, sorted(environment_users()))
 
 
-def environment_of(
-    user: EnvironmentUser, declared: Mapping[str, EnvironmentEntry], config: Config | None = None
-) -> Environment | None:
-    """The environment of a simulator or policy, whether or not it exists; None for the running one.
-
-    Args:
-        user: The simulator or kind of policy.
-        declared: The environments of the suite.
-        config: The user's configuration; read from its file if None.
-
-    Raises:
-        SuiteError: The configuration is invalid.
-    """
-    if user.name in declared:
-        return Environment(user.name, declared[user.name], "the suite")
-    configured = (read_config() if config is None else config).environments
-    if user.name in configured:
-        return Environment(user.name, configured[user.name], str(config_path()))
-    return adapter_environment(user)
-
-
 def adapter_environment(user: EnvironmentUser, *, always: bool = False) -> Environment | None:
-    """The environment that an adapter or policy declares, if the running one lacks its modules.
-
-    Args:
-        user: The simulator or kind of policy.
-        always: Return it even if the running environment has the modules.
-    """
+    """The environment that a user declares; unless `always`, only if the running one lacks its modules."""
     if not (user.requirements or user.without_dependencies):
         return None
     if not always and all(find_spec(module) is not None for module in user.modules):

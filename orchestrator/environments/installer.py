@@ -58,10 +58,8 @@ def create(environment: Environment, log: Log, *, fresh: bool = False) -> bool:
     if entry.interpreter is not None:
         raise EnvironmentProblem(f"{environment.name}: {entry.interpreter} is your own interpreter; nothing to create")
     if entry.python not in (None, RUNNING):
-        raise EnvironmentProblem(
-            f"{environment.name}: expected Python {RUNNING} as here, which Ray requires of all workers, "
-            f"got python: {entry.python}"
-        )
+        expected = f"expected Python {RUNNING} as here, which Ray requires of all workers"
+        raise EnvironmentProblem(f"{environment.name}: {expected}, got python: {entry.python}")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with _locked(folder):
@@ -71,7 +69,9 @@ def create(environment: Environment, log: Log, *, fresh: bool = False) -> bool:
             unfinished = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}")
             try:
                 _build(environment, unfinished, log)
-                _point(folder, unfinished)
+                link = unfinished.with_name(f"{unfinished.name}.link")
+                link.symlink_to(unfinished.name)
+                link.replace(folder)  # atomic
             finally:  # removes the old folder, or the unfinished new one
                 _clear(folder, but=folder.resolve())
     except OSError as error:
@@ -80,18 +80,14 @@ def create(environment: Environment, log: Log, *, fresh: bool = False) -> bool:
 
 
 def remove(name: str) -> list[Path]:
-    """Remove all finished and unfinished environments of a name, and return their folders.
-
-    Raises:
-        EnvironmentProblem: An environment is being created, or cannot be removed.
-    """
+    """Remove all environments of a name, finished or not, and return their folders. Raises EnvironmentProblem."""
     folders = [folder for folder in all_folders() if folder.name.rpartition("-")[0] == name]
     try:
         for folder in folders:
             with _locked(folder):
                 folder.unlink(missing_ok=True)
                 _clear(folder)
-            _lock_of(folder).unlink(missing_ok=True)
+            folder.with_name(f".{folder.name}.lock").unlink(missing_ok=True)
     except OSError as error:
         raise EnvironmentProblem(f"{name}: {root()}: {describe_os_error(error)}") from None
     return folders
@@ -108,13 +104,6 @@ def all_folders() -> list[Path]:
     return [root() / name for name in sorted(whole | begun)]
 
 
-def _point(folder: Path, finished: Path) -> None:
-    """Point the link of an environment's name to a finished folder, atomically."""
-    link = finished.with_name(f"{finished.name}.link")
-    link.symlink_to(finished.name)
-    link.replace(folder)
-
-
 def _clear(folder: Path, but: Path | None = None) -> None:
     """Remove all folders of an environment except one."""
     for path in folder.parent.glob(f".{folder.name}.*"):
@@ -124,12 +113,9 @@ def _clear(folder: Path, but: Path | None = None) -> None:
             shutil.rmtree(path)
 
 
-def _lock_of(folder: Path) -> Path:
-    return folder.with_name(f".{folder.name}.lock")
-
-
 def _locked(folder: Path) -> AbstractContextManager[None]:
-    return exclusive(_lock_of(folder), EnvironmentProblem(f"{folder}: another process is creating it; wait for it"))
+    lock = folder.with_name(f".{folder.name}.lock")
+    return exclusive(lock, EnvironmentProblem(f"{folder}: another process is creating it; wait for it"))
 
 
 def _build(environment: Environment, folder: Path, log: Log) -> None:
@@ -170,9 +156,8 @@ def _worker_requirements() -> list[str]:
 def _installer(environment: Environment, python: Path, *, has_pip: bool) -> list[str]:
     if environment.entry.installer == "uv":
         if (uv := shutil.which("uv")) is None:
-            raise EnvironmentProblem(
-                f"{environment.name}: expected uv on the PATH, found none; install uv or write installer: pip"
-            )
+            remedy = "install uv or write installer: pip"
+            raise EnvironmentProblem(f"{environment.name}: expected uv on the PATH, found none; {remedy}")
         return [uv, "pip", "install", "--no-progress", "--python", str(python)]
     pip = [sys.executable, "-m", "pip", "--python", str(python)] if has_pip else [str(python), "-m", "pip"]
     return [*pip, "--disable-pip-version-check", "--no-input", "install", "--progress-bar", "off"]

@@ -14,21 +14,21 @@ def _version(distribution):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN
 
 
 def _file(module):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    found = util.find_spec(module)
-    if found is None:
+    spec = util.find_spec(module)
+    if spec is None:
         return None
-    return os.path.realpath(found.origin) if found.origin else ""
+    return os.path.realpath(spec.origin) if spec.origin else ""
 
 
 def _answer():  # type: ignore[no-untyped-def]  # noqa: ANN202
     request = json.loads(sys.stdin.readline())
-    found = {
+    answer = {
         "python": ".".join(map(str, sys.version_info[:3])),
         "modules": {name: _file(name) for name in request["modules"]},
         "versions": {name: _version(name) for name in request["distributions"]},
     }
     with os.fdopen(int(sys.argv[-1]), "w") as answers:  # see robogauntlet.support.child_process
-        answers.write(json.dumps(found) + "\n")
+        answers.write(json.dumps(answer) + "\n")
 
 
 if __name__ == "__main__":

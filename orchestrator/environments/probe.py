@@ -31,12 +31,7 @@ class Finding:
 
 
 def probe(simulators: Iterable[str], environments: EnvironmentResolver | None = None) -> list[Finding]:
-    """Check simulators, two at a time.
-
-    Args:
-        simulators: Their names.
-        environments: The environment of each of them.
-    """
+    """Check simulators by name, two at a time."""
     environments = environments or EnvironmentResolver()
     with ThreadPoolExecutor(max_workers=2) as pool:
         return list(pool.map(lambda name: _probe_one(name, environments), simulators))
@@ -45,14 +40,12 @@ def probe(simulators: Iterable[str], environments: EnvironmentResolver | None = 
 def _probe_one(name: str, environments: EnvironmentResolver) -> Finding:
     simulator = catalog.find(name)
     versions = environments.versions(simulator)
-    missing = environments.missing_reason(simulator)
-    if missing:
+    if missing := environments.missing_reason(simulator):
         return Finding(name, versions, missing)
     python, environment = environments.subprocess_env(simulator)
+    command = [python, "-m", "robogauntlet.orchestrator.environments.probe"]
     try:
-        with JsonChild(
-            [python, "-m", "robogauntlet.orchestrator.environments.probe"], environment=environment
-        ) as child:
+        with JsonChild(command, environment=environment) as child:
             return Finding(name, versions, **child.ask(name, TIME_LIMIT_S))
     except ChildTimeout:
         return Finding(name, versions, f"did not open within {TIME_LIMIT_S:g} s")

@@ -12,7 +12,13 @@ from typing import Any
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.environments.check import EnvironmentCheck, check
-from robogauntlet.orchestrator.environments.environment import Environment, EnvironmentUser, environment_of, read_config
+from robogauntlet.orchestrator.environments.environment import (
+    Environment,
+    EnvironmentUser,
+    adapter_environment,
+    config_path,
+    read_config,
+)
 from robogauntlet.orchestrator.environments.source_path import import_path
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyNotInstalled
@@ -34,18 +40,26 @@ def worker_environment(simulator: Simulator) -> dict[str, str]:
 class EnvironmentResolver:
     """Environments as declared by the suite, else by the user's configuration, else by the adapter."""
 
-    def __init__(self, declared: Mapping[str, EnvironmentEntry] | None = None) -> None:
+    def __init__(self, declared: Mapping[str, EnvironmentEntry] | None = None, config: Config | None = None) -> None:
         """Create a resolver for the environments that a suite declares.
+
+        Args:
+            declared: The environments of the suite.
+            config: The user's configuration; by default read from its file.
 
         Raises:
             SuiteError: The user's configuration is invalid.
         """
-        self._declared: Mapping[str, EnvironmentEntry] = declared or {}
-        self._config: Config = read_config()
+        self._declared = declared or {}
+        self._configured = (config or read_config()).environments
 
     def resolve(self, user: EnvironmentUser) -> Environment | None:
         """The environment of a simulator or policy, whether or not it exists; None for the running one."""
-        return environment_of(user, self._declared, self._config)
+        if user.name in self._declared:
+            return Environment(user.name, self._declared[user.name], "the suite")
+        if user.name in self._configured:
+            return Environment(user.name, self._configured[user.name], str(config_path()))
+        return adapter_environment(user)
 
     def options(self, kind: str, options: Mapping[str, Any]) -> Mapping[str, Any]:
         """A policy's options, with the interpreter of its environment, if it has its own.
@@ -56,8 +70,7 @@ class EnvironmentResolver:
         user = policies.find(kind)
         if not (user.requirements or user.without_dependencies) or "python" in options:
             return options
-        environment = self.resolve(user)
-        if environment is None:
+        if (environment := self.resolve(user)) is None:
             return options
         if problem := check(environment, user).problem:
             raise PolicyNotInstalled(problem)
@@ -90,8 +103,7 @@ class EnvironmentResolver:
         Raises:
             OSError: The folder with links to the source cannot be written.
         """
-        environment = self.resolve(simulator)
-        if environment is None:
+        if (environment := self.resolve(simulator)) is None:
             return {"env_vars": worker_environment(simulator)}
         variables = {**worker_environment(simulator), "PYTHONPATH": import_path()}
         return {"env_vars": variables, "py_executable": str(environment.python)}

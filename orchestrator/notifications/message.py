@@ -46,11 +46,7 @@ def message_for(document: RunDocument, comparison: Comparison | None, link: str 
     """Return the notification about a run that has ended, or None if none is needed.
 
     A regression comes before an early stop, which is then one of the lines. Interrupted runs cause no notification.
-
-    Args:
-        document: Document of the run.
-        comparison: Comparison with the baseline run, if there is one.
-        link: Web address or path of the report.
+    For the link see `Message`.
     """
     ended = f"stopped early: {document.reason or 'no reason was recorded'}"
     stopped = document.status is RunStatus.STOPPED

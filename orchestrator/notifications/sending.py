@@ -22,7 +22,7 @@ from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
 from enum import StrEnum
 from http.client import HTTPException
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 from urllib.error import HTTPError, URLError
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
@@ -46,21 +46,6 @@ class Retries:
     """Time before each further attempt (s)."""
     timeout_s: float = 10.0
     """Time limit of each answer of a server (s)."""
-
-
-class Notifier(Protocol):
-    """Sends notifications to one target."""
-
-    @property
-    def name(self) -> str:
-        """Name of the target, without secrets."""
-
-    @property
-    def hint(self) -> str:
-        """What to check after a failure."""
-
-    def send(self, message: Message, timeout_s: float) -> None:
-        """Send once. The text of an exception may contain a secret."""
 
 
 @dataclass(frozen=True)
@@ -131,16 +116,17 @@ class Mail:
             raise DeliveryFailed(f"the server refused number {', '.join(places)} in ROBOGAUNTLET_MAIL_TO")
 
 
+Notifier = Webhook | Mail
+"""Sends notifications to one target. Its `name` contains no secret, but the text of an exception of `send` may.
+
+`hint` says what to check after a failure.
+"""
+
+
 def send_all(
     message: Message, notifiers: Sequence[Notifier], *, retries: Retries = Retries(), total_s: float = TOTAL_S
 ) -> list[str]:
-    """Send a notification to all targets at once, and wait for them.
-
-    Args:
-        message: The notification.
-        notifiers: The targets; see `settings.notifiers`.
-        retries: Attempts per target.
-        total_s: Time limit of all together (s).
+    """Send a notification to all targets at once, and wait for them at most `total_s`.
 
     Returns:
         A line without secrets for each failure: target, reason, remedy.

@@ -9,6 +9,7 @@ from email.utils import getaddresses
 from urllib.parse import urlsplit
 
 from robogauntlet.orchestrator.notifications.sending import Mail, Notifier, Tls, Webhook
+from robogauntlet.support.errors import BadInput
 from robogauntlet.support.network import is_loopback
 
 WEBHOOK = "ROBOGAUNTLET_WEBHOOK_URL"
@@ -18,7 +19,7 @@ OTHERS = ("ROBOGAUNTLET_SMTP_PORT", "ROBOGAUNTLET_SMTP_TLS")
 PORTS = {Tls.STARTTLS: "587", Tls.TLS: "465", Tls.NONE: "25"}
 
 
-class NotificationError(Exception):
+class NotificationError(BadInput):
     """Variables are missing or malformed. The message has a line per problem, with names but without values."""
 
 
@@ -76,10 +77,8 @@ def _mail(given: Mapping[str, str], problems: list[str]) -> Mail | None:
     if not host.isprintable() or any(sign in host for sign in " /@"):
         problems.append("ROBOGAUNTLET_SMTP_HOST: expected the name of a host, got something else")
     elif tls == Tls.NONE and host and not is_loopback(host):
-        problems.append(
-            "ROBOGAUNTLET_SMTP_TLS: none is for a server on this machine (localhost); "
-            "expected starttls or tls for another"
-        )
+        local = "none is for a server on this machine (localhost)"
+        problems.append(f"ROBOGAUNTLET_SMTP_TLS: {local}; expected starttls or tls for another")
     if not (port.isascii() and port.isdigit() and len(port) < 6 and 0 < int(port) < 65536):
         problems.append("ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535, got something else")
     sender = _addresses(given, "ROBOGAUNTLET_MAIL_FROM", problems)

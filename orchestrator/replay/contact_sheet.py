@@ -42,12 +42,7 @@ def _first_images(task: str, axis: Axis, view: View, seed: int) -> Iterator[list
 
 
 def draw_contact_sheet(axis: Axis, rows: Sequence[tuple[str, Sequence[Sequence[Pixels]]]]) -> Image.Image:
-    """Draw a row per task and a column per severity, with the cameras below each other.
-
-    Args:
-        axis: The axis, whose levels head the columns.
-        rows: Task and the images of `render_severities`.
-    """
+    """Draw a row per task, from `render_severities`, and a column per severity, with the cameras below each other."""
     size, cameras = rows[0][1][0][0].shape[0], len(rows[0][1][0])
     width = LABEL_WIDTH + (SEVERITIES + 1) * (size + GAP)
     height = LABEL_HEIGHT + len(rows) * (cameras * size + 2 * GAP)

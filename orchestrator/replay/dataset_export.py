@@ -6,28 +6,27 @@ whose outcome differs from its row is omitted.
 
 from __future__ import annotations
 
-import heapq
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 
 from robogauntlet.adapters.contract import Simulation
-from robogauntlet.orchestrator.demonstrations.collect import dataset_name
+from robogauntlet.orchestrator.demonstrations.collect import RecordingResult, dataset_name, recording
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
-from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
+from robogauntlet.orchestrator.ray_runtime.session import ray_session
 from robogauntlet.orchestrator.replay.replay import NotReplayed, episode_of, replay, replay_rows
 from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedEpisode, encode_episode
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.results.run_document import RunDocument, RunStatus
+from robogauntlet.results.run_document import PlannedCell, RunDocument
 from robogauntlet.suites.episode import Condition, content_hash
 from robogauntlet.suites.selection import match_patterns
-from robogauntlet.support.errors import describe_os_error
 
 PLAYED = (str(Status.FAILURE), str(Status.SUCCESS))
 """Statuses of episodes that can be replayed."""
@@ -50,38 +49,31 @@ class EpisodeFilter:
     """Maximum per task, selected by the hashes of the ids. A larger limit adds to the selection of a smaller one."""
 
     def select(self, document: RunDocument, rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
-        """The selected rows, in the order in which they are replayed.
-
-        Args:
-            document: The run.
-            rows: Of the run.
+        """The selected rows of a run, in the order in which they are replayed.
 
         Raises:
             SelectionError: A name or pattern matches nothing in the run.
         """
-        plan = document.plan
-        policies = match_patterns(
-            "policy", self.policies, list(dict.fromkeys(cell.policy for cell in plan)), whole="run"
-        )
-        tasks = match_patterns("task", self.tasks, list(dict.fromkeys(cell.task for cell in plan)), whole="run")
-        every = list(dict.fromkeys(str(Condition(cell.axis, cell.severity)) for cell in plan))
-        conditions = match_patterns("condition", self.conditions, every, whole="run")
-        wanted = (
-            row
-            for row in rows
-            if row.status in self.statuses
-            and row.policy in policies
-            and row.task in tasks
-            and str(Condition(row.axis, row.severity)) in conditions
-        )
-        drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
-        for row in wanted:
-            selected = drawn.setdefault(row.task, [])
-            full = self.limit is not None and len(selected) >= self.limit
-            rank = -int(content_hash(row.episode_id), 16)
-            (heapq.heappushpop if full else heapq.heappush)(selected, (rank, row.episode_id, row))
-        rows = [row for selected in drawn.values() for _, _, row in selected]
-        return sorted(rows, key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
+
+        def matching(what: str, patterns: Sequence[str], known: Iterable[str]) -> set[str]:
+            return match_patterns(what, patterns, list(dict.fromkeys(known)), whole="run")
+
+        policies = matching("policy", self.policies, (cell.policy for cell in document.plan))
+        tasks = matching("task", self.tasks, (cell.task for cell in document.plan))
+        conditions = matching("condition", self.conditions, map(_condition, document.plan))
+        by_task: dict[str, list[EpisodeResult]] = {}
+        for row in rows:
+            is_named = row.policy in policies and row.task in tasks and _condition(row) in conditions
+            if is_named and row.status in self.statuses:
+                by_task.setdefault(row.task, []).append(row)
+        drawn = [
+            sorted(group, key=lambda row: content_hash(row.episode_id))[: self.limit] for group in by_task.values()
+        ]
+        return sorted(chain(*drawn), key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
+
+
+def _condition(part: EpisodeResult | PlannedCell) -> str:
+    return str(Condition(part.axis, part.severity))
 
 
 def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode | str:
@@ -97,7 +89,7 @@ def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode 
         return recorders[-1]
 
     replayed = replay(row, runner, lambda simulation, step: recorders[-1].watch(simulation, step), record)
-    name = f"{row.episode_id} ({row.task}, {row.policy}, {Condition(row.axis, row.severity)}, seed {row.seed})"
+    name = f"{row.episode_id} ({row.task}, {row.policy}, {_condition(row)}, seed {row.seed})"
     if replayed.result.status == Status.ERROR:
         return f"{name}: could not be played again: {replayed.result.error}"
     if replayed.differences:
@@ -110,17 +102,14 @@ def record_episode(row: EpisodeResult, runner: EpisodeRunner) -> EncodedEpisode 
 
 
 @dataclass
-class DatasetExport:
+class DatasetExport(RecordingResult):
     """The datasets of a run's episodes."""
 
-    status: RunStatus = RunStatus.COMPLETE
     writers: dict[str, DatasetWriter] = field(default_factory=dict)
     """Task to its dataset."""
     wanted: int = 0
     existing: int = 0
     """Number of wanted episodes that were in the datasets before."""
-    warnings: list[str] = field(default_factory=list)
-    """A line for each episode or simulator that failed."""
 
 
 def write_datasets(
@@ -138,12 +127,13 @@ def write_datasets(
         document: The run.
         sources: Its policies.
         folder: The folder of the datasets, one per task.
-        on_start: Called with the number of episodes to replay; the returned function is called after each.
+        on_start: Called with the export and the number of episodes to replay. The returned function is called after
+            each.
         environments: The environment of each simulator.
 
     Raises:
         DatasetError: The folder contains other data.
-        FolderError: Another process writes into the folder, or it cannot be export.
+        FolderError: Another process writes into the folder, or it cannot be written.
     """
     export = DatasetExport(wanted=len(rows))
     with lock_folder(folder):
@@ -155,38 +145,30 @@ def write_datasets(
         missing = [row for row in rows if row.episode_id not in existing]
         export.existing = len(rows) - len(missing)
         if missing:
-            _replay(missing, sources, export, on_start(export, len(missing)), environments)
+            on_replayed = on_start(export, len(missing))
+            simulators = {row.simulator for row in missing}
+            with recording(export, export.writers.values()), ray_session(address=None, workers=len(simulators)):
+                _add_episodes(export, replay_rows(missing, sources, environments, record_episode), on_replayed)
     return export
 
 
-def _replay(
-    missing: Sequence[EpisodeResult],
-    sources: Mapping[str, PolicySource],
+def _add_episodes(
     export: DatasetExport,
+    episodes: Iterable[tuple[EpisodeResult, EncodedEpisode | str | NotReplayed]],
     on_replayed: Callable[[], None],
-    environments: EnvironmentResolver,
 ) -> None:
     not_replayed: Counter[NotReplayed] = Counter()
     try:
-        try:
-            with ray_session(address=None, workers=len({row.simulator for row in missing})):
-                for row, episode in replay_rows(missing, sources, environments, record_episode):
-                    if isinstance(episode, NotReplayed):
-                        not_replayed[episode] += 1
-                    elif isinstance(episode, str):
-                        export.warnings.append(episode)
-                    else:
-                        writer = export.writers[row.task]
-                        writer.add(Attempt(row.seed, row.status, row.steps), episode)
-                        writer.flush_if_due()
-                    on_replayed()
-        finally:
-            for why, count in not_replayed.items():
-                export.warnings.append(f"{why.simulator}: {count} not played again: {why.reason}")
-            for writer in export.writers.values():
-                writer.flush()
-    except KeyboardInterrupt:
-        export.status = RunStatus.INTERRUPTED
-    except (OSError, RayLost) as error:
-        export.status = RunStatus.STOPPED
-        export.warnings.append(describe_os_error(error))
+        for row, episode in episodes:
+            if isinstance(episode, NotReplayed):
+                not_replayed[episode] += 1
+            elif isinstance(episode, str):
+                export.warnings.append(episode)
+            else:
+                writer = export.writers[row.task]
+                writer.add(Attempt(row.seed, row.status, row.steps), episode)
+                writer.flush_if_due()
+            on_replayed()
+    finally:
+        for why, count in not_replayed.items():
+            export.warnings.append(f"{why.simulator}: {count} not played again: {why.reason}")

@@ -37,11 +37,8 @@ def pending_media(
 ) -> list[Snapshot | EpisodeResult]:
     """The snapshots and episodes to record that are not in the run folder yet.
 
-    Args:
-        folder: The run folder.
-        rows: Returns a new iterator over the run's rows at every call.
-        evaluated: Names of the policies whose failures along the axes are recorded.
-        snapshots: The snapshots of the run.
+    `rows` returns a new iterator over the run's rows at every call. Failures along the axes are recorded of the
+    `evaluated` policies only.
     """
     selected = {row.episode_id: row for row in (*representative_episodes(rows()), *new_failures(rows, evaluated))}
     missing = (row for name, row in selected.items() if not video_path(folder, name).exists())
@@ -62,12 +59,7 @@ def record_media(
 
     Only this process writes into the run folder, because other nodes may not have access to it.
 
-    Args:
-        folder: The run folder.
-        pending: See `pending_media`.
-        sources: The run's policies.
-        on_recorded: Called after every video or snapshot.
-        environments: The environment of each simulator.
+    `on_recorded` is called after every video or snapshot.
 
     Returns:
         A warning for each episode whose replay differs from its row, and for each snapshot and simulator that failed.

@@ -20,9 +20,7 @@ def representative_episodes(rows: Iterable[EpisodeResult]) -> list[EpisodeResult
 def new_failures(rows: Callable[[], Iterable[EpisodeResult]], policies: Collection[str]) -> list[EpisodeResult]:
     """For each policy, axis and simulator the failure of lowest severity, then seed, whose clean episode succeeded.
 
-    Args:
-        rows: Returns a new iterator over the run's rows at every call.
-        policies: Names of the policies to consider.
+    `rows` returns a new iterator over the run's rows at every call.
     """
     solved = {
         (row.policy, row.task, row.seed)
@@ -50,14 +48,11 @@ def condition_snapshots(cells: Iterable[Cell], seed: int) -> list[Snapshot]:
 
 
 def _first(rows: Iterable[EpisodeResult], group: Callable[[EpisodeResult], tuple[str, ...]]) -> list[EpisodeResult]:
+    def order(row: EpisodeResult) -> tuple[int, str, int, str]:
+        return row.severity, row.axis, row.seed, row.task
+
     selected: dict[tuple[str, ...], EpisodeResult] = {}
     for row in rows:
         if row.status != Status.ERROR:
-            key = group(row)
-            if key not in selected or _order(row) < _order(selected[key]):
-                selected[key] = row
+            selected[group(row)] = min(selected.get(group(row), row), row, key=order)
     return [selected[key] for key in sorted(selected)]
-
-
-def _order(row: EpisodeResult) -> tuple[int, str, int, str]:
-    return row.severity, row.axis, row.seed, row.task

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import AdapterError, Simulation
+from robogauntlet.adapters.contract import Simulation
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot
@@ -23,9 +23,10 @@ from robogauntlet.results.record import OUTCOME, EpisodeResult
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.support.errors import BadInput
 
 
-class ReplayError(Exception):
+class ReplayError(BadInput):
     """An episode that cannot be replayed; the message says why."""
 
 
@@ -105,11 +106,7 @@ def replay_rows(
 ) -> Iterator[tuple[Row, Any | NotReplayed]]:
     """Replay rows in one process per simulator, in parallel. Ray must be running.
 
-    Args:
-        rows: Rows, or snapshots if the job accepts them. Those of one simulator are processed in order.
-        sources: The run's policies.
-        environments: The environment of each simulator.
-        job: See `Job`.
+    The rows, or snapshots if the job accepts them, of one simulator are processed in order.
 
     Yields:
         Each row with the job's result or `NotReplayed`, as it arrives.
@@ -137,18 +134,14 @@ def replay_with_video(
     """Replay a row's episode in the environment of its simulator, and write a video of it.
 
     Raises:
-        ReplayError: The environment is unsuitable, or its process died.
+        AdapterError: The environment is unsuitable, or its process died.
         RayLost: Ray itself has died.
     """
     from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_simulator_environment  # imports Ray
 
     job = partial(_record_video, video=video.absolute())
-    try:
-        (replayed,) = run_in_simulator_environment(
-            _run_job, catalog.find(row.simulator), (job, [row], dict(sources)), environments
-        )
-    except AdapterError as error:
-        raise ReplayError(str(error)) from None
+    arguments = (job, [row], dict(sources))
+    (replayed,) = run_in_simulator_environment(_run_job, catalog.find(row.simulator), arguments, environments)
     return replayed
 
 

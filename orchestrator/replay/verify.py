@@ -37,13 +37,7 @@ class ReplayCheck:
 
 
 def sample_rows(rows: Iterable[EpisodeResult], size: int, seed: int) -> StoreSample:
-    """Hash the rows and draw a sample of them in the same pass.
-
-    Args:
-        rows: Rows in any order. The sample has the rows with the smallest hashes of seed and id.
-        size: Maximum size of the sample.
-        seed: Seed of the draw.
-    """
+    """Hash rows in any order, and draw those with the smallest hashes of seed and id in the same pass."""
     sample: list[tuple[int, str, EpisodeResult]] = []
     count = 0
 

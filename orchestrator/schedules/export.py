@@ -23,12 +23,7 @@ class Target(StrEnum):
 
 
 def render_for(schedule: Schedule, target: Target, root: Path) -> str:
-    """Render a schedule as the configuration of another program.
-
-    Args:
-        schedule: The schedule.
-        target: The program.
-        root: Working directory of the runs.
+    """Render a schedule as the configuration of another program, for runs in the working directory `root`.
 
     Raises:
         ScheduleError: The program cannot run this schedule.
@@ -36,30 +31,23 @@ def render_for(schedule: Schedule, target: Target, root: Path) -> str:
     return {Target.SYSTEMD: _systemd, Target.CRON: _cron, Target.GITHUB: _github}[target](schedule, root)
 
 
-def _command(schedule: Schedule, program: str, folder: str) -> tuple[str, str | None]:
-    """The shell commands of a run and of its regression check."""
-    run = " ".join([program, "run", *map(shlex.quote, (schedule.suite, *schedule.arguments)), "--out", folder])
-    return run, f"{program} gate {folder}" if schedule.gate else None
-
-
-def _program() -> str:
-    return shlex.quote(str(Path(sys.executable).with_name("robogauntlet")))
+def _shell(schedule: Schedule) -> str:
+    """The shell commands of a run in a new folder and of its regression check."""
+    program = shlex.quote(str(Path(sys.executable).with_name("robogauntlet")))
+    arguments = " ".join(map(shlex.quote, (schedule.suite, *schedule.arguments)))
+    run = f'RUN=runs/{schedule.name}-$(date -u +%Y%m%d-%H%M%S) && {program} run {arguments} --out "$RUN"'
+    return f'{run} && {program} gate "$RUN"' if schedule.gate else run
 
 
 def _cron(schedule: Schedule, root: Path) -> str:
-    stamp = r"runs/" + schedule.name + r"-$(date -u +\%Y\%m\%d-\%H\%M\%S)"
-    run, gate = _command(schedule, _program(), '"$RUN"')
-    commands = f"cd {shlex.quote(str(root))} && RUN={stamp} && {run}" + (f" && {gate}" if gate else "")
+    commands = f"cd {shlex.quote(str(root))} && {_shell(schedule)}".replace("%", r"\%")
     # Debian's cron has only the machine's time zone.
     note = "# cronie reads CRON_TZ; other crons (Debian, Ubuntu) use the machine's time zone\n"
     return f"{note}CRON_TZ={schedule.timezone}\n{' '.join(expanded(schedule.cron))} {commands}\n"
 
 
 def _systemd(schedule: Schedule, root: Path) -> str:
-    run, gate = _command(schedule, _program(), '"$RUN"')
-    # Per cent and dollar signs are special in a unit.
-    shell = f"RUN=runs/{schedule.name}-$(date -u +%Y%m%d-%H%M%S) && {run}" + (f" && {gate}" if gate else "")
-    shell = shell.replace("%", "%%").replace("$", "$$")
+    shell = _shell(schedule).replace("%", "%%").replace("$", "$$")  # both are special in a unit
     events = "\n".join(f"OnCalendar={event} {schedule.timezone}" for event in on_calendar(schedule.cron))
     return f"""# /etc/systemd/system/robogauntlet-{schedule.name}.service
 [Unit]
@@ -101,16 +89,14 @@ def on_calendar(cron: str) -> list[str]:
 def _github(schedule: Schedule, root: Path) -> str:
     """The workflow of `examples/github-nightly.yml` with the time and arguments of this schedule."""
     if schedule.timezone not in ("UTC", "Etc/UTC"):
-        raise ScheduleError(
-            f"time zone '{schedule.timezone}': GitHub runs schedules in UTC; add one with --timezone UTC"
-        )
+        remedy = "GitHub runs schedules in UTC; add one with --timezone UTC"
+        raise ScheduleError(f"time zone '{schedule.timezone}': {remedy}")
     template = (Path(__file__).parent / "github-nightly.yml").read_text(encoding="utf-8")
     suite = Path(schedule.suite)
     if suite.is_absolute():
         if not suite.is_relative_to(root):
-            raise ScheduleError(
-                f"suite {suite}: GitHub has only the files of the repository; expected the suite under {root}"
-            )
+            remedy = f"GitHub has only the files of the repository; expected the suite under {root}"
+            raise ScheduleError(f"suite {suite}: {remedy}")
         suite = suite.relative_to(root)
     arguments = "".join(f" {shlex.quote(argument)}" for argument in schedule.arguments)
     return (

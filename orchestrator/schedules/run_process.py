@@ -1,4 +1,4 @@
-"""Starts scheduled runs in processes of their own and concludes them: regression check, notifications, old folders."""
+"""Starts scheduled runs in separate processes and concludes them: regression check, notifications, old folders."""
 
 from __future__ import annotations
 
@@ -91,37 +91,27 @@ def conclude(
 ) -> ScheduledRun:
     """Record the outcome of a run that has ended, send notifications and remove old folders.
 
-    After a crash this is repeated: the verdict is the same, notifications may be sent twice.
-
-    Args:
-        schedule_store: Store of the schedules.
-        history: History of the runs.
-        schedule: The schedule.
-        scheduled_run: The run.
-        code: Exit code of its process; None if another server started it.
-        send: Sends a notification.
+    After a crash this is repeated: the verdict is the same, notifications may be sent twice. `code` is the exit code of
+    the run's process; None if another server started it.
 
     Raises:
         StoreError: A store cannot be written.
     """
-    folder = Path(scheduled_run.folder)
+    folder, report = Path(scheduled_run.folder), str(Path(scheduled_run.folder) / "report.html")
     try:
         document = read_run(folder)
     except RunError:
         outcome = _last_line(folder) or f"the run did not start (exit code {code})"
-        send(_stopped(schedule, scheduled_run, outcome))
+        send(_stopped(schedule, folder, outcome))
         return _close(schedule_store, scheduled_run, State.FAILED, outcome)
     record_run_folder(history, folder, document)
     if document.status is not RunStatus.COMPLETE or code == BAD_INPUT:
-        outcome = f"{document.status}: {document.reason or 'the run was stopped'}"
-        if code == BAD_INPUT:
-            outcome = _last_line(folder)
-        message = message_for(document, None, str(folder / "report.html"))
-        send(message or _stopped(schedule, scheduled_run, outcome))
+        stopped = f"{document.status}: {document.reason or 'the run was stopped'}"
+        outcome = _last_line(folder) if code == BAD_INPUT else stopped
+        send(message_for(document, None, report) or _stopped(schedule, folder, outcome))
         return _close(schedule_store, scheduled_run, State.FAILED, outcome, document.run_id)
     comparison, outcome = _check_regression(history, schedule, document, folder, send)
-    message = message_for(document, comparison, str(folder / "report.html"))
-    if message is not None:
+    if message := message_for(document, comparison, report):
         send(message)
     closed = _close(schedule_store, scheduled_run, State.DONE, outcome, document.run_id)
     remove_old(schedule_store, history, schedule)
@@ -129,17 +119,12 @@ def conclude(
 
 
 def missed(schedule_store: ScheduleStore, scheduled_runs: Sequence[ScheduledRun], send: SendMessage) -> str:
-    """Record that runs of one schedule were missed, and send one notification about them.
-
-    Returns:
-        The reason, in one line.
+    """Record that runs of one schedule were missed, send one notification about them, and return the reason.
 
     Raises:
         StoreError: The store cannot be written.
     """
-    times = when(scheduled_runs[0].due_at) + (
-        f" to {when(scheduled_runs[-1].due_at)}" if len(scheduled_runs) > 1 else ""
-    )
+    times = " to ".join(dict.fromkeys(when(run.due_at) for run in (scheduled_runs[0], scheduled_runs[-1])))
     reason = f"due at {times} UTC, when no schedule server ran or another run was in progress"
     for scheduled_run in scheduled_runs:
         _close(schedule_store, scheduled_run, State.MISSED, "no schedule server ran, or another run was in progress")
@@ -159,17 +144,14 @@ def remove_old(schedule_store: ScheduleStore, history: History, schedule: Schedu
     """
     if schedule.keep is None:
         return []
-    ended = [
-        run for run in schedule_store.scheduled_runs(schedule=schedule.name) if run.state in (State.DONE, State.FAILED)
-    ]
+    runs = schedule_store.scheduled_runs(schedule=schedule.name)
+    ended = [run for run in runs if run.state in (State.DONE, State.FAILED)]
     removed: list[Path] = []
-    entries = {entry.run_id: entry for entry in history.runs() if entry.schedule == schedule.name}
-    baseline = next((run_id for run_id, entry in entries.items() if entry.is_baseline_material), None)
+    entries = (entry for entry in history.runs() if entry.schedule == schedule.name)
+    baseline = next((entry.run_id for entry in entries if entry.is_baseline_material), "")
     for scheduled_run in ended[schedule.keep :]:
         folder = Path(scheduled_run.folder)
-        if (scheduled_run.run_id is not None and scheduled_run.run_id == baseline) or not (folder / RUN_FILE).exists():
-            continue
-        if is_running(folder):
+        if scheduled_run.run_id == baseline or not (folder / RUN_FILE).exists() or is_running(folder):
             continue
         if scheduled_run.run_id is not None:
             history.clear_folder(scheduled_run.run_id)
@@ -205,10 +187,8 @@ def _close(
     return replace(scheduled_run, **values)  # type: ignore[arg-type]
 
 
-def _stopped(schedule: Schedule, scheduled_run: ScheduledRun, outcome: str) -> Message:
-    run = Path(scheduled_run.folder).name
-    lines: Sequence[str] = (outcome, f"log: {Path(scheduled_run.folder) / LOG_FILE}")
-    return Message(f"STOPPED: {schedule.name}, {run}", tuple(lines), run)
+def _stopped(schedule: Schedule, folder: Path, outcome: str) -> Message:
+    return Message(f"STOPPED: {schedule.name}, {folder.name}", (outcome, f"log: {folder / LOG_FILE}"), folder.name)
 
 
 def _last_line(folder: Path) -> str:

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
+from itertools import takewhile
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 
 from cronsim import CronSim, CronSimError
 
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 SHORTHANDS = {
@@ -31,7 +33,7 @@ EXPECTED = (
 )
 
 
-class ScheduleError(Exception):
+class ScheduleError(BadInput):
     """A schedule is invalid; the message says what was expected and what was given."""
 
 
@@ -79,11 +81,8 @@ class Schedule:
     """Seconds since 1970, UTC."""
 
     def due(self, after: float, until: float) -> Iterator[float]:
-        """Yield the due times after `after` and up to `until` (seconds since 1970, UTC)."""
-        for moment in self._moments(after):
-            if moment > until:
-                return
-            yield moment
+        """Return the due times after `after` and up to `until` (seconds since 1970, UTC)."""
+        return takewhile(lambda moment: moment <= until, self._moments(after))
 
     def next_due(self, after: float) -> float:
         """Return the next due time (seconds since 1970, UTC). Raises ScheduleError."""
@@ -130,11 +129,7 @@ def checked(schedule: Schedule) -> Schedule:
 
 
 def parsed(cron: str, after: datetime) -> CronSim:
-    """Return the times of a cron expression after a moment, by the rules of Debian's cron(8).
-
-    Raises:
-        ScheduleError: The expression is invalid.
-    """
+    """Return the times of a cron expression after a moment, by the rules of Debian's cron(8). Raises ScheduleError."""
     fields = expanded(cron)
     try:
         times = CronSim(" ".join(fields), after)
@@ -146,11 +141,7 @@ def parsed(cron: str, after: datetime) -> CronSim:
 
 
 def expanded(cron: str) -> list[str]:
-    """Return the five fields of a cron expression.
-
-    Raises:
-        ScheduleError: The expression has more or fewer fields.
-    """
+    """Return the five fields of a cron expression. Raises ScheduleError if it has more or fewer."""
     fields = SHORTHANDS.get(cron.strip().lower(), cron).split()
     if len(fields) != 5:
         raise ScheduleError(f"cron '{cron}': {EXPECTED}, got {len(fields)}")
@@ -161,7 +152,5 @@ def _zone(name: str) -> ZoneInfo:
     try:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError):
-        near = did_you_mean(name, sorted(available_timezones()))
-        raise ScheduleError(
-            f"time zone '{name}': expected one of the IANA list such as Europe/Berlin{near or ''}"
-        ) from None
+        expected = f"expected one of the IANA list such as Europe/Berlin{did_you_mean(name, available_timezones())}"
+        raise ScheduleError(f"time zone '{name}': {expected}") from None

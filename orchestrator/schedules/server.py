@@ -30,6 +30,7 @@ from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, Sche
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import Database, StoreError
 from robogauntlet.results.store.run_history import History
+from robogauntlet.support.errors import BadInput
 from robogauntlet.support.files import exclusive
 
 LATE_S = 60.0
@@ -43,7 +44,7 @@ _ADVISORY = 0x60D9_4A11
 """Number of the lock on PostgreSQL."""
 
 
-class AlreadyRunning(Exception):
+class AlreadyRunning(BadInput):
     """Another schedule server runs on the same store."""
 
 
@@ -135,16 +136,15 @@ class Server:
     def _wanted(self, schedule: Schedule) -> list[ScheduledRun]:
         """The due runs of a schedule that are to start, the oldest first; the others are recorded as missed."""
         due = self._store.scheduled_runs(schedule=schedule.name, state=State.DUE)[::-1]
-        manual = [scheduled_run for scheduled_run in due if scheduled_run.manual]
-        clock = [scheduled_run for scheduled_run in due if not scheduled_run.manual]
-        keep = clock
+        by_clock = [run for run in due if not run.manual]
+        lost: list[ScheduledRun] = []
         if schedule.catch_up is CatchUp.SKIP:
-            keep = [scheduled_run for scheduled_run in clock if self._now() - scheduled_run.due_at <= LATE_S]
+            lost = [run for run in by_clock if self._now() - run.due_at > LATE_S]
         elif schedule.catch_up is CatchUp.LATEST:
-            keep = clock[-1:]
-        if lost := [scheduled_run for scheduled_run in clock if scheduled_run not in keep]:
+            lost = by_clock[:-1]
+        if lost:
             self._log(f"{schedule.name}: missed, {missed(self._store, lost, self._send)}")
-        return sorted(manual + keep, key=lambda scheduled_run: scheduled_run.due_at)
+        return [run for run in due if run not in lost]
 
     def _adopt(self, schedules: dict[str, Schedule]) -> list[str]:
         """Return the suites in progress; wait for, continue or conclude the runs of an earlier server."""
@@ -157,9 +157,8 @@ class Server:
             if is_running(Path(scheduled_run.folder)):
                 busy.append(schedule.suite if schedule else scheduled_run.schedule)
             elif schedule is None:
-                self._store.change(
-                    scheduled_run, state=State.FAILED, outcome="the schedule was removed while the run was in progress"
-                )
+                outcome = "the schedule was removed while the run was in progress"
+                self._store.change(scheduled_run, state=State.FAILED, outcome=outcome)
             elif has_ended(Path(scheduled_run.folder)):
                 self._conclude(schedule, scheduled_run, None)
             elif len(busy) < self._max_parallel and schedule.suite not in busy:

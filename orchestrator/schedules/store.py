@@ -83,10 +83,8 @@ class ScheduleStore:
         with self.database.writing() as connection:
             statement = self.database.insert_new(_schedules).returning(_schedules.c.name)
             if not connection.execute(statement, [values]).all():
-                raise ScheduleError(
-                    f"schedule '{schedule.name}' exists; choose another name, or remove it: "
-                    f"robogauntlet schedule remove {schedule.name}"
-                )
+                remedy = f"choose another name, or remove it: robogauntlet schedule remove {schedule.name}"
+                raise ScheduleError(f"schedule '{schedule.name}' exists; {remedy}")
 
     def remove(self, name: str) -> bool:
         """Remove a schedule and its due runs that have not started; False if it does not exist. Raises StoreError."""
@@ -103,9 +101,7 @@ class ScheduleStore:
 
     def find(self, name: str) -> Schedule | None:
         """Return the schedule of that name, or None. Raises StoreError."""
-        with self.database.reading() as connection:
-            row = connection.execute(sa.select(_schedules).where(_schedules.c.name == name)).one_or_none()
-        return None if row is None else _schedule(row)
+        return next((schedule for schedule in self.schedules() if schedule.name == name), None)
 
     def record_due(self, now: float, folder: Callable[[Schedule, float], str]) -> int:
         """Record the runs that became due since the last call, each once, also if several processes call.
@@ -121,7 +117,9 @@ class ScheduleStore:
             StoreError: The database cannot be written; it is unchanged.
         """
         recorded = 0
-        for schedule, seen in self._seen():
+        with self.database.reading() as connection:
+            seen_until = [(_schedule(row), row.seen_until) for row in connection.execute(sa.select(_schedules))]
+        for schedule, seen in seen_until:
             moments = list(schedule.due(max(seen, now - LOOK_BACK_S), now))
             if not moments:
                 continue
@@ -151,9 +149,7 @@ class ScheduleStore:
         if state is not None:
             query = query.where(_runs.c.state == str(state))
         with self.database.reading() as connection:
-            return [
-                _scheduled_run(row) for row in connection.execute(query.limit(limit) if limit is not None else query)
-            ]
+            return [_scheduled_run(row) for row in connection.execute(query.limit(limit))]
 
     def change(self, scheduled_run: ScheduledRun, **values: Any) -> None:
         """Write new values of a scheduled run's fields. Raises StoreError."""
@@ -162,20 +158,9 @@ class ScheduleStore:
         with self.database.writing() as connection:
             connection.execute(sa.update(_runs).where(clause).values(**plain))
 
-    def _seen(self) -> list[tuple[Schedule, float]]:
-        with self.database.reading() as connection:
-            return [(_schedule(row), row.seen_until) for row in connection.execute(sa.select(_schedules))]
-
     def _insert(self, connection: sa.Connection, name: str, moment: float, folder: str, *, manual: bool) -> None:
-        row = {
-            "schedule": name,
-            "due_at": moment,
-            "state": str(State.DUE),
-            "folder": folder,
-            "by_hand": manual,
-            "outcome": "",
-        }
-        connection.execute(self.database.insert_new(_runs), [row])
+        row = {"schedule": name, "due_at": moment, "folder": folder, "by_hand": manual}
+        connection.execute(self.database.insert_new(_runs), [{**row, "state": str(State.DUE), "outcome": ""}])
 
 
 def _schedule(row: Any) -> Schedule:

@@ -25,21 +25,12 @@ PIECE = 500
 
 
 def log_run(document: RunDocument, tables: Tables, *, name: str, project: str) -> str:
-    """Send numbers, provenance, tags and `cells.csv` of a run. A run that was sent before is updated.
+    """Send numbers, provenance, tags and `cells.csv` of a run to the MLflow experiment `project`, which may be new.
 
     Server and login are MLflow's own settings (MLFLOW_TRACKING_URI and others).
 
-    Args:
-        document: Document of the run.
-        tables: Tables of the run.
-        name: Displayed name of the run.
-        project: MLflow experiment; created if it does not exist.
-
     Returns:
         Server, experiment and id of the run, without a login.
-
-    Raises:
-        TrackerError: The library is missing or refuses the run.
     """
     check_project(project)
     summary = tracked_run(document, tables)
@@ -78,12 +69,10 @@ def _write(client: Any, document: RunDocument, summary: TrackedRun, cells: str, 
         run = earlier[0].info.run_id
     else:
         run = client.create_run(experiment, start_time=started, tags={TAG: run_id}, run_name=name).info.run_id
-    tags = {f"robogauntlet/{key}": str(value) for key, value in summary.state.items()} | dict.fromkeys(
-        summary.tags, "yes"
-    )
     now = int(1000 * time.time())
     params = [Param(key, str(value)) for key, value in summary.provenance.items()]
-    labels = [RunTag(key, value) for key, value in tags.items()]
+    labels = [RunTag(f"robogauntlet/{key}", str(value)) for key, value in summary.state.items()]
+    labels += [RunTag(tag, "yes") for tag in summary.tags]
     metrics = [Metric(key, value, now, 0) for key, value in summary.metrics.items()]
     for i in range(0, max(len(params), len(labels)), PIECE // 5):
         client.log_batch(run, params=params[i : i + PIECE // 5], tags=labels[i : i + PIECE // 5])

@@ -13,6 +13,7 @@ from typing import Any
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import CLEAN
+from robogauntlet.support.errors import BadInput
 
 COLUMNS = (
     *("simulator", "task", "policy", "policy_digest", "axis", "severity"),
@@ -25,7 +26,7 @@ _UNUSABLE = re.compile(r"[^A-Za-z0-9_.\- /]")
 _PROJECT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\- ]{0,127}")
 
 
-class TrackerError(Exception):
+class TrackerError(BadInput):
     """A run could not be sent to a tracker. The message is one line without secrets."""
 
 
@@ -87,11 +88,7 @@ def tracked_run(document: RunDocument, tables: Tables) -> TrackedRun:
 
 
 def check_project(project: str) -> None:
-    """Check that every tracker accepts the name of a project.
-
-    Raises:
-        TrackerError: The name is not accepted.
-    """
+    """Raise TrackerError unless every tracker accepts the name of a project."""
     if not _PROJECT.fullmatch(project):
         raise TrackerError(
             "the project's name: expected at most 128 letters, digits, spaces and . _ -, with a letter or digit first"
@@ -99,21 +96,15 @@ def check_project(project: str) -> None:
 
 
 def _numbers(tally: Tally) -> dict[str, float]:
-    interval = tally.interval
-    numbers = {
-        "success_rate": tally.rate,
-        "success_rate_low": interval.low if interval else None,
-        "success_rate_high": interval.high if interval else None,
-        "n": tally.verdicts,
-        "errors": tally.errors,
-        "missing": tally.missing,
-    }
+    numbers = {"success_rate": tally.rate, "n": tally.verdicts, "errors": tally.errors, "missing": tally.missing}
+    if tally.interval:
+        numbers |= {"success_rate_low": tally.interval.low, "success_rate_high": tally.interval.high}
     return {name: float(value) for name, value in numbers.items() if value is not None}
 
 
 def _place(cell: CellRow) -> str:
-    clean = cell.axis == CLEAN
-    return _usable("/".join([cell.policy, cell.task, *([] if clean else [cell.axis, str(cell.severity)])]))
+    condition = [] if cell.axis == CLEAN else [cell.axis, str(cell.severity)]
+    return _usable("/".join([cell.policy, cell.task, *condition]))
 
 
 def _usable(name: str) -> str:

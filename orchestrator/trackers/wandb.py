@@ -11,22 +11,13 @@ from robogauntlet.results.run_document import RunDocument
 
 
 def log_run(document: RunDocument, tables: Tables, *, name: str, project: str) -> str:
-    """Send numbers, provenance and tags of a run. A run that was sent before is updated.
+    """Send numbers, provenance and tags of a run to W&B.
 
     Login, server and offline mode are W&B's own settings (`wandb login`, WANDB_API_KEY, WANDB_MODE, WANDB_DIR). W&B's
     own records of program, machine and repository are disabled.
 
-    Args:
-        document: Document of the run.
-        tables: Tables of the run.
-        name: Displayed name of the run.
-        project: W&B project.
-
     Returns:
         A web address, or the command that uploads an offline run.
-
-    Raises:
-        TrackerError: The library is missing or refuses the run.
     """
     check_project(project)
     summary = tracked_run(document, tables)
@@ -52,9 +43,8 @@ def log_run(document: RunDocument, tables: Tables, *, name: str, project: str) -
             tags=list(summary.tags),
             settings=settings,
         )
-        run.log(
-            {**summary.metrics, "cells": wandb.Table(columns=list(COLUMNS), data=[list(row) for row in summary.rows])}
-        )
+        cells = wandb.Table(columns=list(COLUMNS), data=[list(row) for row in summary.rows])
+        run.log({**summary.metrics, "cells": cells})
         address = f"upload it with: wandb sync {run.settings.sync_dir}" if run.offline else str(run.url)
         run.finish()
     except Exception as error:  # its text may contain the API key

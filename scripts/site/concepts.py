@@ -20,12 +20,7 @@ def flow() -> Drawing:
     for x, name in ((20, "ManiSkill"), (192, "PyBullet"), (364, "robosuite")):
         sheet.arrow([(260, 174), (260, 190), (x + 68, 190), (x + 68, 212)])
         sheet.box(
-            x,
-            214,
-            136,
-            82,
-            [("worker", title), (name, "one small bold"), ("observe, act, step", sub)],
-            "pale-one",
+            x, 214, 136, 82, [("worker", title), (name, "one small bold"), ("observe, act, step", sub)], "pale-one"
         )
         sheet.arrow([(x + 68, 296), (x + 68, 320), (260, 320), (260, 340)])
     sheet.box(160, 342, 200, 42, [("rows", title), ("one per episode, keyed by its id", sub)], "pale-three")

@@ -37,7 +37,7 @@ def _replaced(entry: Any, pages: list[dict[str, str]]) -> Any:
     ((name, value),) = entry.items()
     if value == f"{DECISIONS}/":
         return {name: pages}
-    return {name: [_replaced(one, pages) for one in value] if isinstance(value, list) else value}
+    return {name: [_replaced(item, pages) for item in value] if isinstance(value, list) else value}
 
 
 def _title(path: Path) -> str:
@@ -59,17 +59,17 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Remove links to the program's own files, which are not in the site; broken links stay and are reported."""
     folder = (Path(config.docs_dir) / page.file.src_path).parent
 
-    def replaced(found: re.Match[str]) -> str:
-        target = (folder / found["target"].partition("#")[0]).resolve()
+    def replaced(link: re.Match[str]) -> str:
+        target = (folder / link["target"].partition("#")[0]).resolve()
         in_repository = target.is_relative_to(ROOT) and not target.is_relative_to(config.docs_dir)
-        return found["text"] if in_repository and target.exists() else found[0]
+        return link["text"] if in_repository and target.exists() else link[0]
 
     return OUTWARD.sub(replaced, markdown)
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Embed the drawings in the page, so that they take its colours and fonts."""
-    return DRAWING.sub(lambda found: _drawing(found["src"], found["alt"], page), html)
+    return DRAWING.sub(lambda image: _drawing(image["src"], image["alt"], page), html)
 
 
 def _drawing(source: str, alt: str, page: Page) -> str:
@@ -118,7 +118,7 @@ def _command(name: str, command: Any, level: int) -> Iterator[str]:
         for sub, subcommand in command.commands.items():
             yield from _command(f"{name} {sub}", subcommand, level + 1)
         return
-    usage = " ".join(part for one in command.get_params(context) for part in one.get_usage_pieces(context))
+    usage = " ".join(part for parameter in command.get_params(context) for part in parameter.get_usage_pieces(context))
     yield from (
         "```",
         f"{name} {'[OPTIONS] ' if any(map(_is_option, command.params)) else ''}{usage}".rstrip(),
@@ -129,7 +129,7 @@ def _command(name: str, command: Any, level: int) -> Iterator[str]:
 
 
 def _options(command: Any, context: Any) -> Iterator[str]:
-    records = [one.get_help_record(context) for one in command.params if not one.hidden]
+    records = [parameter.get_help_record(context) for parameter in command.params if not parameter.hidden]
     if records := [record for record in records if record]:
         yield from ("| argument, option | meaning |", "|---|---|")
         yield from (f"| {_code(name)} | {_cell(help_)} |" for name, help_ in records)
@@ -145,13 +145,5 @@ def _code(text: str) -> str:
 
 
 def _cell(text: str) -> str:
-    for plain, escaped in (
-        ("&", "&amp;"),
-        ("<", "&lt;"),
-        ("|", "&#124;"),
-        ("*", "&#42;"),
-        ("_", "&#95;"),
-        ("[", "&#91;"),
-    ):
-        text = text.replace(plain, escaped)
-    return text
+    escapes = {"&": "&amp;", "<": "&lt;", "|": "&#124;", "*": "&#42;", "_": "&#95;", "[": "&#91;"}
+    return text.translate(str.maketrans(escapes))

@@ -64,37 +64,42 @@ def false_alarms() -> tuple[np.ndarray, np.ndarray]:
     disagree = first + second
     p_values = np.minimum(1.0, 2 * binom.cdf(np.minimum(first, second), disagree, 0.5))
     decided = log_evidence(first.ravel(), second.ravel()).reshape(first.shape) >= -np.log(ALPHA)
-    return tuple(np.logical_or.accumulate(found, axis=1).mean(axis=0) for found in (p_values <= ALPHA, decided))
+    return tuple(np.logical_or.accumulate(alarms, axis=1).mean(axis=0) for alarms in (p_values <= ALPHA, decided))
 
 
 def drops() -> list[tuple[int, float]]:
     """Return numbers of pairs, each with the drop that the regression check detects with power 0.8."""
-    found = []
+    detectable = []
     for n in (*range(40, 100, 5), *range(100, 1001, 20)):
         odd = round(SHARE * n)
         drop = detectable_drop(Pairs(n - odd, odd // 2, odd - odd // 2, 0), ALPHA)
         assert drop is not None
-        found.append((n, drop))
-    return found
+        detectable.append((n, drop))
+    return detectable
+
+
+def difference(pairs: Pairs) -> tuple[float, Interval]:
+    """Return the paired difference of two success rates, and its interval."""
+    estimate = paired_difference(pairs)
+    assert estimate is not None
+    assert estimate.interval is not None
+    return estimate.value, estimate.interval
 
 
 def numbers() -> Mapping[str, str]:
     """Return the numbers of the page by their names."""
     real = screening()
-    unrelated, related, lost = (paired_difference(pairs) for pairs in (UNRELATED, RELATED, real))
+    loss, loss_interval = difference(real)
     bounds = rate_bounds(90, 5, 5)
     peeking, evidence = false_alarms()
-    assert unrelated is not None
-    assert related is not None
-    assert lost is not None
     assert bounds is not None
     tasks = [1 - (1 - ALPHA) ** count for count in (9, 20)]
     return {
         **{f"{k} of {n}": percent(wilson_interval(k, n)) for k, n in COUNTS},
-        "unrelated": percent(unrelated.interval),
-        "related": percent(related.interval),
+        "unrelated": percent(difference(UNRELATED)[1]),
+        "related": percent(difference(RELATED)[1]),
         "screening, pairs": f"{real.both}, {real.first_only}, {real.second_only}, {real.neither}",
-        "screening, loss": f"{100 * lost.value:.1f} points {percent(lost.interval, 1)}",
+        "screening, loss": f"{100 * loss:.1f} points {percent(loss_interval, 1)}",
         "screening, p": f"{mcnemar(real):.2f}",
         "9 tasks": f"{100 * tasks[0]:.0f} %",
         "20 tasks": f"{100 * tasks[1]:.0f} %",
@@ -105,11 +110,16 @@ def numbers() -> Mapping[str, str]:
         "bounds": f"{100 * bounds.low:.0f} % to {100 * bounds.high:.0f} %",
         "bounds with chance": percent(bounds.interval),
         **{
-            f"case {number}": f"{100 * estimate.value:.1f} {percent(estimate.interval, 1)}"
+            f"case {number}": f"{100 * difference(pairs)[0]:.1f} {percent(difference(pairs)[1], 1)}"
             for number, (_, pairs) in enumerate(CASES, 1)
-            if (estimate := paired_difference(pairs))
         },
     }
+
+
+def add_estimate(sheet: Drawing, axes: Axes, y: float, value: float, interval: Interval, kind: str) -> None:
+    """Draw a share and its interval as a dot on a line."""
+    sheet.line([(axes(100 * interval.low), y), (axes(100 * interval.high), y)], f"line-{kind}")
+    sheet.dot(axes(100 * value), y, f"fill-{kind}", 4.5)
 
 
 def intervals() -> Drawing:
@@ -119,11 +129,10 @@ def intervals() -> Drawing:
     axes.ticks((50, 60, 70, 80, 90, 100), 22, 178)
     sheet.text(276, 212, "success rate that the count allows (%)", "soft small", anchor="middle")
     for number, (k, n) in enumerate(COUNTS):
-        found, y = wilson_interval(k, n), 36 + 32 * number
-        assert found is not None
+        interval, y = wilson_interval(k, n), 36 + 32 * number
+        assert interval is not None
         sheet.text(100, y + 4, f"{k} of {n:,}", anchor="end")
-        sheet.line([(axes(100 * found.low), y), (axes(100 * found.high), y)], "line-one")
-        sheet.dot(axes(100 * k / n), y, "fill-one", 4.5)
+        add_estimate(sheet, axes, y, k / n, interval, "one")
     return sheet
 
 
@@ -138,13 +147,9 @@ def paired() -> Drawing:
         (42, "unpaired", "23 pairs disagree", UNRELATED, "two"),
         (92, "paired", "9 pairs disagree", RELATED, "one"),
     ):
-        found = paired_difference(pairs)
-        assert found is not None
-        assert found.interval is not None
         sheet.text(138, y - 2, name, anchor="end")
         sheet.text(138, y + 14, more, "soft small", anchor="end")
-        sheet.line([(axes(100 * found.interval.low), y), (axes(100 * found.interval.high), y)], f"line-{kind}")
-        sheet.dot(axes(100 * found.value), y, f"fill-{kind}", 4.5)
+        add_estimate(sheet, axes, y, *difference(pairs), kind)
     return sheet
 
 
@@ -152,23 +157,18 @@ def disagreeing() -> Drawing:
     """The pairs of the screening, one square each."""
     real = screening()
     sheet = Drawing(480, 176)
-    order = [
-        ("fill-soft", real.both),
-        ("fill-one", real.first_only),
-        ("fill-two", real.second_only),
-        ("shade", real.neither),
-    ]
-    kinds = [kind for kind, count in order for _ in range(count)]
+    legend = (
+        (24, "fill-soft", "both", real.both),
+        (112, "fill-one", "experts only", real.first_only),
+        (236, "fill-two", "merged only", real.second_only),
+        (362, "shade", "neither", real.neither),
+    )
+    kinds = [kind for _, kind, _, count in legend for _ in range(count)]
     for number, kind in enumerate(kinds):
         sheet.rect(24 + 24 * (number % 18), 12 + 24 * (number // 18), 20, 20, kind, round_=3)
-    for x, kind, said in (
-        (24, "fill-soft", f"both: {real.both}"),
-        (112, "fill-one", f"experts only: {real.first_only}"),
-        (236, "fill-two", f"merged only: {real.second_only}"),
-        (362, "shade", f"neither: {real.neither}"),
-    ):
+    for x, kind, label, count in legend:
         sheet.rect(x, 148, 12, 12, kind, round_=2)
-        sheet.text(x + 18, 158.5, said, "small")
+        sheet.text(x + 18, 158.5, f"{label}: {count}", "small")
     return sheet
 
 
@@ -181,14 +181,10 @@ def margins() -> Drawing:
     sheet.line([(axes(0), 8), (axes(0), 166)], "dash")
     sheet.text(axes(-5) - 6, 26, "worse by more than the margin", "soft small", anchor="end")
     sheet.text(245, 200, "new minus old (points), with its 95 % interval", "soft small", anchor="middle")
-    for number, (said, pairs) in enumerate(CASES):
-        found, y = paired_difference(pairs), 62 + 44 * number
-        assert found is not None
-        assert found.interval is not None
-        kind = ("three", "four", "two")[number]
-        sheet.line([(axes(100 * found.interval.low), y), (axes(100 * found.interval.high), y)], f"line-{kind}")
-        sheet.dot(axes(100 * found.value), y, f"fill-{kind}", 4.5)
-        sheet.text(axes(-20) + 8, y + 4 - 17 * (number == 2), said, f"{kind} bold small")
+    for number, (label, pairs) in enumerate(CASES):
+        kind, y = ("three", "four", "two")[number], 62 + 44 * number
+        add_estimate(sheet, axes, y, *difference(pairs), kind)
+        sheet.text(axes(-20) + 8, y + 4 - 17 * (number == 2), label, f"{kind} bold small")
     return sheet
 
 
@@ -215,8 +211,8 @@ def curves(
     sheet.text(16, 16, above, "soft small")
     for kind, points in lines:
         sheet.line([(x(a), y(b)) for a, b in points], kind)
-    for a, b, said, kind in labels:
-        sheet.text(x(a), y(b), said, f"{kind} bold small")
+    for a, b, label, kind in labels:
+        sheet.text(x(a), y(b), label, f"{kind} bold small")
     return sheet
 
 
@@ -274,11 +270,11 @@ def bounds() -> Drawing:
     """Bounds of a rate with errors."""
     sheet = Drawing(480, 126)
     axes = Axes(sheet, 20, 460, 80, 100)
-    found = rate_bounds(90, 5, 5)
-    assert found is not None
+    rate = rate_bounds(90, 5, 5)
+    assert rate is not None
     axes.ticks((80, 85, 90, 95, 100), 14, 86)
     sheet.text(240, 120, "success rate (%): 90 successes, 5 failures, 5 errors", "soft small", anchor="middle")
-    ends = [axes(100 * end) for end in (found.interval.low, found.low, found.high, found.interval.high)]
+    ends = [axes(100 * end) for end in (rate.interval.low, rate.low, rate.high, rate.interval.high)]
     sheet.line([(ends[0], 50), (ends[3], 50)], "line-one")
     sheet.rect(ends[1], 41, ends[2] - ends[1], 18, "pale-one", round_=3)
     sheet.text((ends[1] + ends[2]) / 2, 33, "errors", "one bold small", anchor="middle")

@@ -76,7 +76,7 @@ def _fill(root: Path) -> str:
     from robogauntlet.results.store.database import file_url
     from robogauntlet.results.store.history_records import Counts
     from robogauntlet.results.store.run_history import History
-    from tests.orchestrator.dashboard.filled import PROVENANCE, said
+    from tests.orchestrator.dashboard.filled import PROVENANCE, live_status
     from tests.results.synthetic import cells, document, row, run_folder
 
     tasks = tuple(f"{name}/Task{number}" for name in ("maniskill", "pybullet", "robosuite") for number in range(3))
@@ -111,7 +111,7 @@ def _fill(root: Path) -> str:
             history.write_verdict(
                 run_id, "regressed" if number % 31 == 0 else "no evidence", f"{number - 3:032x}", ["a reason"]
             )
-    history.write_live_status(f"{RUNS - 4:032x}", said(120))
+    history.write_live_status(f"{RUNS - 4:032x}", live_status(120))
     history.close()
     return run_id
 

@@ -67,7 +67,7 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
     from robogauntlet.orchestrator.scheduling.work_queue import work_queues
     from robogauntlet.results.store.episode_store import Store
     from robogauntlet.suites.episode import Cell, Condition, Protocol
-    from tests.orchestrator.conftest import Told
+    from tests.orchestrator.conftest import RecordingObserver
     from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
 
     rng = np.random.default_rng(0)
@@ -86,7 +86,7 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
         for task in tasks
     ]
     options = SchedulerOptions(lambda: workers, episode_time_limit_s=120.0, allowed_errors=0)
-    told = Told()
+    told = RecordingObserver()
     told.on_results = lambda rows: None  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open_file(Path(folder) / "episodes.sqlite", "scale")

@@ -1,4 +1,4 @@
-"""One local Ray for the tests that need one, a record of what a scheduler tells, the command line in this process."""
+"""A local Ray for the tests that need one, an observer of a scheduler, and the command line in this process."""
 
 import sys
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ def ray_here():
         yield
 
 
-class Told:
-    """A scheduler's observer that remembers."""
+class RecordingObserver:
+    """An observer of a scheduler that records its calls."""
 
     def __init__(self):
         self.ready, self.left_out, self.rows, self.warnings = [], [], [], []
@@ -42,11 +42,11 @@ class Told:
 
 @pytest.fixture
 def told():
-    return Told()
+    return RecordingObserver()
 
 
 @dataclass(frozen=True)
-class Said:
+class CommandResult:
     code: int
     out: str
     err: str
@@ -54,7 +54,7 @@ class Said:
 
 @pytest.fixture
 def run_command(monkeypatch, capsys, tmp_path):
-    """`robogauntlet(...)` in an empty folder, without a second for a new interpreter each time."""
+    """Runs `robogauntlet ...` in this process, in an empty folder."""
     monkeypatch.chdir(tmp_path)
     for name in ("ROBOGAUNTLET_HISTORY", "ROBOGAUNTLET_STORE"):
         monkeypatch.delenv(name, raising=False)
@@ -69,8 +69,8 @@ def run_command(monkeypatch, capsys, tmp_path):
             code = 0
         except SystemExit as end:
             code = end.code or 0
-        said = capsys.readouterr()
-        assert "Traceback" not in said.out + said.err
-        return Said(code, said.out, said.err)
+        printed = capsys.readouterr()
+        assert "Traceback" not in printed.out + printed.err
+        return CommandResult(code, printed.out, printed.err)
 
     return call

@@ -14,13 +14,15 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import AdapterError, Simulator
+from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.check import Check, CheckResult, Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.processes import TIME_LIMIT_S
 from robogauntlet.orchestrator.adapter_kit.checks.runner import MAX_TASKS, checks_for, default_tasks, run_checks
-from robogauntlet.orchestrator.cli.common import BadInput, environment_resolver, err, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
 
 MARKS = {Outcome.PASSED: "ok", Outcome.FAILED: "FAILED", Outcome.SKIPPED: "-"}
 
@@ -40,14 +42,15 @@ def check(
     time_limit: Annotated[float, typer.Option(help="Time limit of a check (s).", min=1.0)] = TIME_LIMIT_S,
     as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
 ) -> None:
-    """Check an adapter against its contract, each task in a process of its own.
+    """Check an adapter against its contract, each task in a separate process.
 
     Exit code 1 if a check failed.
     """
     simulator = _find(name)
     wanted = checks_for(_tasks(simulator, task, all_tasks), _checks(only), every=all_tasks)
     began = time.perf_counter()
-    with _progress() as progress:
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, TextColumn("{task.fields[doing]}"), console=err, transient=True) as progress:
         bar = progress.add_task(name, total=sum(map(len, wanted.values())), doing="")
         finished: set[tuple[str, str]] = set()
         lock = threading.Lock()
@@ -70,11 +73,8 @@ def _find(name: str) -> Simulator:
     for plugin in catalog.broken_plugins():
         if plugin.name == name:
             raise BadInput(f"simulator {name}: {plugin.reason}")
-    try:
-        simulator = catalog.find(name)
-    except AdapterError as error:
-        raise BadInput(str(error)) from None
-    if reason := environment_resolver().missing_reason(simulator):
+    simulator = catalog.find(name)
+    if reason := EnvironmentResolver().missing_reason(simulator):
         raise BadInput(f"{name}: {reason}")
     if not simulator.tasks:
         raise BadInput(f"{name}: expected a simulator with tasks, this one declares none")
@@ -97,11 +97,6 @@ def _checks(only: Sequence[str] | None) -> list[Check]:
         if not any(name.startswith(beginning) for name in CHECKS):
             raise BadInput(f"unknown check '{beginning}'{did_you_mean(beginning, CHECKS)}")
     return [check for name, check in CHECKS.items() if not only or name.startswith(tuple(only))]
-
-
-def _progress() -> Progress:
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    return Progress(*columns, TextColumn("{task.fields[doing]}"), console=err, transient=True)
 
 
 def _show(wanted: Mapping[str, Sequence[Check]], results: Sequence[CheckResult], seconds: float) -> None:

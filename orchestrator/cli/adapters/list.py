@@ -7,7 +7,7 @@ from rich.table import Table
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.adapters.scene_control import ADJUSTABLE
-from robogauntlet.orchestrator.cli.common import environment_resolver, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.policies import oracles
@@ -16,12 +16,13 @@ from robogauntlet.policies import oracles
 def list_adapters() -> None:
     """List adapters with versions, tasks, the number of tasks with an oracle, and what perturbations can adjust."""
     table = Table("adapter", "simulator", "versions", "tasks", "oracles", "adjusts", box=None, pad_edge=False)
-    environments = environment_resolver()
+    environments = EnvironmentResolver()
     shown = [simulator for simulator in catalog.simulators().values() if not simulator.internal]
     for simulator in shown:
         solved = sum(f"{simulator.name}/{task}" in oracles.scripts() for task in simulator.tasks)
         counts = str(len(simulator.tasks)), str(solved)
-        table.add_row(simulator.name, simulator.title, _versions(environments, simulator), *counts, _adjusts(simulator))
+        adjusts = "all" if simulator.adjusts >= ADJUSTABLE else ", ".join(sorted(simulator.adjusts)) or "nothing"
+        table.add_row(simulator.name, simulator.title, _versions(environments, simulator), *counts, adjusts)
     out.print(table)
     for simulator in shown:
         if reason := environments.missing_reason(simulator):
@@ -35,9 +36,3 @@ def _versions(environments: EnvironmentResolver, simulator: Simulator) -> str:
         return "not installed"
     versions = environments.versions(simulator)
     return ", ".join(f"{name} {versions.get(name, '?')}" for name in simulator.distributions)
-
-
-def _adjusts(simulator: Simulator) -> str:
-    if simulator.adjusts >= ADJUSTABLE:
-        return "all"
-    return ", ".join(sorted(simulator.adjusts)) or "nothing"

@@ -9,7 +9,8 @@ import typer
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.adapter_kit.scaffold import ScaffoldError, write_package
-from robogauntlet.orchestrator.cli.common import BadInput, print_line
+from robogauntlet.orchestrator.cli.common import print_line
+from robogauntlet.support.errors import BadInput
 
 
 def new(

@@ -8,23 +8,20 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, EXIT_STOPPED, BadInput, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, EXIT_STOPPED, fail, out, print_line
 from robogauntlet.orchestrator.demonstrations.collect import (
     FIRST_SEED,
     NOISE,
     CollectionRequest,
     CollectionResult,
-    DemonstrateError,
+    RecordingResult,
     collect,
     folder_size,
     resolve,
 )
 from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
-from robogauntlet.policies.contract import PolicyError
-from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import RenderProfile, View
-from robogauntlet.suites.loading import SuiteError
 from robogauntlet.support.durations import format_duration
 
 
@@ -62,18 +59,15 @@ def demonstrate(
     The executed actions contain noise, the recorded ones do not. Cameras, image size and render profile are by default
     those of the first suite that is named.
     """
-    try:
-        tasks, suggested = resolve(names)
-        view = View(
-            tuple(camera) if camera else suggested.cameras,
-            suggested.image_size if image_size is None else image_size,
-            render_profile or suggested.render_profile,
-        )
-        request = CollectionRequest(tasks, episodes, view, noise, first_seed, workers, learner, whole)
-        with DemonstrationProgress(out) as progress:
-            collected = collect(request, out_folder, progress)
-    except (SuiteError, DemonstrateError, FolderError, PolicyError) as error:
-        raise BadInput(str(error)) from None
+    tasks, suggested = resolve(names)
+    view = View(
+        tuple(camera) if camera else suggested.cameras,
+        suggested.image_size if image_size is None else image_size,
+        render_profile or suggested.render_profile,
+    )
+    request = CollectionRequest(tasks, episodes, view, noise, first_seed, workers, learner, whole)
+    with DemonstrationProgress(out) as progress:
+        collected = collect(request, out_folder, progress)
     _conclude(collected, out_folder)
 
 
@@ -94,10 +88,15 @@ def _conclude(collected: CollectionResult, folder: Path) -> None:
     out.print(table)
     kept = sum(task.writer.episodes for task in collected.tasks)
     print_line(f"{kept} episodes in {folder} after {format_duration(collected.seconds)}")
-    for trouble in collected.warnings:
-        fail(trouble)
-    if collected.status is RunStatus.INTERRUPTED:
+    conclude_recording(collected)
+
+
+def conclude_recording(result: RecordingResult) -> None:
+    """Print the warnings about recorded datasets; exit if the recording was interrupted or stopped early."""
+    for warning in result.warnings:
+        fail(warning)
+    if result.status is RunStatus.INTERRUPTED:
         fail("interrupted; give the same command to continue")
         raise typer.Exit(EXIT_INTERRUPTED)
-    if collected.status is RunStatus.STOPPED:
+    if result.status is RunStatus.STOPPED:
         raise typer.Exit(EXIT_STOPPED)

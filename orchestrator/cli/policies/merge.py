@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from robogauntlet.orchestrator.cli.common import BadInput, out, print_line
+from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
-from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND
 from robogauntlet.policies.mergevla.checkpoints.metadata import (
     METADATA_FILE,
@@ -25,7 +25,7 @@ from robogauntlet.policies.mergevla.merging.recipe import LAMBDA, MASKS_OF, Back
 from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.support.errors import describe_os_error_at
+from robogauntlet.support.errors import BadInput, describe_os_error_at
 
 AUTO = "auto"
 
@@ -110,8 +110,6 @@ def merge(
             recipe = _best_lambdas(read, recipe, datasets, instructions)
         merging = merge_experts(read, recipe, instructions)
         metadata = save_merged(out_folder, merging, _fit(merging.parts, datasets) if datasets else None)
-    except PolicyError as error:
-        raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(describe_os_error_at(error, out_folder)) from None
     _show(merging.report, recipe, _losses(read, merging.parts, datasets, instructions) if datasets else {})
@@ -170,10 +168,9 @@ def _options(given: Sequence[str]) -> dict[str, Any]:
         name, equals, value = text.partition("=")
         if not name or not equals:
             raise MergeError(f"expected --option NAME=VALUE, got '{text}'")
-        try:
+        options[name] = value
+        with suppress(ValueError):
             options[name] = json.loads(value)
-        except ValueError:
-            options[name] = value
     return options
 
 
@@ -238,7 +235,6 @@ def _show(report: MergeReport, recipe: Recipe, losses: Mapping[str, tuple[float,
     out.print(table)
     out.print(f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f}; {report.entries} weights merged")
     for part, distances in report.block_distances.items():
-        first_kept = len(distances) - recipe.kept_blocks
-        halves = distances[:first_kept], distances[first_kept:]
-        trunk, head = (" ".join(f"{distance:.3f}" for distance in half) for half in halves)
+        texts, first_kept = [f"{distance:.3f}" for distance in distances], len(distances) - recipe.kept_blocks
+        trunk, head = " ".join(texts[:first_kept]), " ".join(texts[first_kept:])
         print_line(f"distance of experts by block, {part}: merged {trunk or 'none'}; kept {head or 'none'}")

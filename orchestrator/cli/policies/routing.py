@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from robogauntlet.orchestrator.cli.common import BadInput, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import fail, out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.orchestrator.cli.policies.training_progress import needs_training_packages
 from robogauntlet.orchestrator.routing_evaluation.tables import (
@@ -24,9 +24,9 @@ from robogauntlet.orchestrator.routing_evaluation.tables import (
     unknown_table,
 )
 from robogauntlet.orchestrator.runs.live_display import Display
-from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.report.formatting import seconds
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.errors import BadInput
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudy
@@ -60,16 +60,15 @@ def routing(
 
         from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudyRequest, study_routing
         from robogauntlet.orchestrator.routing_evaluation.first_observations import FirstObservationError
-    request = RoutingStudyRequest(
-        checkpoint, range(first_seed, first_seed + seed_count), keep, tuple(demonstrations or ())
-    )
+    seeds = range(first_seed, first_seed + seed_count)
+    request = RoutingStudyRequest(checkpoint, seeds, keep, tuple(demonstrations or ()))
     try:
         with StudyProgress(out) as progress:
             study = study_routing(request, progress.show)
         _show(study)
         if json_file is not None:
             json_file.write_text(json.dumps(as_json(study), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    except (PolicyError, FirstObservationError) as error:
+    except FirstObservationError as error:
         raise BadInput(str(error)) from None
     except OSError as error:
         raise BadInput(f"{error.filename or keep}: {error.strerror}") from None

@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import yaml
 
-from robogauntlet.orchestrator.cli.common import BadInput, out, print_line
+from robogauntlet.orchestrator.cli.common import TOKEN, Host, Port, out, print_line
 from robogauntlet.policies import catalog, zoo
-from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
 from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import policy_entry
+from robogauntlet.support.errors import BadInput
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.inference.websocket_server import PolicyServer
-
-TOKEN = "ROBOGAUNTLET_TOKEN"
 
 
 def serve(
@@ -36,10 +34,8 @@ def serve(
     option: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="Option of the policy kind, in YAML. Repeatable.")
     ] = None,
-    host: Annotated[
-        str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
-    ] = ("127.0.0.1"),
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0 for any free port.")] = 8000,
+    host: Host = "127.0.0.1",
+    port: Port = 8000,
     task: Annotated[str, typer.Option(help="Task of clients that do not name one.")] = "unknown/unknown",
     batch: Annotated[
         int, typer.Option(min=1, max=1024, help="Largest number of queries, of several clients, in a batch.")
@@ -60,16 +56,15 @@ def serve(
             ServerOptions,
         )
     except ModuleNotFoundError as error:
-        raise BadInput(
-            f'not installed (no module {error.name}); install it: pip install "robogauntlet[remote]"'
-        ) from None
+        remedy = 'install it: pip install "robogauntlet[remote]"'
+        raise BadInput(f"not installed (no module {error.name}); {remedy}") from None
     place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
     try:
         place.check()
         kind, options = kind_and_options(policy, option or ())
         served = IdentifiedPolicy(catalog.load(kind, options), policy, catalog.digest(kind, options), task)
         asyncio.run(_until_stopped(PolicyServer(served, place)))
-    except (PolicyError, ServeError) as error:
+    except ServeError as error:
         raise BadInput(str(error)) from None
     out.print("stopped")
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import typer
 from rich.text import Text
 
-from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, BadInput, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, fail, out, print_line
 from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.support.durations import format_duration
-from robogauntlet.support.errors import describe_os_error_at
+from robogauntlet.support.errors import BadInput, describe_os_error_at
 
 if TYPE_CHECKING:
     from robogauntlet.policies.training.finetune import TrainingResult, TrainingStatus
@@ -52,9 +52,8 @@ def needs_training_packages() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise BadInput(
-            f'training: not installed (no module {error.name}); install it: pip install "robogauntlet[mergevla]"'
-        ) from None
+        remedy = 'install it: pip install "robogauntlet[mergevla]"'
+        raise BadInput(f"training: not installed (no module {error.name}); {remedy}") from None
 
 
 @contextmanager
@@ -89,10 +88,11 @@ def run_training(
     try:
         with lock_folder(folder), progress, stoppable() as stop:
             trained = train(progress.show, stop)
-    except (PolicyError, FolderError) as error:
-        if new:
-            _remove_if_unused(folder)
-        raise BadInput(str(error)) from None
+    except (PolicyError, FolderError):
+        if new and [path.name for path in folder.glob("*")] == [".lock"]:
+            (folder / ".lock").unlink()
+            folder.rmdir()
+        raise
     except OSError as error:
         raise BadInput(describe_os_error_at(error, folder)) from None
     if trained.metadata is None:
@@ -102,10 +102,3 @@ def run_training(
     held_out = f", held-out {metrics['held_out_l1']:.4f}" if "held_out_l1" in metrics else ""
     took = format_duration(trained.history.seconds)
     print_line(f"{folder}: L1 {metrics['train_l1']:.4f}{held_out} after {took}")
-
-
-def _remove_if_unused(folder: Path) -> None:
-    """Remove the folder if it holds only the lock file."""
-    if [path.name for path in folder.glob("*")] == [".lock"]:
-        (folder / ".lock").unlink()
-        folder.rmdir()

@@ -1,4 +1,4 @@
-"""One-line descriptions of exceptions, for messages to users."""
+"""Bad input, and one-line descriptions of exceptions for messages to users."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ _OS_ERRORS: Mapping[int, str] = {
     errno.EEXIST: "expected a folder, this is a file",
     errno.ENOTDIR: "expected a folder, this is a file",
 }
+
+
+class BadInput(Exception):
+    """The command cannot be carried out as given. The message is for the user, one line per problem."""
 
 
 def first_line(error: BaseException | str) -> str:

@@ -1,4 +1,4 @@
-"""`robogauntlet adapters` as a person types it: list, new, check."""
+"""The verbs of `robogauntlet adapters`: list, new, check."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from robogauntlet.orchestrator.adapter_kit.scaffold import renamed
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.adapters.check import check
 from robogauntlet.orchestrator.cli.adapters.new import new
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, BadInput
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, INPUT_ERRORS
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from tests import ROOT
@@ -93,7 +93,7 @@ def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
     assert "(the other sign?)" in findings[0]["seen"]
 
 
-def test_the_list_tells_versions_tasks_oracles_and_what_can_be_adjusted():
+def test_the_list_shows_versions_tasks_oracles_and_adjustments():
     done = CliRunner().invoke(app, ["adapters", "list"])
     (line,) = [line.split() for line in done.stdout.splitlines() if line.startswith("pybullet")]
     assert line == [
@@ -115,16 +115,16 @@ BAD = ["MySim", "my sim", "my_sim", "-x", "x-", "1x", "a" * 41, "../up", "manisk
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_name_is_refused_in_a_line_and_nothing_is_written(tmp_path, name):
-    with pytest.raises(BadInput) as refused:
+def test_a_bad_name_is_refused_in_one_line_and_nothing_is_written(tmp_path, name):
+    with pytest.raises(INPUT_ERRORS) as refused:
         new(name, tmp_path / "folder")
     assert f"'{name}'" in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_a_package_that_cannot_be_written_whole_is_a_line_and_leaves_no_part(tmp_path):
-    with full_disk(), pytest.raises(BadInput, match="cannot be written: File too large"):
+def test_a_package_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path):
+    with full_disk(), pytest.raises(INPUT_ERRORS, match="cannot be written: File too large"):
         new("mysim", tmp_path / "folder")
     assert not list(tmp_path.iterdir())
 
@@ -138,17 +138,17 @@ def test_a_folder_that_exists_is_left_alone(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ({"name": "pybulet"}, "unknown simulator 'pybulet'; did you mean 'pybullet'?"),
         ({"task": ["PandaReech-v3"]}, "unknown task 'pybullet/PandaReech-v3'; did you mean 'pybullet/PandaReach-v3'?"),
         ({"only": ["sedes"]}, "unknown check 'sedes'; did you mean 'seeds'?"),
     ],
 )
-def test_an_unknown_name_is_answered_with_what_was_meant(arguments, said):
-    with pytest.raises(BadInput) as refused:
+def test_an_unknown_name_gets_a_suggestion(arguments, message):
+    with pytest.raises(INPUT_ERRORS) as refused:
         check(**{"name": "pybullet", **arguments})
-    assert str(refused.value) == said
+    assert str(refused.value) == message
 
 
 @pytest.mark.parametrize("name", ["toysim2", "my-sim", "sim"])

@@ -1,4 +1,4 @@
-"""The command line as a person types it: exit codes, one clear line per mistake, and what a signal leaves behind."""
+"""The command line: exit codes, one clear line per mistake, and signals."""
 
 import json
 import os
@@ -48,10 +48,10 @@ def test_help_names_every_verb():
 
 
 def test_list_names_simulators_tasks_policies_and_suites():
-    said = run_command("list").stdout
+    output = run_command("list").stdout
     for name in ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift", "oracle", "tabletop"):
-        assert name in said
-    assert "null/" not in said
+        assert name in output
+    assert "null/" not in output
 
 
 def test_validate_finds_every_mistake_in_every_file(tmp_path, suite):
@@ -73,7 +73,7 @@ def test_plan_counts_without_starting_anything(tmp_path, suite):
     assert {path.name for path in tmp_path.iterdir()} == {"suite.yaml"}
 
 
-def test_an_axis_that_a_task_cannot_have_is_one_line_at_planning(tmp_path):
+def test_an_unsupported_axis_is_refused_at_planning(tmp_path):
     file = tmp_path / "worded.yaml"
     file.write_text(
         "name: worded\npolicies: [zero]\ntasks: [null/Reach]\nseeds: {count: 1}\n"
@@ -98,7 +98,7 @@ def test_axes_are_listed_and_shown_by_name():
     )
 
 
-def test_a_sheet_of_an_axis_that_a_task_cannot_have_is_refused_with_the_tasks_reason(tmp_path):
+def test_a_sheet_of_an_unsupported_axis_is_refused_with_the_reason(tmp_path):
     done = run_command(
         "axes", "sheet", "dynamics", "--out", str(tmp_path / "x.png"), "--task", "pybullet/PandaReach-v3"
     )
@@ -108,7 +108,7 @@ def test_a_sheet_of_an_axis_that_a_task_cannot_have_is_refused_with_the_tasks_re
     )
 
 
-def test_by_default_a_sheet_shows_each_simulators_first_task_that_can_have_the_axis():
+def test_a_sheet_shows_each_simulators_first_task_that_supports_the_axis():
     assert _supporting_tasks(catalog.find("pybullet"), AXES["dynamics"]) == [
         "pybullet/PandaPush-v3",
         "pybullet/PandaPickAndPlace-v3",
@@ -157,7 +157,7 @@ def test_bad_input_is_one_line_with_exit_code_2_and_nothing_is_written(tmp_path,
     assert left == []
 
 
-def test_a_misspelt_shipped_suite_is_told_with_the_nearest(tmp_path):
+def test_a_misspelt_suite_file_gets_a_suggestion(tmp_path):
     (tmp_path / "demo.yaml").write_text(SUITE)
     done = run_command("validate", "demmo.yaml", cwd=tmp_path)
     assert done.stderr.strip() == "robogauntlet: demmo.yaml: no such file; did you mean demo.yaml?"
@@ -188,12 +188,12 @@ def test_run_replay_and_report(tmp_path, suite):
     assert run_command("report", folder).returncode == 0
     assert (folder / "report.html").exists()
 
-    said = run_command("plan", suite, "--out", folder).stdout
-    assert "10 episodes, 0 to play" in said
+    output = run_command("plan", suite, "--out", folder).stdout
+    assert "10 episodes, 0 to play" in output
 
 
 @pytest.mark.ray
-def test_a_replay_that_differs_is_told_with_what_differs(tmp_path, suite):
+def test_a_replay_that_differs_names_the_differing_fields(tmp_path, suite):
     import sqlite3
 
     suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "2"))
@@ -245,7 +245,7 @@ def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp
 
 
 @pytest.mark.ray
-def test_a_scheduler_killed_in_mid_run_loses_no_stored_row_and_doubles_none(tmp_path, suite):
+def test_a_killed_run_loses_and_doubles_no_row_when_continued(tmp_path, suite):
     folder, undisturbed = tmp_path / "run", tmp_path / "undisturbed"
     process = start(suite, folder)
     process.kill()

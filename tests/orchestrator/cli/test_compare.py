@@ -1,4 +1,4 @@
-"""`robogauntlet compare` and `robogauntlet gate` as a person, or a pipeline, types them."""
+"""`robogauntlet compare` and `robogauntlet gate`."""
 
 import json
 from xml.etree import ElementTree
@@ -39,7 +39,7 @@ def runs(tmp_path):
     return root
 
 
-def test_a_regression_is_told_in_lines_and_by_the_exit_code(runs):
+def test_a_regression_is_printed_and_sets_the_exit_code(runs):
     done = run_command("compare", runs / "wednesday", runs / "monday")
     assert done.returncode == 1
     assert "REGRESSED: wednesday against monday\n" in done.stdout
@@ -56,26 +56,26 @@ def test_the_gate_takes_the_last_complete_run_of_the_suite_before(runs):
     assert quiet.stdout.startswith("no evidence of a difference: tuesday against monday\n")
 
 
-def test_only_the_policies_that_are_named_are_judged(runs):
+def test_only_the_named_policies_are_compared(runs):
     done = run_command("gate", runs / "wednesday", "--policy", "q")
     assert done.returncode == 0
     assert "\n- p" not in done.stdout
 
 
-def test_other_suites_are_not_compared_unless_it_is_allowed(runs):
+def test_other_suites_are_compared_only_if_allowed(runs):
     done = run_command("gate", runs / "wednesday", "--baseline", runs / "other")
     assert done.returncode == 2
     assert "suite differs: suite 'synthetic', the baseline is of 'another'" in done.stdout
     assert run_command("gate", runs / "wednesday", "--baseline", runs / "other", "--allow", "suite").returncode == 0
 
 
-def test_it_is_written_for_programs_pull_requests_and_test_reports(runs, tmp_path):
-    for told, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
-        file = tmp_path / told
-        done = run_command("gate", runs / "wednesday", "--format", told, "--out", file)
+def test_it_is_written_as_json_markdown_and_junit(runs, tmp_path):
+    for form, read in (("json", json.loads), ("junit", ElementTree.fromstring), ("markdown", str)):
+        file = tmp_path / form
+        done = run_command("gate", runs / "wednesday", "--format", form, "--out", file)
         assert (done.returncode, done.stdout) == (1, "")
         assert read(file.read_text())
-        printed = run_command("gate", runs / "wednesday", "--format", told)
+        printed = run_command("gate", runs / "wednesday", "--format", form)
         assert printed.stdout == file.read_text()
 
 
@@ -88,7 +88,7 @@ def test_it_is_written_for_programs_pull_requests_and_test_reports(runs, tmp_pat
         (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: cannot be written: No such file or directory"),
     ],
 )
-def test_bad_input_is_told_in_a_line(runs, arguments, message):
+def test_bad_input_is_one_line(runs, arguments, message):
     done = run_command(*arguments, cwd=runs)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1

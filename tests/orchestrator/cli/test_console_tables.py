@@ -1,4 +1,4 @@
-"""What a run prints at its end."""
+"""The tables that a run prints at its end."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from tests.results.synthetic import cells, document, rows, run_folder
 
 
 @pytest.fixture
-def said(tmp_path, capsys, monkeypatch):
+def print_lines(tmp_path, capsys, monkeypatch):
     """What is printed about a run, a list of words per line."""
     monkeypatch.setattr(console_tables.out, "_width", 200)
 
@@ -22,23 +22,23 @@ def said(tmp_path, capsys, monkeypatch):
     return summarise
 
 
-def test_a_suite_that_compares_merged_policies_gets_their_table(said):
-    lines = said()
+def test_a_suite_that_compares_merged_policies_gets_their_table(print_lines):
+    lines = print_lines()
     heads = [line for line in lines if line[:3] == ["task", "expert", "oracle-routed"]]
     assert heads == [["task", "expert", "oracle-routed", "routed", "accuracy", "n"]] * 2
     assert [line[-1] for line in lines if line[:1] == ["all"]] == ["50", "50"]
     assert ["percentage", "points", "merged", "merged-paper"] in lines
 
 
-def test_nothing_of_it_is_cut_off_in_a_terminal_of_80_columns(said, monkeypatch):
+def test_the_table_fits_a_terminal_of_80_columns(print_lines, monkeypatch):
     monkeypatch.setattr(console_tables.out, "_width", 80)
-    lines = said()
+    lines = print_lines()
     start = next(i for i, line in enumerate(lines) if line[:3] == ["task", "expert", "oracle-routed"])
     assert not any("…" in word for line in lines[start:] for word in line)
 
 
-def test_any_other_suite_does_not(said):
-    assert not any(line[:3] == ["task", "expert", "oracle-routed"] for line in said(merging=None))
+def test_other_suites_get_no_such_table(print_lines):
+    assert not any(line[:3] == ["task", "expert", "oracle-routed"] for line in print_lines(merging=None))
 
 
 def test_a_suite_of_many_conditions_gets_a_line_for_each_and_the_findings(tmp_path, capsys, monkeypatch):

@@ -1,4 +1,4 @@
-"""`robogauntlet history`, `leaderboard`, `accept`, `export`, `import` as a person types them."""
+"""`robogauntlet history`, `leaderboard`, `accept`, `export` and `import`."""
 
 import sqlite3
 
@@ -18,21 +18,21 @@ def runs(tmp_path):
     return root
 
 
-def test_runs_that_lie_there_are_listed_the_newest_first(run_command, runs):
-    said = run_command("history")
-    assert said.code == 0
-    names = [line.split()[2] for line in said.out.splitlines()[2:]]
+def test_run_folders_are_listed_the_newest_first(run_command, runs):
+    result = run_command("history")
+    assert result.code == 0
+    names = [line.split()[2] for line in result.out.splitlines()[2:]]
     assert names == ["half", "other", "tuesday", "monday"]
     assert [line.split()[2] for line in run_command("history", "--suite", "another").out.splitlines()[2:]] == ["other"]
 
 
-def test_a_policy_is_followed_with_intervals_and_verdicts(run_command, runs, tmp_path):
+def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_path):
     assert run_command("gate", "runs/tuesday").code == 1
-    said = run_command("history", "p", "--suite", "synthetic", "--out", "plot.svg")
-    lines = said.out.splitlines()
+    result = run_command("history", "p", "--suite", "synthetic", "--out", "plot.svg")
+    lines = result.out.splitlines()
     assert "75 %  [65, 83]" in lines[2]
     assert "▼ regressed" in lines[3]
-    assert "▇▅▅  success" in said.out
+    assert "▇▅▅  success" in result.out
     picture = (tmp_path / "plot.svg").read_text()
     assert picture.startswith("<svg")
     assert picture.count('class="bad"') == 1
@@ -46,8 +46,8 @@ def test_a_worse_run_is_no_baseline_until_it_is_accepted(run_command, runs):
     save(runs / "wednesday", bad, run_id="5", started_at=4 * 86_400.0)
     assert "wednesday against monday" in run_command("gate", "runs/wednesday").out
     assert run_command("accept", "tuesday").code == 0
-    said = run_command("gate", "runs/wednesday")
-    assert (said.code, "wednesday against tuesday" in said.out) == (0, True)
+    result = run_command("gate", "runs/wednesday")
+    assert (result.code, "wednesday against tuesday" in result.out) == (0, True)
 
 
 def test_a_folders_name_comes_before_the_beginning_of_an_id(run_command, runs):
@@ -56,16 +56,16 @@ def test_a_folders_name_comes_before_the_beginning_of_an_id(run_command, runs):
 
 
 def test_the_leaderboard_gives_letters_and_no_ranks(run_command, runs):
-    said = run_command("leaderboard", "synthetic")
-    assert said.code == 0
-    rows = {line.split()[0]: line.split()[2] for line in said.out.splitlines()[2:4]}
+    result = run_command("leaderboard", "synthetic")
+    assert result.code == 0
+    rows = {line.split()[0]: line.split()[2] for line in result.out.splitlines()[2:4]}
     assert rows == {"q": "a", "p": "b"}
 
 
-def test_a_run_travels_as_one_file(run_command, runs, tmp_path):
+def test_a_run_is_exported_and_imported_as_one_file(run_command, runs, tmp_path):
     assert run_command("export", "runs/monday").out == "160 episodes into monday.robogauntlet\n"
-    said = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday")
-    assert said.code == 0
+    result = run_command("import", "monday.robogauntlet", "--out", "elsewhere/monday")
+    assert result.code == 0
     assert (tmp_path / "elsewhere" / "monday" / "report.html").exists()
     assert "monday" in run_command("history", "--history", f"sqlite:///{tmp_path}/runs/history.sqlite").out
 
@@ -79,7 +79,7 @@ def test_a_run_travels_as_one_file(run_command, runs, tmp_path):
         ("vla-eval", "monday-vla_eval.json"),
     ],
 )
-def test_results_are_written_for_other_programs_and_over_nothing(run_command, runs, tmp_path, form, file):
+def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
     whole = form in ("csv", "parquet")
     typed = ("export", "runs/monday", "--format", form, *(() if whole else ("--policy", "p")))
     count = 160 if whole else 80
@@ -118,20 +118,20 @@ def test_results_are_written_for_other_programs_and_over_nothing(run_command, ru
         (("import", "runs/monday/run.json"), "this is something else"),
     ],
 )
-def test_what_cannot_be_is_one_line(run_command, runs, typed, words):
-    said = run_command(*typed)
-    assert said.code == 2
-    assert words in said.err
-    assert said.err.count("\n") == 1
-    assert "secret" not in said.err
+def test_a_mistake_is_one_line(run_command, runs, typed, words):
+    result = run_command(*typed)
+    assert result.code == 2
+    assert words in result.err
+    assert result.err.count("\n") == 1
+    assert "secret" not in result.err
 
 
-def test_a_history_of_a_newer_version_is_refused_and_untouched(run_command, runs):
+def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs):
     run_command("history")
     with sqlite3.connect(runs / "history.sqlite") as connection:
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
     before = (runs / "history.sqlite").read_bytes()
-    said = run_command("history")
-    assert (said.code, "expected a store of version 1, got version 99" in said.err) == (2, True)
+    result = run_command("history")
+    assert (result.code, "expected a store of version 1, got version 99" in result.err) == (2, True)
     assert (runs / "history.sqlite").read_bytes() == before

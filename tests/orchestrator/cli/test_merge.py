@@ -1,10 +1,10 @@
-"""`robogauntlet policies merge`: what it writes, what it says, and its mistakes in one line."""
+"""`robogauntlet policies merge`: its files, its output and its errors."""
 
 import pytest
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
 from robogauntlet.policies.mergevla.kinds import MERGED
 from tests.policies.mergevla.experts import TASKS, save_base, save_expert, save_experts
@@ -48,7 +48,7 @@ def test_lambda_is_chosen_by_held_out_demonstrations_and_the_losses_are_shown(zo
         assert f"{task}: lambda {value:g}" in done.output
 
 
-def test_the_recipe_is_what_the_options_say(zoo, tmp_path):
+def test_the_options_determine_the_recipe(zoo, tmp_path):
     folders = sorted((zoo / "experts").iterdir())
     done = merge(
         *(*folders, "--out", tmp_path / "m", "--operator", "dare", "--option", "drop=0.5", "--alpha", 0.5),
@@ -62,7 +62,7 @@ def test_the_recipe_is_what_the_options_say(zoo, tmp_path):
     assert (recipe.trunk, recipe.kept_blocks, recipe.backbone) == ("mean", 2, "select")
 
 
-def test_an_earlier_merged_checkpoint_is_written_over_and_what_a_killed_merge_left(zoo, tmp_path):
+def test_an_earlier_merged_checkpoint_and_leftovers_are_overwritten(zoo, tmp_path):
     for name in (".tmpAb3dEf", "model.safetensors.partial"):
         (tmp_path / name).write_bytes(b"half")
     for operator in ("ta", "emr"):
@@ -97,20 +97,20 @@ def test_an_earlier_merged_checkpoint_is_written_over_and_what_a_killed_merge_le
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, zoo, tmp_path):
     stranger = save_expert(tmp_path / "stranger", save_base(tmp_path / "base", seed=9), "null/Odd", 5)
     done = merge(*(argument.format(zoo=zoo, stranger=stranger) for argument in arguments), "--out", tmp_path / "out")
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_of_something_else_is_not_written_into(zoo, tmp_path):
+def test_a_folder_with_other_files_is_refused(zoo, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     done = merge(zoo / "experts", "--out", tmp_path)
     assert "expected a new folder or that of a merged checkpoint for --out" in str(done.exception)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_an_expert_is_not_written_over(zoo):
+def test_an_expert_is_not_overwritten(zoo):
     place = zoo / "experts" / "null-Reach"
     before = (place / "card.json").read_text()
     done = merge(zoo / "experts", "--out", place)

@@ -1,4 +1,4 @@
-"""Mistakes at the command line are a line each, before anything is begun."""
+"""Mistakes at the command line are one line each, before anything starts."""
 
 import pytest
 
@@ -23,24 +23,24 @@ SUITE = "name: s\npolicies: [random]\ntasks: [null/Reach]\nseeds: {count: 1}\n"
         ("axes sheet noise --out no/x.png", "--out: expected a file in an existing folder, got 'no/x.png'"),
     ],
 )
-def test_what_cannot_be_is_told_before_anything_is_begun(run_command, tmp_path, typed, line):
+def test_a_mistake_is_one_line_before_anything_starts(run_command, tmp_path, typed, line):
     (tmp_path / "suite.yaml").write_text(SUITE)
-    said = run_command(*typed.split())
-    assert (said.code, said.err) == (2, f"robogauntlet: {line}\n")
+    result = run_command(*typed.split())
+    assert (result.code, result.err) == (2, f"robogauntlet: {line}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["suite.yaml"]
 
 
-def test_nothing_else_is_written_into_the_folder_of_a_run(run_command, tmp_path):
+def test_demonstrations_are_not_written_into_a_run_folder(run_command, tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.json").touch()
-    said = run_command("policies", "demonstrate", "null/Reach", "--out", "run")
+    result = run_command("policies", "demonstrate", "null/Reach", "--out", "run")
     line = "robogauntlet: run: expected another folder than that of a run; give one with --out\n"
-    assert (said.code, said.err) == (2, line)
+    assert (result.code, result.err) == (2, line)
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
 
 
 @pytest.mark.parametrize("wrong", ["--seed=-1", "--image-size=0", "--image-size=100000"])
-def test_a_sheet_is_of_an_image_that_can_be_drawn(run_command, wrong):
-    said = run_command("axes", "sheet", "noise", "--out", "x.png", "--task", "null/Reach", wrong)
-    assert said.code == 2
-    assert f"Invalid value for '{wrong.partition('=')[0]}'" in said.err
+def test_a_sheet_needs_a_valid_seed_and_image_size(run_command, wrong):
+    result = run_command("axes", "sheet", "noise", "--out", "x.png", "--task", "null/Reach", wrong)
+    assert result.code == 2
+    assert f"Invalid value for '{wrong.partition('=')[0]}'" in result.err

@@ -1,4 +1,4 @@
-"""`robogauntlet policies routing`: what it looks at, what it says and writes, and its mistakes in one line."""
+"""`robogauntlet policies routing`: its output, its files and its errors."""
 
 import json
 from io import StringIO
@@ -8,7 +8,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.orchestrator.cli.policies.routing import StudyProgress
 from robogauntlet.orchestrator.routing_evaluation.first_observations import (
     FirstObservationError,
@@ -80,7 +80,7 @@ def test_the_same_episodes_are_seen_again(zoo, tmp_path):
         assert (again.images[0] == kept.images[2]).all()
 
 
-def test_a_checkpoint_without_fitted_routers_is_studied_by_the_others(zoo, no_simulator):
+def test_a_checkpoint_without_fitted_routers_is_evaluated_with_the_others(zoo, no_simulator):
     done = study(zoo / "plain", "--first-seed", 1, "--seeds", 1, "--keep", zoo / "kept")
     assert done.exit_code == 0, done.exception
     assert all(name in done.output for name in UNFITTED)
@@ -104,28 +104,28 @@ def test_a_checkpoint_without_fitted_routers_is_studied_by_the_others(zoo, no_si
 )
 def test_a_mistake_is_one_line(arguments, message, zoo):
     done = study(*(argument.format(zoo=zoo) for argument in arguments))
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
 
 
-def test_a_simulator_that_hangs_is_given_up(monkeypatch, tmp_path):
+def test_a_hanging_simulator_is_abandoned(monkeypatch, tmp_path):
     monkeypatch.setattr("robogauntlet.orchestrator.routing_evaluation.first_observations.SILENCE_S", 1.0)
     with pytest.raises(FirstObservationError, match="null: no result within 1 s"):
-        collect_first_observations(["null/Hang"], View(image_size=16), [7], tmp_path, lambda *told: None)
+        collect_first_observations(["null/Hang"], View(image_size=16), [7], tmp_path, lambda *progress: None)
 
 
 def test_a_simulator_that_crashes_is_named(tmp_path):
     with pytest.raises(FirstObservationError, match=r"null: .*died"):
-        collect_first_observations(["null/Crash"], View(image_size=16), [7], tmp_path, lambda *told: None)
+        collect_first_observations(["null/Crash"], View(image_size=16), [7], tmp_path, lambda *progress: None)
 
 
-def test_tasks_that_no_simulator_here_has_are_refused(tmp_path):
+def test_tasks_of_missing_simulators_are_refused(tmp_path):
     with pytest.raises(FirstObservationError, match="unknown simulator 'nul'"):
-        collect_first_observations(["nul/Reach"], View(), [0], tmp_path, lambda *told: None)
+        collect_first_observations(["nul/Reach"], View(), [0], tmp_path, lambda *progress: None)
 
 
-def test_progress_is_a_plain_line_now_and_then():
+def test_progress_without_a_terminal_is_an_occasional_line():
     console = Console(file=StringIO(), width=80)
     clock = [0.0]
     with StudyProgress(console, now=lambda: clock[0]) as progress:
@@ -135,7 +135,7 @@ def test_progress_is_a_plain_line_now_and_then():
     assert console.file.getvalue() == "routing: 20/60  22 s left\n"
 
 
-def test_a_broken_file_among_those_kept_is_named(zoo, tmp_path):
+def test_a_broken_cache_file_is_named(zoo, tmp_path):
     file_of(tmp_path, "null/Reach").write_text("no archive")
     done = study(zoo / "merged", "--keep", tmp_path)
     assert "null__Reach.npz: expected first observations of a task" in str(done.exception)

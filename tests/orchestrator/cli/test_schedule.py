@@ -1,4 +1,4 @@
-"""`robogauntlet schedule` as a person types it."""
+"""`robogauntlet schedule`."""
 
 import re
 import subprocess
@@ -31,21 +31,21 @@ def test_a_schedule_is_added_listed_and_removed(run_command, suite):
 
 
 @pytest.mark.ray
-def test_run_now_plays_judges_and_leaves_its_mark_in_the_history(run_command, suite):
+def test_run_now_plays_checks_and_records_a_run(run_command, suite):
     run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily", "--no-media")
-    said = run_command("schedule", "run-now", "nightly")
-    assert said.code == 0, said.err
-    assert "nightly: done, 100 % of 5 episodes; the first of its suite" in said.out
+    result = run_command("schedule", "run-now", "nightly")
+    assert result.code == 0, result.err
+    assert "nightly: done, 100 % of 5 episodes; the first of its suite" in result.out
     assert "done: 100 % of 5 episodes" in run_command("schedule", "list").out
     assert "nulls" in run_command("history").out
 
 
-def test_while_another_process_serves_run_now_leaves_it_to_that(run_command, suite, tmp_path):
+def test_run_now_leaves_the_run_to_a_running_server(run_command, suite, tmp_path):
     run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily")
     schedule_store = ScheduleStore.open(file_url(tmp_path / "runs" / "history.sqlite"))
     with exclusive_server(schedule_store.database, tmp_path / "runs"):
-        said = run_command("schedule", "run-now", "nightly")
-        assert "the running schedule server starts it" in said.out
+        result = run_command("schedule", "run-now", "nightly")
+        assert "the running schedule server starts it" in result.out
         assert [scheduled_run.manual for scheduled_run in schedule_store.scheduled_runs()] == [True]
         other = run_command("schedule", "serve")
         assert (other.code, "another schedule server runs on" in other.err) == (2, True)
@@ -67,17 +67,17 @@ def test_while_another_process_serves_run_now_leaves_it_to_that(run_command, sui
         (("test-message",), "no recipient: set ROBOGAUNTLET_WEBHOOK_URL"),
     ],
 )
-def test_what_cannot_be_is_one_line(run_command, suite, monkeypatch, typed, words):
+def test_a_mistake_is_one_line(run_command, suite, monkeypatch, typed, words):
     for name in ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST"):
         monkeypatch.delenv(name, raising=False)
-    said = run_command("schedule", *typed)
-    assert said.code == 2
-    assert words in said.err
-    assert said.err.count("\n") == 1
+    result = run_command("schedule", *typed)
+    assert result.code == 2
+    assert words in result.err
+    assert result.err.count("\n") == 1
     assert "no schedule yet" in run_command("schedule", "list").out
 
 
-def test_a_name_is_taken_once(run_command, suite):
+def test_a_name_can_be_used_once(run_command, suite):
     run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily")
     again = run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@hourly")
     assert (again.code, "schedule 'nightly' exists" in again.err) == (2, True)
@@ -121,12 +121,12 @@ def test_github_gets_the_workflow_of_the_example_at_its_time_with_its_arguments(
     assert workflow == expected
 
 
-def test_github_knows_no_time_zones(run_command, suite):
-    said = printed(run_command, "github", timezone="Europe/Berlin")
-    assert (said.code, "GitHub runs schedules in UTC" in said.err) == (2, True)
+def test_github_accepts_utc_only(run_command, suite):
+    result = printed(run_command, "github", timezone="Europe/Berlin")
+    assert (result.code, "GitHub runs schedules in UTC" in result.err) == (2, True)
 
 
-def test_what_was_due_before_it_was_added_is_not_due(tmp_path):
+def test_times_before_a_schedule_was_added_are_not_due(tmp_path):
     schedule_store = ScheduleStore.open(file_url(tmp_path / "history.sqlite"))
     schedule_store.add(Schedule("n", "smoke", "* * * * *", created_at=time.time()))
     assert schedule_store.record_due(time.time(), lambda schedule, due: "x") == 0

@@ -1,4 +1,4 @@
-"""`robogauntlet policies serve`, as people start it, and runs of suites against it."""
+"""`robogauntlet policies serve`, and runs of suites with its policies."""
 
 import os
 import re
@@ -38,7 +38,7 @@ def served(*arguments, **environment):
         line = process.stdout.readline()
         found = re.search(r"ws://\S+?:\d+", line)
         assert found, process.stderr.read()
-        yield SimpleNamespace(process=process, address=found[0], said=line)
+        yield SimpleNamespace(process=process, address=found[0], first_line=line)
     finally:
         process.kill()
         process.communicate()
@@ -60,10 +60,10 @@ def rows(folder):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_until_it_is_told_to_stop(number):
+def test_it_serves_until_a_signal_stops_it(number):
     with served("untrained") as server:
         digest = catalog.digest("untrained", {})
-        assert f"serving untrained ({digest}) at ws://127.0.0.1:" in server.said
+        assert f"serving untrained ({digest}) at ws://127.0.0.1:" in server.first_line
         assert catalog.digest("openpi", {"address": server.address}) == digest
         server.process.send_signal(number)
         out, err = server.process.communicate(timeout=20)
@@ -71,7 +71,7 @@ def test_it_serves_until_it_is_told_to_stop(number):
 
 
 @pytest.mark.parametrize("size", [32, 1024])  # more than the kernel keeps for a server that does not read
-def test_a_server_that_hangs_costs_a_line_and_is_asked_again_when_it_wakes(size):
+def test_a_hanging_server_is_one_line_and_is_asked_again_later(size):
     images = {camera: np.zeros((size, size, 3), np.uint8) for camera in ("third_person", "wrist")}
     episode = Episode("p", "d", "null/Reach", 0, Protocol(60, 8, View(image_size=size)))
     query = Query(episode, 0, Observation(images, np.zeros(8), "reach"))
@@ -85,7 +85,7 @@ def test_a_server_that_hangs_costs_a_line_and_is_asked_again_when_it_wakes(size)
         assert len(policy.act([query])) == 1
 
 
-def test_what_cannot_be_served_is_one_line(run_command, tmp_path, monkeypatch):
+def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeypatch):
     monkeypatch.delenv("ROBOGAUNTLET_TOKEN", raising=False)
     taken = socket.create_server(("127.0.0.1", 0))
     port = taken.getsockname()[1]
@@ -101,14 +101,14 @@ def test_what_cannot_be_served_is_one_line(run_command, tmp_path, monkeypatch):
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),
     ):
-        said = run_command("policies", "serve", *arguments)
-        assert said.code == 2
-        assert match in said.err
-        assert len(said.err.splitlines()) == 1, said.err
+        result = run_command("policies", "serve", *arguments)
+        assert result.code == 2
+        assert match in result.err
+        assert len(result.err.splitlines()) == 1, result.err
     taken.close()
 
 
-def test_a_checkpoint_is_served_as_what_it_is():
+def test_the_kind_of_a_checkpoint_is_recognised():
     from robogauntlet.orchestrator.cli.policies.serve import kind_and_options
 
     assert kind_and_options("zoo:merged", ["router=nearest-centroid"]) == (
@@ -123,7 +123,7 @@ def test_a_checkpoint_is_served_as_what_it_is():
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_a_run_against_a_server_finds_what_a_run_without_one_finds(run_command, tmp_path):
+def test_a_run_with_a_policy_server_has_the_same_results(run_command, tmp_path):
     found = []
     with serving("untrained") as server:
         remote = {"name": "untrained", "kind": "openpi", "options": {"address": server.address}}
@@ -138,7 +138,7 @@ def test_a_run_against_a_server_finds_what_a_run_without_one_finds(run_command, 
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_a_server_that_goes_wrong_costs_error_rows_and_no_other_policys(run_command, tmp_path):
+def test_a_failing_server_causes_error_rows_of_its_policy_only(run_command, tmp_path):
     (tmp_path / "brains.py").write_text(
         "import numpy as np\ndef act(images, proprioception, instruction):\n    return np.zeros((4, 7))\n"
     )
@@ -156,12 +156,12 @@ def test_a_server_that_goes_wrong_costs_error_rows_and_no_other_policys(run_comm
     }
 
 
-def test_a_suite_whose_server_is_dead_or_whose_module_is_broken_starts_nothing(run_command, tmp_path):
+def test_a_dead_server_or_a_broken_module_starts_nothing(run_command, tmp_path):
     (tmp_path / "broken.py").write_text("raise RuntimeError('no GPU')\n")
     dead = {"name": "pi0", "kind": "openpi", "options": {"address": "127.0.0.1:1", "retries": 0}}
-    said = run_of(run_command, tmp_path, [dead, "python:broken:act", "zero"])
-    assert said.code == 2
+    result = run_of(run_command, tmp_path, [dead, "python:broken:act", "zero"])
+    assert result.code == 2
     assert not (tmp_path / "run").exists()
-    first, second = [line for line in said.err.splitlines() if "policy" in line]
+    first, second = [line for line in result.err.splitlines() if "policy" in line]
     assert "policy 'pi0': policy server ws://127.0.0.1:1: expected an answer" in first
     assert "importing 'broken' raised RuntimeError: no GPU" in second

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, BadInput
+from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, INPUT_ERRORS
 from robogauntlet.orchestrator.cli.policies.training_progress import run_training, stoppable
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
@@ -48,7 +48,7 @@ def base(data, tmp_path_factory):
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, data, base, tmp_path):
     places = {"data": data, "base": base, "out": tmp_path / "out"}
     done = CliRunner().invoke(app, ["policies", *(argument.format(**places) for argument in arguments)])
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not (tmp_path / "out").exists()
@@ -58,7 +58,7 @@ def test_a_checkpoint_that_cannot_be_written_is_one_line(data, base, tmp_path):
     arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert"), "--steps", "1"]
     with full_disk():
         done = CliRunner().invoke(app, ["policies", *arguments, "--batch-size", "4", "--rank", "2"])
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert str(done.exception) == f"{tmp_path / 'expert'}: File too large"
 
 
@@ -81,7 +81,7 @@ def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, 
     assert CheckpointMetadata.read(tmp_path / "expert").metrics["frames"] == DatasetMixture.open([data, other]).frames
 
 
-def test_the_first_interrupt_asks_and_the_second_interrupts():
+def test_the_first_interrupt_stops_after_the_step_and_the_second_at_once():
     with stoppable() as stop:
         assert not stop()
         signal.raise_signal(signal.SIGINT)

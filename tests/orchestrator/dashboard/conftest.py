@@ -1,4 +1,4 @@
-"""A dashboard that is really served, on a free port, from a real store."""
+"""A dashboard that is served on a free port from a real store."""
 
 import contextlib
 import threading
@@ -15,7 +15,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
-from tests.orchestrator.dashboard.filled import DAY, film, judged, night
+from tests.orchestrator.dashboard.filled import DAY, add_videos, nightly_run, record_verdict
 
 NOW = 1_790_000_000.0
 
@@ -25,7 +25,7 @@ class Served:
 
     def __init__(self, root, history, schedule_store, address):
         self.root, self.history, self.schedule_store, self.address = root, history, schedule_store, address
-        self.asked = []
+        self.requested = []
 
     def get(self, path, **options):
         return httpx2.get(self.address + path, timeout=30, trust_env=False, **options)
@@ -49,7 +49,7 @@ def serving(root, before=None, url=None, **settings):
 
     async def noting(scope, receive, send):
         if scope["type"] == "http":
-            served.asked.append(scope["path"])
+            served.requested.append(scope["path"])
             if before is not None:
                 before(served, scope["path"])
         await app(scope, receive, send)
@@ -70,19 +70,19 @@ def serving(root, before=None, url=None, **settings):
 
 
 def fill(root, nights=4, url=None):
-    """Nights with a regression in the last; filmed."""
+    """Nightly runs with videos; the last one is worse."""
     root.mkdir(parents=True, exist_ok=True)
     history = History.open(file_url(root / "history.sqlite")) if url is None else History.open(url)
     made = []
     for number in range(nights):
         last = number == nights - 1
-        folder, run, results = night(
+        folder, run, results = nightly_run(
             root, number, NOW + number * DAY, version=2 if last else 1, rate=0.5 if last else 0.95
         )
         record_run_folder(history, folder, run)
-        judged(history, folder, run)
+        record_verdict(history, folder, run)
         made.append((folder, run, results))
-    film(*made[-1], count=3)
+    add_videos(*made[-1], count=3)
     history.close()
     return made
 

@@ -1,4 +1,4 @@
-"""Stores full of runs that nobody ran, for tests and for looking at pages."""
+"""Stores of synthetic runs, for tests and for looking at pages."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def plan(policies=POLICIES, tasks=TASKS, version=1):
     ]
 
 
-def night(root: Path, number: int, started_at: float, *, version=1, rate=0.9, seeds=20, suite="nightly", **changes):
+def nightly_run(
+    root: Path, number: int, started_at: float, *, version=1, rate=0.9, seeds=20, suite="nightly", **changes
+):
     """A finished run in a folder, and its document. Each (policy content, task, seed) does the same every night."""
     of = plan(version=version)
     results = []
@@ -67,8 +69,8 @@ def night(root: Path, number: int, started_at: float, *, version=1, rate=0.9, se
     return folder, run, results
 
 
-def judged(history: History, folder: Path, run) -> None:
-    """Hold a run against the last good one, as a nightly run does."""
+def record_verdict(history: History, folder: Path, run) -> None:
+    """Compare a run with the last good one and record the verdict, as a nightly run does."""
     baseline = history.baseline(run)
     if baseline is not None:
         found = compare(open_run(folder), open_run(baseline.folder))
@@ -76,7 +78,7 @@ def judged(history: History, folder: Path, run) -> None:
 
 
 def running(history: History, run_id="running-1", suite="nightly", **changes):
-    """A run that runs; what it says of itself is up to `said`."""
+    """A running suite without a live status; see `live_status`."""
     run = document(
         100,
         of=plan(),
@@ -86,8 +88,8 @@ def running(history: History, run_id="running-1", suite="nightly", **changes):
     return run
 
 
-def said(done=120, *, at=None, errors=1, workers=True):
-    """What a running suite tells."""
+def live_status(done=120, *, at=None, errors=1, workers=True):
+    """The live status of a running suite."""
     now = time.time() if at is None else at
     simulators = tuple(
         LiveSimulator(
@@ -115,11 +117,11 @@ def said(done=120, *, at=None, errors=1, workers=True):
         LiveWorker(worker="robosuite-0", simulator="robosuite", activity="merged on robosuite/Door", since=now - 11),
         LiveWorker(worker="robosuite-1", simulator="robosuite", activity="starting", since=now - 31),
     )
-    says = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
-    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=says)
+    lines = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
+    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=lines)
 
 
-def film(folder: Path, run, results, count=6) -> None:
+def add_videos(folder: Path, run, results, count=6) -> None:
     """Videos of the first failures, and a picture of each task."""
     failed = [one for one in results if one.status == "failure"][:count]
     for number, one in enumerate(failed):
@@ -139,8 +141,8 @@ def film(folder: Path, run, results, count=6) -> None:
         Image.new("RGB", (128, 128), (shade, 110, 190 - shade)).save(path)
 
 
-def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
-    """What a group has after forty nights: two regressions, a suite that runs, one that fell silent, schedules."""
+def example_store(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
+    """Forty nightly runs with two regressions, a running suite, a silent one, and schedules."""
     root.mkdir(parents=True, exist_ok=True)
     history = History.open(file_url(root / "history.sqlite"))
     schedule_store = ScheduleStore.open(history.url)
@@ -153,13 +155,13 @@ def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
         elif number in (14, 30):
             version, rate = version + 1, 0.9
         changes = {"status": RunStatus.STOPPED, "reason": "the disk was full"} if number == 20 else {}
-        folder, run, results = night(
+        folder, run, results = nightly_run(
             root, number, first + number * DAY, version=version, rate=rate, seeds=40, **changes
         )
         record_run_folder(history, folder, run)
-        judged(history, folder, run)
+        record_verdict(history, folder, run)
         if number == nights - 1:
-            film(folder, run, results)
+            add_videos(folder, run, results)
             write_report(folder)
     schedule = Schedule("nightly", "nightly", "0 2 * * *", "Europe/Berlin", created_at=now - 3 * DAY, keep=60)
     schedule_store.add(schedule)
@@ -178,7 +180,7 @@ def whole_group(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
             ended_at=scheduled_run.due_at + 1800,
         )
     running(history, "running-1")
-    history.write_live_status("running-1", said(140))
+    history.write_live_status("running-1", live_status(140))
     running(history, "running-2", "screening", started_at=now - 7200)
-    history.write_live_status("running-2", said(80, at=now - 1500, workers=False))
+    history.write_live_status("running-2", live_status(80, at=now - 1500, workers=False))
     return history, schedule_store

@@ -1,4 +1,4 @@
-"""The pages in a real browser: nothing that a name says is run, and numbers change while one looks."""
+"""The pages in a real browser: names are never run as scripts, and numbers change without a reload."""
 
 import html
 import re
@@ -13,7 +13,7 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts
 from robogauntlet.suites.episode import Cell, Protocol
 from tests.orchestrator.dashboard.conftest import serving
-from tests.orchestrator.dashboard.filled import running, said
+from tests.orchestrator.dashboard.filled import live_status, running
 from tests.results.synthetic import document, row, run_folder
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -35,7 +35,7 @@ onload = () => {{
 
 
 def seen(address, profile, budget=3000):
-    """The page as it is after so many milliseconds of the browser's time."""
+    """The page after `budget` milliseconds of the browser's time."""
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}"]
     command += ["--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", f"--virtual-time-budget={budget}"]
     done = subprocess.run([*command, "--dump-dom", address], capture_output=True, text=True, timeout=120, check=True)
@@ -45,7 +45,9 @@ def seen(address, profile, budget=3000):
 def bad_live(done=5):
     line = LiveSimulator(simulator=BAD, planned=10, successes=done, failures=0, errors=0)
     worker = LiveWorker(worker=BAD, simulator=BAD, activity=f"{BAD} {done}", since=0.0)
-    return said(1).model_copy(update={"phase": BAD, "simulators": (line,), "workers": (worker,), "says": (BAD,)})
+    return live_status(1).model_copy(
+        update={"phase": BAD, "simulators": (line,), "workers": (worker,), "messages": (BAD,)}
+    )
 
 
 def is_owned(page):
@@ -73,28 +75,28 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
             assert not is_owned(page), path
 
 
-def test_numbers_change_while_one_looks_without_loading_the_page_again(tmp_path):
-    asked = []
+def test_numbers_change_without_a_reload(tmp_path):
+    polls = []
 
     def tell(served, path):
         if path == "/api/live":
-            asked.append(path)
-            served.history.write_live_status("running-1", said(120 + 7 * len(asked)))
+            polls.append(path)
+            served.history.write_live_status("running-1", live_status(120 + 7 * len(polls)))
 
     with serving(tmp_path, before=tell) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 9000)
-        pages = served.asked.count("/")
+        pages = served.requested.count("/")
     assert pages == 1
     last = max(int(number) for number in re.findall(r'data-field="done">(\d+)<', page))
     assert last > 121
-    assert len(asked) >= 2
+    assert len(polls) >= 2
     assert f'aria-valuenow="{last}"' in page
     assert "of 1,500 episodes" in re.search(r'id="announced">([^<]*)<', page)[1]
 
 
-def test_a_script_in_what_a_run_says_later_is_not_run_either(tmp_path):
+def test_a_script_in_a_later_message_is_not_run(tmp_path):
     number = iter(range(1, 99))
 
     def tell(served, path):
@@ -109,7 +111,7 @@ def test_a_script_in_what_a_run_says_later_is_not_run_either(tmp_path):
     assert re.search(r'data-field="doing">[^<]*&lt;script&gt;.* [1-9]\d*<', page)
 
 
-def test_a_run_that_ends_shows_what_came_of_it_without_a_reload(tmp_path):
+def test_a_run_that_ends_shows_its_outcome_without_a_reload(tmp_path):
     def end(served, path):
         if path == "/api/live":
             run = served.history.document("running-1")
@@ -117,13 +119,13 @@ def test_a_run_that_ends_shows_what_came_of_it_without_a_reload(tmp_path):
 
     with serving(tmp_path, before=end) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         page = seen(served.address + "/runs/running-1", tmp_path / "profile", 7000)
     assert 'class="pill complete"' in page
     assert "progressbar" not in page
 
 
-def test_an_old_number_is_said_to_be_old_when_the_server_fails(tmp_path):
+def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
     def fail(served, path):
         if path == "/api/live":
             with served.history.database.writing() as connection:
@@ -131,7 +133,7 @@ def test_an_old_number_is_said_to_be_old_when_the_server_fails(tmp_path):
 
     with serving(tmp_path, before=fail) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 5000)
     assert re.search(r'id="note"[^>]*>The server does not answer', page)
 

@@ -1,4 +1,4 @@
-"""Who is let in, and what of files is shown."""
+"""Access to the dashboard, and the files that it serves."""
 
 import http.client
 import os
@@ -15,17 +15,10 @@ import pytest
 from robogauntlet.orchestrator.dashboard.files import known_file
 from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import serving
-from tests.orchestrator.dashboard.filled import night
+from tests.orchestrator.dashboard.filled import nightly_run
 
 TOKEN = "correct-horse-battery-staple"
-SERVE = [
-    sys.executable,
-    "-c",
-    "import sys, typer\nfrom robogauntlet.orchestrator.cli.serve import serve\n"
-    "from robogauntlet.orchestrator.cli.common import BadInput, fail\n"
-    "app = typer.Typer()\napp.command()(serve)\n"
-    "try:\n app()\nexcept BadInput as error:\n fail(str(error))\n sys.exit(2)\n",
-]
+SERVE = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "serve"]
 
 
 @pytest.fixture
@@ -55,7 +48,7 @@ def test_every_page_asks_for_the_token(locked):
     assert locked.post("/runs", content=b"x").status_code == 401
 
 
-def test_a_browser_is_led_to_the_form(locked):
+def test_a_browser_is_redirected_to_the_login(locked):
     answer = locked.get("/runs?suite=a", headers={"accept": "text/html"}, follow_redirects=False)
     assert answer.headers["location"] == "/login?next=%2Fruns%3Fsuite%3Da"
     assert 'value="/runs?suite=a"' in locked.get(answer.headers["location"]).text
@@ -67,11 +60,11 @@ def test_the_token_opens_every_page(locked):
 
 
 @pytest.mark.parametrize("shown", [f"Bearer {TOKEN}x", "Bearer", "", f"Basic {TOKEN}", TOKEN, "Bearer \xe9\xff"])
-def test_another_token_opens_none(locked, shown):
+def test_a_wrong_token_opens_no_page(locked, shown):
     assert locked.get("/", headers={"authorization": shown.encode("latin-1")}).status_code == 401
 
 
-def test_the_form_gives_a_session_that_says_nothing_of_the_token(locked):
+def test_the_login_starts_a_session_without_the_token_in_its_cookie(locked):
     answer = locked.post("/login", data={"token": TOKEN, "next": "/runs"}, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "/runs")
     cookie = answer.headers["set-cookie"]
@@ -85,7 +78,7 @@ def test_the_form_gives_a_session_that_says_nothing_of_the_token(locked):
     assert locked.get("/", headers={"cookie": f"gauntlet_session={value}"}).status_code == 401
 
 
-def test_the_form_refuses_another_token_and_leads_nowhere_else(locked):
+def test_the_login_refuses_a_wrong_token_and_other_sites(locked):
     assert locked.post("/login", data={"token": "guess"}).status_code == 401
     for elsewhere in ("//evil.example", "https://evil.example", "/\\evil.example", "javascript:alert(1)"):
         answer = locked.post("/login", data={"token": TOKEN, "next": elsewhere}, follow_redirects=False)
@@ -116,12 +109,12 @@ def test_this_machines_names_are_served_on_loopback(filled, host):
         {"sec-fetch-site": "same-site"},
     ],
 )
-def test_nothing_is_taken_from_another_sites_page(filled, headers):
+def test_changes_from_pages_of_other_sites_are_refused(filled, headers):
     for path in ("/runs", "/login", "/logout"):
         assert filled.post(path, content=b"x", headers=headers).status_code == 403
 
 
-def test_answers_carry_headers_that_bind_browsers(filled):
+def test_answers_have_the_security_headers(filled):
     for path in ("/", "/nowhere", "/api/live", "/static/live.js"):
         headers = filled.get(path).headers
         assert "script-src 'self';" in headers["content-security-policy"]
@@ -131,7 +124,7 @@ def test_answers_carry_headers_that_bind_browsers(filled):
         assert headers["x-frame-options"] == "DENY"
 
 
-def test_no_page_has_a_script_or_a_style_inside(filled):
+def test_no_page_has_an_inline_script_or_style(filled):
     run = filled.made[-1][1].run_id
     for path in ("/", "/runs", f"/runs/{run}", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures"):
         page = filled.get(path).text
@@ -165,7 +158,7 @@ def test_no_page_has_a_script_or_a_style_inside(filled):
         "REPORT.HTML",
     ],
 )
-def test_no_other_file_is_shown_however_it_is_asked_for(filled, path):
+def test_no_other_file_of_a_run_is_served(filled, path):
     status, body = raw(filled, f"/runs/{filled.made[-1][1].run_id}/files/{path}")
     assert status in (400, 404)
     assert "SQLite" not in body
@@ -188,7 +181,7 @@ def test_links_that_lead_out_of_the_run_are_not_followed(tmp_path):
 
 
 def test_every_file_of_a_report_is_shown(tmp_path):
-    folder, _, _ = night(tmp_path, 0, 0.0, seeds=2)
+    folder, _, _ = nightly_run(tmp_path, 0, 0.0, seeds=2)
     write_report(folder)
     for name in ("report.html", "report.md", "summary.json", "cells.csv"):
         assert known_file(folder, name) == folder / name
@@ -200,14 +193,14 @@ def served_by_command(*arguments, token=None):
     return subprocess.run([*SERVE, *arguments], capture_output=True, text=True, timeout=120, env=environment)
 
 
-def test_an_address_that_others_reach_needs_a_token():
+def test_an_address_that_other_machines_reach_needs_a_token():
     done = served_by_command("--host", "0.0.0.0")
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1
     assert "ROBOGAUNTLET_TOKEN" in done.stderr
 
 
-def test_a_port_that_is_taken_is_said_to_be(tmp_path):
+def test_a_port_in_use_is_one_line(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         done = served_by_command("--port", port, "--history", f"sqlite:///{tmp_path}/history.sqlite")
@@ -226,8 +219,8 @@ def test_the_command_serves_until_it_is_interrupted(tmp_path):
     assert (process.returncode, complaints) == (0, "")
 
 
-def test_a_store_that_is_none_is_said_to_be(tmp_path):
-    (tmp_path / "history.sqlite").write_text("this is a letter to my aunt, and no store, whatever it is called\n" * 99)
+def test_a_file_that_is_no_store_is_one_line(tmp_path):
+    (tmp_path / "history.sqlite").write_text("this text is no store, whatever the name of its file\n" * 99)
     done = served_by_command("--port", "0", "--history", f"sqlite:///{tmp_path}/history.sqlite")
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     assert "expected a store" in done.stderr

@@ -1,4 +1,4 @@
-"""What the pages show."""
+"""The contents of the pages."""
 
 import re
 import time
@@ -9,7 +9,7 @@ from robogauntlet.orchestrator.schedules.schedule import Schedule, State
 from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import fill, serving
-from tests.orchestrator.dashboard.filled import night, running, said
+from tests.orchestrator.dashboard.filled import live_status, nightly_run, running
 from tests.results.synthetic import document
 
 
@@ -31,9 +31,9 @@ def test_a_page_of_an_empty_store_says_so_and_is_well_formed(served, path):
     assert '<a class="skip" href="#main">' in page.text
 
 
-def test_the_overview_shows_what_runs_with_bars_workers_and_intervals(served):
+def test_the_overview_shows_running_suites_with_progress_workers_and_intervals(served):
     running(served.history)
-    served.history.write_live_status("running-1", said(120))
+    served.history.write_live_status("running-1", live_status(120))
     page = served.get("/").text
     assert page.count('role="progressbar"') == 3
     assert 'aria-valuenow="121"' in page  # robosuite, with its error
@@ -42,9 +42,9 @@ def test_the_overview_shows_what_runs_with_bars_workers_and_intervals(served):
     assert "worker robosuite-1 died" in page
 
 
-def test_a_run_that_fell_silent_is_not_shown_as_running(served):
+def test_a_silent_run_is_not_shown_as_running(served):
     running(served.history)
-    served.history.write_live_status("running-1", said(at=time.time() - 7 * STALE_S))
+    served.history.write_live_status("running-1", live_status(at=time.time() - 7 * STALE_S))
     for path in ("/", "/runs", "/runs/running-1"):
         page = served.get(path).text
         assert "silent for 7 min" in page
@@ -52,9 +52,9 @@ def test_a_run_that_fell_silent_is_not_shown_as_running(served):
     assert served.get("/api/live").json()["runs"][0]["state"] == "silent"
 
 
-def test_the_live_numbers_are_there_for_programs(served):
+def test_the_live_status_is_available_as_json(served):
     running(served.history)
-    served.history.write_live_status("running-1", said(120))
+    served.history.write_live_status("running-1", live_status(120))
     found = served.get("/api/live").json()["runs"]
     assert [(one["id"], one["state"], one["done"], one["planned"]) for one in found] == [
         ("running-1", "running", 361, 1500)
@@ -63,7 +63,7 @@ def test_the_live_numbers_are_there_for_programs(served):
     assert found[0]["workers"][1]["doing"] == "merged on pybullet/PandaPush-v3"
 
 
-def test_last_verdicts_and_what_is_due_next_are_on_the_overview(filled):
+def test_the_overview_shows_last_verdicts_and_next_runs(filled):
     page = filled.get("/").text
     assert "▼ regressed" in page
     reason = next(one for one in filled.history.runs() if one.verdict == "regressed").reasons[0]
@@ -85,7 +85,7 @@ def test_runs_are_paged(served):
 
 
 @pytest.mark.parametrize("page", ["0", "-1", "x", "1" * 40])
-def test_a_page_number_that_cannot_be_is_answered_in_a_line(served, page):
+def test_an_invalid_page_number_is_one_line(served, page):
     answer = served.get(f"/runs?page={page}")
     assert answer.status_code == 400
     assert "page: " in answer.text
@@ -119,13 +119,13 @@ def test_a_run_shows_counts_with_intervals_the_verdict_and_its_baseline(filled):
     assert "4f1c2a9 (clean)" in page
 
 
-def test_a_run_that_is_not_there_is_said_not_to_be(filled):
+def test_an_unknown_run_is_not_found(filled):
     answer = filled.get("/runs/nothing")
     assert answer.status_code == 404
     assert "The history has no run with this id." in answer.text
 
 
-def test_a_comparison_says_what_the_command_says(filled):
+def test_a_comparison_agrees_with_the_command(filled):
     _, run, _ = filled.made[-1]
     baseline = filled.made[-2][1]
     page = filled.get(f"/compare?run={run.run_id}&baseline={baseline.run_id}").text
@@ -136,7 +136,7 @@ def test_a_comparison_says_what_the_command_says(filled):
     assert 'class="worse"' in page
 
 
-def test_a_comparison_whose_rows_are_elsewhere_is_answered_in_a_line(served):
+def test_a_comparison_without_rows_is_one_line(served):
     far = {"store_url": "postgresql+psycopg://user:***@far/db"}
     served.history.record(document(run_id="one", **far))
     served.history.record(document(run_id="two", **far))
@@ -144,7 +144,7 @@ def test_a_comparison_whose_rows_are_elsewhere_is_answered_in_a_line(served):
     assert "its rows are in postgresql+psycopg://user:***@far/db" in page
 
 
-def test_the_history_draws_a_mark_per_night_that_leads_to_the_run(filled):
+def test_the_history_plot_has_a_linked_mark_per_run(filled):
     page = filled.get("/history?policy=merged&suite=nightly&task=robosuite/Lift").text
     plot = re.search(r'<svg class="history-plot".*?</svg>', page, re.DOTALL)[0]
     assert len(re.findall(r'<a href="/runs/[0-9a-f]+"', plot)) == 4
@@ -166,7 +166,7 @@ def test_the_leaderboard_has_each_policys_newest_run_and_letters(filled):
     assert re.search(r"<td><b>a</b></td>", page)
 
 
-def test_a_run_whose_rows_are_gone_is_named_by_the_leaderboard_and_an_older_takes_its_place(tmp_path):
+def test_the_leaderboard_names_a_run_without_rows_and_uses_an_older_one(tmp_path):
     made = fill(tmp_path, nights=2)
     (made[1][0] / "episodes.sqlite").write_bytes(b"garbage that is no store at all")
     with serving(tmp_path) as served:
@@ -175,7 +175,7 @@ def test_a_run_whose_rows_are_gone_is_named_by_the_leaderboard_and_an_older_take
     assert f'href="/runs/{made[0][1].run_id}"' in page
 
 
-def test_the_schedule_shows_when_it_is_due_and_what_became_of_it(served):
+def test_the_schedule_shows_next_times_and_outcomes(served):
     schedule = Schedule("nightly", "mergevla", "0 2 * * *", "Europe/Berlin", created_at=time.time() - 86_400)
     served.schedule_store.add(schedule)
     served.schedule_store.record_due(time.time(), lambda one, at: "folder")
@@ -190,7 +190,7 @@ def test_the_schedule_shows_when_it_is_due_and_what_became_of_it(served):
     assert ">nightly</a>" in served.get("/").text
 
 
-def test_films_of_failures_are_shown_and_filtered(filled):
+def test_videos_of_failures_are_shown_and_filtered(filled):
     page = filled.get("/failures").text
     films = re.findall(r'<video[^>]* src="([^"]+)"', page)
     assert len(films) == 3
@@ -203,15 +203,15 @@ def test_films_of_failures_are_shown_and_filtered(filled):
     assert "<video" not in filled.get(f"/failures?run={filled.made[0][1].run_id}").text
 
 
-def test_a_video_can_be_wound_forward(filled):
-    film = re.search(r'<video[^>]* src="([^"]+)"', filled.get("/failures").text)[1]
-    part = filled.get(film, headers={"range": "bytes=10-19"})
+def test_a_part_of_a_video_can_be_requested(filled):
+    video = re.search(r'<video[^>]* src="([^"]+)"', filled.get("/failures").text)[1]
+    part = filled.get(video, headers={"range": "bytes=10-19"})
     assert part.status_code == 206
     assert len(part.content) == 10
 
 
 def test_a_report_is_shown_in_a_sandbox_without_scripts(tmp_path):
-    folder, run, _ = night(tmp_path, 0, 0.0, seeds=2)
+    folder, run, _ = nightly_run(tmp_path, 0, 0.0, seeds=2)
     write_report(folder)
     with serving(tmp_path) as served:
         while not served.get(f"/runs/{run.run_id}").is_success:
@@ -225,9 +225,9 @@ def test_a_report_is_shown_in_a_sandbox_without_scripts(tmp_path):
     assert "explore.html" not in page
 
 
-def test_numbers_for_prometheus_say_what_runs_what_was_found_and_what_is_due(served):
+def test_metrics_have_running_suites_verdicts_and_next_runs(served):
     running(served.history, suite='we"ird\nname')
-    served.history.write_live_status("running-1", said(120))
+    served.history.write_live_status("running-1", live_status(120))
     served.history.record(document(run_id="old", name="nightly", started_at=1.0))
     served.history.write_verdict("old", "improved", None, [])
     served.history.record(document(run_id="new", name="nightly", started_at=2.0))
@@ -245,8 +245,8 @@ def test_numbers_for_prometheus_say_what_runs_what_was_found_and_what_is_due(ser
     assert 0 < due - time.time() <= 86_400
 
 
-def test_what_is_found_in_folders_is_taken_in_without_being_asked(tmp_path):
-    _, run, _ = night(tmp_path, 0, 0.0, seeds=2)
+def test_run_folders_are_imported_automatically(tmp_path):
+    _, run, _ = nightly_run(tmp_path, 0, 0.0, seeds=2)
     with serving(tmp_path) as served:
         while run.run_id not in served.get("/runs").text:
             time.sleep(0.05)

@@ -6,18 +6,18 @@ import pytest
 
 from robogauntlet.orchestrator.schedules.schedule import Schedule
 from tests.orchestrator.dashboard.conftest import fill, serving
-from tests.orchestrator.dashboard.filled import running, said
+from tests.orchestrator.dashboard.filled import live_status, running
 from tests.results.store.test_postgresql import server  # noqa: F401
 
 pytestmark = pytest.mark.slow
 
 
-def test_every_page_is_made_from_postgresql_too(tmp_path, server):  # noqa: F811
+def test_every_page_works_with_postgresql(tmp_path, server):  # noqa: F811
     made = fill(tmp_path, url=server)
     last, before = made[-1][1].run_id, made[-2][1].run_id
     with serving(tmp_path, url=server) as served:
         running(served.history)
-        served.history.write_live_status("running-1", said(120))
+        served.history.write_live_status("running-1", live_status(120))
         served.schedule_store.add(Schedule("night", "mergevla", "0 2 * * *", created_at=time.time() - 86_400))
         served.schedule_store.record_due(time.time(), lambda one, at: "folder")
         expected = {

@@ -1,4 +1,4 @@
-"""What is answered when something is wrong, and while others write."""
+"""Answers when something fails, and while others write."""
 
 import threading
 import time
@@ -7,7 +7,7 @@ import pytest
 
 from robogauntlet.orchestrator.dashboard.app_state import AnswerCache
 from tests.orchestrator.dashboard.conftest import fill, serving
-from tests.orchestrator.dashboard.filled import running, said
+from tests.orchestrator.dashboard.filled import live_status, running
 
 PAGES = (
     "/",
@@ -24,7 +24,7 @@ FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
 
 @pytest.fixture
 def broken(tmp_path):
-    """Served from a store that something else was written over."""
+    """A dashboard whose store was overwritten with something else."""
     fill(tmp_path, nights=1)
     with serving(tmp_path) as served:
         assert served.get("/healthz").text == "ok\n"
@@ -36,7 +36,7 @@ def broken(tmp_path):
 
 
 @pytest.mark.parametrize("path", [*PAGES, *FOR_PROGRAMS])
-def test_a_broken_store_is_a_line_and_never_a_trace(broken, path):
+def test_a_broken_store_is_one_line_without_a_traceback(broken, path):
     answer = broken.get(path)
     assert answer.status_code == 503
     assert "Traceback" not in answer.text
@@ -50,7 +50,7 @@ def test_a_broken_store_is_a_line_and_never_a_trace(broken, path):
         assert len(answer.text.splitlines()) == 1
 
 
-def test_what_nobody_thought_of_is_a_line_and_never_a_trace(tmp_path):
+def test_an_unexpected_error_is_one_line_without_a_traceback(tmp_path):
     with serving(tmp_path) as served:
         running(served.history)
         with served.history.database.writing() as connection:
@@ -61,7 +61,7 @@ def test_what_nobody_thought_of_is_a_line_and_never_a_trace(tmp_path):
     assert programs.json() == {"error": "An internal error; see the log of the server."}
 
 
-def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
+def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
     fill(tmp_path, nights=1)
     answers, ended = [], threading.Event()
     with serving(tmp_path) as served:
@@ -71,7 +71,7 @@ def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
             done = 0
             while not ended.wait(0.05):
                 done += 1
-                served.history.write_live_status("running-1", said(done))
+                served.history.write_live_status("running-1", live_status(done))
 
         def read(number):
             for turn in range(4):
@@ -91,7 +91,7 @@ def test_fifty_readers_see_no_error_while_a_run_tells_what_it_does(tmp_path):
     assert {status for _, status in answers} == {200}
 
 
-def test_a_slow_answer_is_made_once_for_all_who_ask_at_once():
+def test_simultaneous_requests_compute_a_slow_answer_once():
     memory, made = AnswerCache(2), []
 
     def make():
@@ -107,7 +107,7 @@ def test_a_slow_answer_is_made_once_for_all_who_ask_at_once():
     assert made == [1]
 
 
-def test_old_answers_make_room_and_errors_are_not_kept():
+def test_old_answers_are_dropped_and_errors_are_not_cached():
     memory = AnswerCache(2)
     assert [memory.get(key, lambda key=key: key) for key in "abca"] == [*"abca"]
     assert memory.get("a", lambda: "new") == "a"
@@ -117,7 +117,7 @@ def test_old_answers_make_room_and_errors_are_not_kept():
     assert memory.get("d", lambda: "right") == "right"
 
 
-def test_an_answer_is_kept_for_so_long_only():
+def test_an_answer_expires():
     memory = AnswerCache(2, seconds=0.0)
     memory.get("a", lambda: "old")
     time.sleep(0.001)

@@ -1,4 +1,4 @@
-"""Runs that are sent in."""
+"""Uploaded runs."""
 
 import http.client
 import json
@@ -12,7 +12,7 @@ from robogauntlet.results.run_document import store_url
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from tests.orchestrator.dashboard.conftest import serving
-from tests.orchestrator.dashboard.filled import night
+from tests.orchestrator.dashboard.filled import nightly_run
 from tests.results.synthetic import document
 
 LIMIT = 1_000_000
@@ -28,7 +28,7 @@ def served(tmp_path):
 def exported(tmp_path_factory):
     """A run, and the file that it was exported into."""
     root = tmp_path_factory.mktemp("elsewhere")
-    folder, run, _ = night(root, 7, 1_790_000_000.0, seeds=2)
+    folder, run, _ = nightly_run(root, 7, 1_790_000_000.0, seeds=2)
     rows = Store.open(store_url(folder, run), run.run_id)
     export_run(run, rows, root / "run.robogauntlet")
     rows.close()
@@ -39,7 +39,7 @@ def left_over(root):
     return [path.name for path in root.iterdir() if path.name.startswith((".upload", ".arriving"))]
 
 
-def test_a_run_that_is_sent_in_is_there_with_its_report(served, exported):
+def test_an_uploaded_run_gets_a_folder_and_a_report(served, exported):
     run, body = exported
     answer = served.post("/runs", content=body)
     assert answer.status_code == 201
@@ -51,7 +51,7 @@ def test_a_run_that_is_sent_in_is_there_with_its_report(served, exported):
     assert left_over(served.root) == []
 
 
-def test_a_run_that_is_here_already_is_refused_and_stays_as_it_is(served, exported):
+def test_an_existing_run_is_refused_and_unchanged(served, exported):
     run, body = exported
     served.history.record(document(run_id=run.run_id, name="mine"))
     answer = served.post("/runs", content=body)
@@ -66,7 +66,7 @@ def test_a_run_that_is_here_already_is_refused_and_stays_as_it_is(served, export
     [b"", b"hello", b"SQLite format 3\0", b"SQLite format 3\0" + b"x" * 9000],
     ids=["empty", "text", "head", "torn"],
 )
-def test_what_is_no_run_is_refused_in_a_line(served, body):
+def test_a_body_that_is_no_run_is_refused_in_one_line(served, body):
     answer = served.post("/runs", content=body)
     assert answer.status_code == 400
     assert len(answer.text.splitlines()) == 1
@@ -100,29 +100,29 @@ def test_a_document_that_this_program_did_not_write_is_refused(served, tmp_path,
     assert served.history.runs() == []
 
 
-def test_more_than_may_be_sent_is_refused_by_its_length(served):
+def test_a_too_large_upload_is_refused_by_its_length(served):
     answer = served.post("/runs", content=b"x" * (LIMIT + 1))
     assert answer.status_code == 413
     assert "--max-upload-mb" in answer.text
 
 
-def test_more_than_may_be_sent_is_refused_without_a_length(served):
+def test_a_too_large_upload_without_a_length_is_refused(served):
     answer = served.post("/runs", content=(b"x" * 100_000 for _ in range(11)))
     assert answer.status_code == 413
     assert left_over(served.root) == []
 
 
-def test_a_length_that_lies_lets_no_more_in(served):
+def test_a_wrong_length_admits_no_larger_upload(served):
     connection = http.client.HTTPConnection(urlsplit(served.address).netloc, timeout=30)
     connection.putrequest("POST", "/runs")
     connection.putheader("Content-Length", "10")
     connection.endheaders(b"x" * 5000)
-    assert connection.getresponse().status == 400  # of the ten bytes that it said
+    assert connection.getresponse().status == 400  # fewer bytes than its length
     connection.close()
     assert left_over(served.root) == []
 
 
-def test_an_upload_that_breaks_off_leaves_nothing(served):
+def test_an_aborted_upload_leaves_nothing(served):
     connection = http.client.HTTPConnection(urlsplit(served.address).netloc, timeout=30)
     connection.putrequest("POST", "/runs")
     connection.putheader("Content-Length", "500000")

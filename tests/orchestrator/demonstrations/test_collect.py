@@ -1,4 +1,4 @@
-"""A collection from beginning to end: complete, continued, interrupted, and the same whoever did it."""
+"""A whole collection: complete, continued, interrupted, and the same with any workers."""
 
 import json
 import os
@@ -26,23 +26,18 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import RenderProfile, View
 from tests import ROOT
 
-DEMONSTRATE = [
-    sys.executable,
-    "-c",
-    "from robogauntlet.orchestrator.cli import main; main()",
-    "policies",
-    "demonstrate",
-]
+MAIN = "from robogauntlet.orchestrator.cli import main; main()"
+DEMONSTRATE = [sys.executable, "-c", MAIN, "policies", "demonstrate"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
 SMALL = View(image_size=16)
 
 
 class Quiet:
     def __init__(self, then=lambda lanes: None):
-        self.said, self.show = [], then
+        self.messages, self.show = [], then
 
     def log(self, message):
-        self.said.append(message)
+        self.messages.append(message)
 
 
 def order(task="null/Reach", episodes=3, **changes):
@@ -81,7 +76,7 @@ def test_patterns_tasks_and_suites_name_the_tasks_and_a_suite_the_view():
         (CollectionRequest(("null/Reach",), 1, View(("front",))), "camera: expected third_person or wrist, got front"),
     ],
 )
-def test_a_wrong_order_is_refused_before_anything_is_written(tmp_path, wrong, message):
+def test_an_invalid_request_is_refused_before_anything_is_written(tmp_path, wrong, message):
     with pytest.raises(DemonstrateError, match=message):
         collect(wrong, tmp_path / "out", Quiet())
     assert not (tmp_path / "out").exists()
@@ -100,9 +95,8 @@ class TestWithRay:
         assert [attempt["seed"] for attempt in journal(tmp_path)["attempts"]] == [FIRST_SEED + i for i in range(3)]
 
     def test_the_data_do_not_depend_on_workers_or_on_stopping_between(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(
-            "robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0
-        )  # so that the second worker is started for so little
+        # So that the second worker is started for so few episodes.
+        monkeypatch.setattr("robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0)
         for name, workers, counts in (("one", 1, (9,)), ("two", 2, (9,)), ("parts", 2, (2, 5, 9))):
             for count in counts:
                 collect(order(episodes=count, noise=0.7, workers=workers), tmp_path / name, Quiet())
@@ -125,19 +119,19 @@ class TestWithRay:
             assert collected.status is RunStatus.COMPLETE
             assert journal(tmp_path, task)["attempts"][0]["status"] == "error"
             assert opened(tmp_path, task).episodes == 3
-        assert any("the worker process died" in line for line in quiet.said)
+        assert any("the worker process died" in line for line in quiet.messages)
 
-    def test_a_worker_that_hangs_is_ended(self, tmp_path, monkeypatch):
+    def test_a_hanging_worker_is_killed(self, tmp_path, monkeypatch):
         monkeypatch.setenv("ROBOGAUNTLET_NULL_MARKER", str(tmp_path))
         monkeypatch.setattr(demonstrate, "EPISODE_TIME_LIMIT_S", 10.0)
         marked = {"env_vars": {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}}
         monkeypatch.setattr(demonstrate.EnvironmentResolver, "ray_runtime_env", lambda environments, simulator: marked)
         quiet = Quiet()
         collect(order("null/Hang", 1, first_seed=FIRST_SEED // 7 * 7), tmp_path / "out", quiet)
-        assert quiet.said == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
+        assert quiet.messages == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
         assert opened(tmp_path / "out", "null/Hang").episodes == 1
 
-    def test_an_interruption_keeps_what_came_back(self, tmp_path):
+    def test_an_interruption_keeps_the_finished_episodes(self, tmp_path):
         def interrupt(lanes):
             if lanes[0].kept >= 5:
                 raise KeyboardInterrupt
@@ -153,11 +147,11 @@ class TestWithRay:
         with pytest.raises(DatasetError, match=r"it was begun with noise 0.1, now 0.2"):
             collect(order(noise=0.2), tmp_path, Quiet())
 
-    def test_scripts_of_other_simulators_are_no_part_of_what_it_was_begun_with(self, tmp_path):
+    def test_oracles_of_other_simulators_are_not_part_of_a_datasets_source(self, tmp_path):
         collect(order(), tmp_path, Quiet())
         assert journal(tmp_path)["source"]["oracle"] == digest_of_task("null/Reach")
 
-    def test_a_full_disk_ends_the_collection_with_a_word(self, tmp_path, monkeypatch):
+    def test_a_full_disk_ends_the_collection_with_a_message(self, tmp_path, monkeypatch):
         def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
@@ -167,7 +161,7 @@ class TestWithRay:
         assert collected.warnings[0].startswith("the disk is full")
 
     @pytest.mark.simulator
-    def test_an_expert_acts_first_and_what_the_oracle_does_then_is_recorded(self, tmp_path):
+    def test_an_expert_acts_first_and_the_oracles_actions_are_recorded(self, tmp_path):
         task, view = "pybullet/PandaPush-v3", View(image_size=96, render_profile=RenderProfile.FAST)
         alone = collect(CollectionRequest((task,), 3, view), tmp_path / "alone", Quiet())
         helped = collect(CollectionRequest((task,), 3, view, learner="zoo:experts"), tmp_path / "helped", Quiet())
@@ -180,7 +174,7 @@ class TestWithRay:
         assert shown.success[shown.ends - 1].all()
 
     @pytest.mark.simulator
-    def test_pybullet_is_demonstrated(self, tmp_path):
+    def test_demonstrations_in_pybullet_are_collected(self, tmp_path):
         task = "pybullet/PandaReach-v3"
         collected = collect(order(task), tmp_path, Quiet())
         assert collected.status is RunStatus.COMPLETE
@@ -224,9 +218,9 @@ def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
     ):
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
-    said, complaints = process.communicate(timeout=300)
-    assert process.returncode == EXIT_INTERRUPTED, said
-    assert complaints.strip() == "robogauntlet: interrupted; give the same command to continue"
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == EXIT_INTERRUPTED, output
+    assert errors.strip() == "robogauntlet: interrupted; give the same command to continue"
     there = opened(tmp_path / "out", "null/Slow").episodes
     assert there > 0
     command[command.index("400")] = str(there + 2)

@@ -1,4 +1,4 @@
-"""One demonstration: disturbed as its episode says, recorded as the oracle meant it."""
+"""One demonstration: noise in the executed action, the oracle's action in the record."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_the_executed_action_is_disturbed_and_the_clean_one_recorded():
     assert np.all(np.array(executed)[:, 3:] == 0.0)
 
 
-def test_what_is_seen_is_the_world_before_the_step():
+def test_observations_precede_the_step():
     simulation = catalog.open_simulation("null/Reach", VIEW)
     recorded = RecordedSimulation(simulation, episode(), 0.0)
     recorded.reset(0)
@@ -73,19 +73,19 @@ def test_what_is_seen_is_the_world_before_the_step():
 
 
 class Sideways(StatelessPolicy):
-    """Moves along y, whatever it sees."""
+    """Moves along y, whatever it observes."""
 
     spec = PolicySpec(PolicyInput.OBSERVATION, chunk_length=8)
 
     def __init__(self):
-        self.asked = []
+        self.queried_steps = []
 
     def act(self, queries):
-        self.asked += [query.step for query in queries]
+        self.queried_steps += [query.step for query in queries]
         return [Decision(np.tile([0.0, 0.01, 0, 0, 0, 0, 0], (8, 1))) for _ in queries]
 
 
-def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_does_then_is_recorded():
+def test_a_learner_acts_until_the_handover_and_the_oracles_actions_are_recorded():
     simulation = catalog.open_simulation("null/Reach", VIEW)
     executed = []
     step = simulation.step
@@ -104,20 +104,20 @@ def test_a_learner_acts_until_it_hands_over_and_what_the_oracle_does_then_is_rec
     found = recorded.recording()
     assert np.all(found.actions == clean)
     assert len(found.actions) == len(found.states) == len(found.images["wrist"]) == recorded.recorded_steps
-    assert learner.policy.asked == list(range(0, learner.handover_step, LEARNER_REPLANS_EVERY))
+    assert learner.policy.queried_steps == list(range(0, learner.handover_step, LEARNER_REPLANS_EVERY))
 
 
-def test_what_the_oracle_would_do_while_the_learner_acts_is_recorded_if_that_is_asked_for():
+def test_whole_episodes_are_recorded_on_request():
     simulation = catalog.open_simulation("null/Reach", VIEW)
     recorded = RecordedSimulation(simulation, episode(), 0.0, Learner(Sideways(), episode(), 40, recorded=True))
     recorded.reset(0)
-    told = np.array([[0.001 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for step in range(50)])
-    for action in told:
+    commanded = np.array([[0.001 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for step in range(50)])
+    for action in commanded:
         recorded.step(action)
-    np.testing.assert_array_equal(recorded.recording().actions, told)
+    np.testing.assert_array_equal(recorded.recording().actions, commanded)
 
 
-def test_learners_hand_over_at_every_step_alike():
+def test_handover_steps_are_uniform():
     steps = [Learner(Sideways(), episode(seed), 10).handover_step for seed in range(2000)]
     assert np.bincount(steps, minlength=10) == pytest.approx(200, abs=60)
 
@@ -136,7 +136,7 @@ def test_an_episode_with_a_learner_repeats_and_differs_from_one_without(runner):
 
 
 class Reaching(Sideways):
-    """Goes straight to a goal that only a test can tell it."""
+    """Moves straight to a goal that the test sets."""
 
     def __init__(self, goal):
         super().__init__()
@@ -147,7 +147,7 @@ class Reaching(Sideways):
         return [Decision(np.array([[*step, 0.0, 0.0, 0.0, 0.0]])) for step in steps]
 
 
-def test_an_episode_in_which_the_learner_needs_no_help_leaves_no_record(runner, monkeypatch):
+def test_an_episode_that_the_learner_finishes_has_no_record(runner, monkeypatch):
     simulation = catalog.open_simulation("null/Reach", VIEW)
     simulation.reset(3)
     learner = Reaching(simulation.privileged_state()["goal_position"])
@@ -157,7 +157,7 @@ def test_an_episode_in_which_the_learner_needs_no_help_leaves_no_record(runner, 
     assert (attempt.status, record) == ("failure", None)
 
 
-def test_a_failed_episode_leaves_no_record(runner):
+def test_a_failed_episode_has_no_record(runner):
     attempts = [demonstrate(runner, episode(seed), 1.0) for seed in range(6)]
     failed = [encoded for attempt, encoded in attempts if attempt.status == "failure"]
     assert failed
@@ -165,7 +165,7 @@ def test_a_failed_episode_leaves_no_record(runner):
     assert all(encoded is not None for attempt, encoded in attempts if attempt.status == "success")
 
 
-def test_what_a_simulator_raises_is_an_error_without_a_record(runner):
+def test_an_exception_of_a_simulator_is_an_error_without_a_record(runner):
     attempt, encoded = demonstrate(runner, episode(7, "null/Raise"), 0.1)
     assert (attempt.status, encoded) == ("error", None)
     assert attempt.error.startswith("RuntimeError: the null simulator was asked to raise")

@@ -1,4 +1,4 @@
-"""A task's seeds, handed out and taken back in any order."""
+"""A task's seeds, leased and returned in any order."""
 
 import sys
 from random import Random
@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerO
 from robogauntlet.policies.training.dataset_writer import Attempt
 from robogauntlet.policies.training.lerobot_format import encode_episode
 from robogauntlet.suites.episode import Cell, Protocol
-from tests.orchestrator.conftest import Told
+from tests.orchestrator.conftest import RecordingObserver
 from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
 from tests.policies.training.synthetic import recording
 
@@ -27,7 +27,7 @@ TASKS = {"a": ("a/1", "a/2"), "b": ("b/1",)}
 
 
 class Shelf:
-    """A writer that remembers."""
+    """A writer that stores what is added."""
 
     def __init__(self):
         self.attempts, self.episodes = [], []
@@ -61,7 +61,7 @@ def played(seed, won=True):
 
 
 @given(st.data())
-def test_the_first_successes_by_seed_are_kept_whatever_the_order(data):
+def test_the_first_successes_by_seed_are_kept_in_any_order(data):
     fails = data.draw(st.sets(st.integers(100, 112), max_size=8))
     made, shelf = collection()
     out = []
@@ -75,7 +75,7 @@ def test_the_first_successes_by_seed_are_kept_whatever_the_order(data):
     assert [attempt.seed for attempt in shelf.attempts] == list(range(100, expected[-1] + 1))
 
 
-def test_no_more_is_handed_out_than_is_missing():
+def test_no_more_seeds_are_leased_than_are_missing():
     made, _ = collection(3)
     assert made.lease(8) == (100, 101, 102)
     assert made.lease(8) == ()
@@ -83,18 +83,18 @@ def test_no_more_is_handed_out_than_is_missing():
     assert made.lease(8) == (103,)
 
 
-def test_what_came_before_its_turn_is_not_committed():
+def test_seeds_after_a_gap_are_not_committed():
     made, shelf = collection()
     made.lease(3)
     made.accept(played(101))
-    made.flush()
+    made.writer.flush()
     assert shelf.episodes == []
     made.accept(played(100))
-    made.flush()
+    made.writer.flush()
     assert shelf.episodes == [100, 101]
 
 
-def test_seeds_of_a_dead_worker_are_handed_out_again_and_the_killer_becomes_an_error():
+def test_seeds_of_a_dead_worker_are_leased_again_and_the_cause_becomes_an_error():
     made, shelf = collection(3)
     seeds = made.lease(3)
     for _ in range(MAX_ATTEMPTS - 1):
@@ -102,7 +102,7 @@ def test_seeds_of_a_dead_worker_are_handed_out_again_and_the_killer_becomes_an_e
         assert made.lease(3) == seeds
     made.put_back(seeds, "died")
     assert made.lease(3) == (101, 102, 103)
-    made.flush()
+    made.writer.flush()
     assert shelf.attempts == [Attempt(100, "error", 0, f"died, {MAX_ATTEMPTS} times")]
 
 
@@ -114,7 +114,7 @@ def test_a_task_whose_workers_only_die_is_given_up():
     assert made.reason == f"died, {MAX_DEATHS_IN_A_ROW} times in a row"
 
 
-def test_a_task_that_hardly_ever_succeeds_is_given_up():
+def test_a_task_that_rarely_succeeds_is_given_up():
     made, _ = collection(1)
     while made.open:
         made.accept(played(made.lease(1)[0], won=False))
@@ -123,7 +123,7 @@ def test_a_task_that_hardly_ever_succeeds_is_given_up():
 
 
 @pytest.mark.parametrize("there", [0, 2])
-def test_a_continued_task_goes_on_after_the_last_committed_seed(there):
+def test_a_continued_task_starts_after_the_last_committed_seed(there):
     shelf = Shelf()
     shelf.attempts = [Attempt(100 + i, "success", 1) for i in range(there)]
     made = CollectionTask(CELL, 3, 100, shelf)
@@ -137,7 +137,7 @@ def test_a_worker_keeps_its_open_task_and_another_takes_one_that_is_not_played()
     assert made.lease(None).cell != first.cell
 
 
-def test_a_lease_leaves_seeds_for_the_other_workers_and_sends_each_result_by_itself():
+def test_a_lease_leaves_seeds_for_other_workers_and_sends_results_separately():
     made, _ = queue(episodes=6, names=("a/1",))
     leases = [made.lease(None) for _ in range(3)]
     assert [len(one.seeds) for one in leases] == [3, 2, 1]
@@ -145,7 +145,7 @@ def test_a_lease_leaves_seeds_for_the_other_workers_and_sends_each_result_by_its
     assert made.lease(None) is None
 
 
-def test_a_failure_is_made_up_for_by_another_seed():
+def test_a_failure_is_replaced_by_another_seed():
     made, _ = queue(episodes=1, names=("a/1",))
     lease = made.lease(None)
     assert made.waiting == 0
@@ -161,7 +161,7 @@ def test_a_task_that_cannot_be_opened_leaves_the_others_to_be_played():
     assert made.drop(broken.name, "no driver") == 0
 
 
-def test_time_is_expected_to_be_what_episodes_took():
+def test_expected_time_is_that_of_played_episodes():
     made, _ = queue(episodes=5, names=("a/1",))
     lease = made.lease(None)
     made.returned(lease, [PlayedSeed(Attempt(100, "failure", 1), None, wall_s=7.0)])
@@ -174,7 +174,7 @@ def test_time_is_expected_to_be_what_episodes_took():
     st.sets(st.integers(100, 112), max_size=5),
     st.integers(0, 2**32),
 )
-def test_whoever_dies_or_hangs_the_first_successes_by_seed_are_kept(workers, fails, ends, seed):
+def test_the_first_successes_by_seed_are_kept_despite_worker_failures(workers, fails, ends, seed):
     random, ended = Random(seed), set()
 
     def fate(episode):
@@ -192,9 +192,9 @@ def test_whoever_dies_or_hangs_the_first_successes_by_seed_are_kept(workers, fai
     }
     work = {name: CollectionQueue(made for made, _ in opened) for name, opened in tasks.items()}
     options = SchedulerOptions(lambda: workers, 30.0, allowed_errors=sys.maxsize)
-    Scheduler(work, pool, options, lambda results: None, Told(), now=pool.clock).run()
+    Scheduler(work, pool, options, lambda results: None, RecordingObserver(), now=pool.clock).run()
     expected = [seed for seed in range(100, 200) if seed not in fails][:4]
     for made, shelf in (each for opened in tasks.values() for each in opened):
-        made.flush()
+        made.writer.flush()
         assert shelf.episodes == expected
         assert [attempt.seed for attempt in shelf.attempts] == list(range(100, expected[-1] + 1))

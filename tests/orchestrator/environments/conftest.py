@@ -1,4 +1,4 @@
-"""Simulators that need other versions of a distribution, the wheels of those, and environments made from them."""
+"""Simulators that need different versions of a distribution, its wheels, and environments made from them."""
 
 import os
 

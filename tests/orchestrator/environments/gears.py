@@ -1,4 +1,4 @@
-"""A distribution of several versions, and simulators that say which one they have. All made on the spot."""
+"""A distribution of several versions, and simulators that report which one they have."""
 
 import zipfile
 

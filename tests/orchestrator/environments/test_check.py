@@ -1,4 +1,4 @@
-"""Every way in which an environment does not fit is a line before anything starts."""
+"""Each problem of an environment is one line before anything starts."""
 
 import sys
 import venv
@@ -34,18 +34,18 @@ def install(folder, name, version):
     (site / f"{name}.py").touch()
 
 
-def test_one_that_is_not_made_is_told_with_the_command_that_makes_it(gears):
+def test_a_missing_environment_is_reported_with_the_command_that_creates_it(gears):
     (problem,) = check(Environment("bare", EnvironmentEntry(), "the suite"), catalog.find("bare")).problems
     assert problem == "environment bare does not exist; create it: robogauntlet env create bare"
 
 
-def test_an_interpreter_that_is_not_there_is_told(gears):
+def test_a_missing_interpreter_is_reported(gears):
     assert problems("/nowhere/python") == (
         "environment bare: expected a Python interpreter at /nowhere/python, found none",
     )
 
 
-def test_one_without_ray_and_all_else_has_a_line_for_each(theirs):
+def test_an_empty_environment_has_a_line_for_each_problem(theirs):
     ray, needed, modules = problems(theirs / "bin" / "python")
     assert ray == f"environment bare: expected Ray {RAY} as here, it has none; install it there"
     lacking = ", ".join(WORKER_PACKAGES.values())
@@ -53,7 +53,7 @@ def test_one_without_ray_and_all_else_has_a_line_for_each(theirs):
     assert modules == "environment bare: expected the modules of bare, it lacks gearbox; install it there"
 
 
-def test_one_with_another_ray_is_told_both_versions(theirs):
+def test_another_version_of_ray_is_reported(theirs):
     for name in ("gearbox", *WORKER_PACKAGES.values()):
         install(theirs, name, "1.0")
     install(theirs, "ray", "2.9.0")
@@ -61,7 +61,7 @@ def test_one_with_another_ray_is_told_both_versions(theirs):
     assert problem == f"environment bare: expected Ray {RAY} as here, it has 2.9.0; install it there"
 
 
-def test_one_of_another_python_is_told_both_versions(gears, tmp_path):
+def test_another_version_of_python_is_reported(gears, tmp_path):
     python = tmp_path / "python"
     python.write_text(f'#!/bin/sh\nexec {sys.executable} -c "import sys; sys.version_info = (3, 99, 1)\n$2" "$3"\n')
     python.chmod(0o755)
@@ -70,7 +70,7 @@ def test_one_of_another_python_is_told_both_versions(gears, tmp_path):
     assert problem.endswith("it has 3.99.1")
 
 
-def test_an_entry_that_asks_for_another_python_is_told(made):
+def test_an_entry_for_another_python_is_reported(made):
     entry = EnvironmentEntry(interpreter=sys.executable)
     (problem,) = check(
         Environment("bare", entry.model_copy(update={"python": "3.99"}), ""), catalog.find("bare")
@@ -78,16 +78,16 @@ def test_an_entry_that_asks_for_another_python_is_told(made):
     assert problem.endswith("it has 3.99")
 
 
-def test_one_that_does_not_answer_is_told_with_what_it_said(gears, tmp_path):
+def test_an_interpreter_that_fails_is_reported_with_its_last_line(gears, tmp_path):
     python = tmp_path / "python"
     python.write_text("#!/bin/sh\necho 'no libc here' >&2\nexit 3\n")
     python.chmod(0o755)
     (problem,) = problems(python)
-    said = "the process ended with code 3: no libc here"
-    assert problem == f"environment bare: expected an answer from {python}, got: {said}; install it there"
+    ended = "the process ended with code 3: no libc here"
+    assert problem == f"environment bare: expected an answer from {python}, got: {ended}; install it there"
 
 
-def test_one_whose_packages_were_changed_by_hand_is_told_what_is_there_instead(made):
+def test_a_changed_package_is_reported_with_its_version(made):
     first = catalog.find("first")
     environment = Environment("first", EnvironmentEntry(requirements=("gearbox==1.0",)), "its adapter")
     entry = EnvironmentEntry(interpreter=str(environment.python))
@@ -97,7 +97,7 @@ def test_one_whose_packages_were_changed_by_hand_is_told_what_is_there_instead(m
     assert "expected gearbox==2.0, it has 1.0" in problem
 
 
-def test_an_environment_that_fits_says_its_versions(made):
+def test_a_suitable_environment_has_no_problem_and_its_versions(made):
     environment = Environment("second", EnvironmentEntry(requirements=("gearbox==2.0",)), "its adapter")
     found = check(environment, catalog.find("second"))
     assert found.problem is None
@@ -105,7 +105,7 @@ def test_an_environment_that_fits_says_its_versions(made):
 
 
 class TestTheCommand:
-    def test_makes_shows_checks_lists_and_removes(self, gears, run_command):
+    def test_creates_shows_checks_lists_and_removes(self, gears, run_command):
         done = run_command("env", "create", "first")
         assert done.code == 0
         assert f"first: fits: Python {RUNNING}" in done.out
@@ -123,11 +123,11 @@ class TestTheCommand:
         assert done.code == EXIT_BAD_INPUT
         assert "bare: runs in the running environment; to give it its own environment, add environments:" in done.err
 
-    def test_a_misspelt_simulator_is_told_the_nearest(self, gears, run_command):
+    def test_a_misspelt_simulator_gets_a_suggestion(self, gears, run_command):
         assert "did you mean 'second'?" in run_command("env", "create", "secund").err
         assert "null" not in run_command("env", "create", "xyz").err
 
-    def test_a_configuration_that_is_wrong_is_a_line_of_every_verb(self, gears, run_command, tmp_path, monkeypatch):
+    def test_a_wrong_configuration_is_one_line_in_every_verb(self, gears, run_command, tmp_path, monkeypatch):
         config = tmp_path / "config.yaml"
         config.write_text("environments:\n  frist: {requirements: [x]}\n")
         monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(config))
@@ -138,11 +138,11 @@ class TestTheCommand:
                 f"robogauntlet: {config}:2: unknown simulator 'frist'; did you mean 'first'?\n",
             )
 
-    def test_a_configuration_that_is_named_and_not_there_is_told(self, gears, run_command, monkeypatch):
+    def test_a_missing_configuration_file_is_one_line(self, gears, run_command, monkeypatch):
         monkeypatch.setenv("ROBOGAUNTLET_CONFIG", "/nowhere/config.yaml")
         assert run_command("env", "list").err == "robogauntlet: /nowhere/config.yaml: no such file\n"
 
-    def test_a_policy_whose_environment_is_not_there_is_a_line_before_anything_starts(self, run_command, tmp_path):
+    def test_a_policy_without_its_environment_is_one_line_before_anything_starts(self, run_command, tmp_path):
         (tmp_path / "suite.yaml").write_text(
             "name: s\npolicies: ['lerobot:x/y']\ntasks: [null/Reach]\nseeds: {count: 1}\n"
             "environments: {lerobot: {interpreter: /nowhere/python}}\n"

@@ -1,4 +1,4 @@
-"""An environment is there as a whole or not at all, and its failure is one line."""
+"""An environment is complete or does not exist, and a failure is one line."""
 
 import contextlib
 import os
@@ -35,7 +35,7 @@ def leftovers():
     return [path.name for path in root().iterdir() if path.is_dir()]
 
 
-def test_what_is_made_shadows_what_is_inherited_and_is_made_once(environment):
+def test_its_packages_shadow_inherited_ones_and_it_is_created_once(environment):
     one = environment(requirements=["gearbox==2.0"])
     assert installer.create(one, silent)
     found = check(one, catalog.find("bare"))
@@ -47,7 +47,7 @@ def test_another_entry_is_another_environment(environment):
     assert environment(requirements=["gearbox==1.0"]).folder != environment(requirements=["gearbox==2.0"]).folder
 
 
-def test_made_afresh_it_takes_the_place_of_the_old_one(environment):
+def test_a_fresh_environment_replaces_the_old_one(environment):
     one = environment()
     installer.create(one, silent)
     before = one.folder.resolve()
@@ -63,7 +63,7 @@ def test_made_afresh_it_takes_the_place_of_the_old_one(environment):
         ("ray==1.0", "Cannot install ray==1.0"),
     ],
 )
-def test_what_cannot_be_installed_is_one_line_and_leaves_what_was_there(environment, requirement, reason):
+def test_a_failed_installation_is_one_line_and_leaves_nothing(environment, requirement, reason):
     one = environment(requirements=[requirement])
     with pytest.raises(EnvironmentProblem) as caught:
         installer.create(one, silent)
@@ -72,7 +72,7 @@ def test_what_cannot_be_installed_is_one_line_and_leaves_what_was_there(environm
     assert leftovers() == []
 
 
-def test_a_new_one_that_fails_leaves_the_old_one(environment, monkeypatch):
+def test_a_failed_replacement_leaves_the_old_one(environment, monkeypatch):
     one = environment(requirements=["gearbox==2.0"])
     installer.create(one, silent)
     monkeypatch.delenv("PIP_FIND_LINKS")
@@ -81,7 +81,7 @@ def test_a_new_one_that_fails_leaves_the_old_one(environment, monkeypatch):
     assert check(one, catalog.find("bare")).problems == ()
 
 
-def test_a_full_disk_leaves_nothing_and_says_so(environment, monkeypatch):
+def test_a_full_disk_is_reported_and_leaves_nothing(environment, monkeypatch):
     def full(*arguments, **options):
         raise OSError(28, "No space left on device")
 
@@ -91,29 +91,29 @@ def test_a_full_disk_leaves_nothing_and_says_so(environment, monkeypatch):
     assert leftovers() == []
 
 
-def test_a_disk_that_an_installer_finds_full_is_said_so():
-    said = ["Collecting x", "ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device"]
-    assert installer.reason(said).startswith("the disk is full")
+def test_a_full_disk_in_an_installers_output_is_reported():
+    output = ["Collecting x", "ERROR: Could not install packages due to an OSError: [Errno 28] No space left on device"]
+    assert installer.reason(output).startswith("the disk is full")
 
 
-def test_the_last_reason_that_uv_gives_is_told():
-    said = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
-    assert installer.reason(said).endswith("the installer failed: Because gears was not found")
+def test_the_last_reason_of_uv_is_reported():
+    output = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
+    assert installer.reason(output).endswith("the installer failed: Because gears was not found")
 
 
-def test_another_python_is_refused_before_anything_is_made(environment):
+def test_another_python_is_refused_before_anything_is_created(environment):
     with pytest.raises(EnvironmentProblem, match=r"expected Python 3\.\d+ as here.*got python: 3\.99"):
         installer.create(environment(python="3.99"), silent)
     assert not root().exists()
 
 
-def test_uv_that_is_not_there_is_one_line(environment, monkeypatch):
+def test_missing_uv_is_one_line(environment, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(EnvironmentProblem, match="expected uv on the PATH, found none"):
         installer.create(environment(installer="uv", inherit=False), silent)
 
 
-def test_one_is_not_made_twice_at_the_same_time(environment):
+def test_an_environment_is_created_by_one_process_at_a_time(environment):
     one = environment()
     root().mkdir(parents=True)
     with installer._locked(one.folder), pytest.raises(EnvironmentProblem, match="another process is creating it"):
@@ -121,7 +121,7 @@ def test_one_is_not_made_twice_at_the_same_time(environment):
 
 
 @pytest.mark.parametrize(("by", "left"), [(signal.SIGINT, False), (signal.SIGKILL, True)])
-def test_whatever_ends_it_half_an_environment_is_never_taken_for_one(environment, tmp_path, by, left):
+def test_an_interrupted_creation_leaves_no_usable_environment(environment, tmp_path, by, left):
     slow = tmp_path / "slow"
     slow.mkdir()
     (slow / "backend.py").write_text(BACKEND)

@@ -1,4 +1,4 @@
-"""Does a simulator work here? Asked in a process of its own; told in a line; skipped or required by a run."""
+"""Checks in a child process whether simulators work; runs skip or require them."""
 
 import json
 import os
@@ -15,14 +15,14 @@ pytestmark = pytest.mark.simulator
 SUITE = "name: two\npolicies: [zero]\ntasks: [null/Reach, robosuite/Lift]\nseeds: {count: 2}\nhorizon: 8\n"
 
 
-def test_a_simulator_that_works_is_found_with_version_device_and_frame_time():
+def test_a_working_simulator_has_version_device_and_frame_time():
     (found,) = probe(["pybullet"])
     assert (found.problem, found.render_device) == (None, "TinyRenderer")
     assert found.versions["pybullet"] == "3.2.7"
     assert found.frame_ms > 0
 
 
-def test_a_simulator_that_cannot_render_is_found_with_its_reason(monkeypatch):
+def test_a_simulator_that_cannot_render_has_a_reason(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     (found,) = probe(["robosuite"])
     assert found.problem.startswith("SimulatorUnavailable: MuJoCo cannot render with MUJOCO_GL=nonsense")

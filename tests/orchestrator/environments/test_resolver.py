@@ -1,4 +1,4 @@
-"""Who lives where, and that what needs other versions serves one run."""
+"""The environment of each simulator, and runs with several environments."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 import robogauntlet
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
-from robogauntlet.orchestrator.environments.environment import WORKER_PACKAGES, environment_of
+from robogauntlet.orchestrator.environments.environment import WORKER_PACKAGES
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.environments import Config, EnvironmentEntry
@@ -43,30 +43,30 @@ image_size: 16
 """
 
 
-def test_a_suite_comes_before_the_configuration_and_that_before_the_adapter(gears):
+def test_a_suite_overrides_the_configuration_which_overrides_the_adapter(gears):
     first = catalog.find("first")
     of_suite, of_user = EnvironmentEntry(requirements=("a",)), EnvironmentEntry(requirements=("b",))
     config = Config(environments={"first": of_user})
-    assert environment_of(first, {"first": of_suite}, config).entry is of_suite
-    assert environment_of(first, {}, config).entry is of_user
-    assert environment_of(first, {}, Config()).entry.requirements == ("gearbox==1.0",)
+    assert EnvironmentResolver({"first": of_suite}, config).resolve(first).entry is of_suite
+    assert EnvironmentResolver({}, config).resolve(first).entry is of_user
+    assert EnvironmentResolver({}, Config()).resolve(first).entry.requirements == ("gearbox==1.0",)
 
 
-def test_an_adapter_s_own_environment_is_for_where_the_running_one_lacks_the_simulator(gears, monkeypatch):
+def test_an_adapters_environment_is_used_only_if_the_running_one_lacks_the_simulator(gears, monkeypatch):
     (gears / "elsewhere").mkdir(exist_ok=True)
     (gears / "elsewhere" / "gearbox.py").touch()
     monkeypatch.syspath_prepend(gears / "elsewhere")
-    assert environment_of(catalog.find("first"), {}, Config()) is None
+    assert EnvironmentResolver({}, Config()).resolve(catalog.find("first")) is None
 
 
-def test_the_doctor_looks_into_the_environments(made):
+def test_the_doctor_checks_the_environments(made):
     first, second = probe(["first", "second"])
     assert (first.render_device, first.versions) == ("gearbox 1.0", {"gearbox": "1.0"})
     assert (second.render_device, second.versions) == ("gearbox 2.0", {"gearbox": "2.0"})
 
 
 @pytest.mark.ray
-def test_two_versions_serve_one_run_which_says_so_and_can_be_played_again(made, ray_here, run_command, tmp_path):
+def test_a_run_uses_two_environments_records_them_and_can_be_replayed(made, ray_here, run_command, tmp_path):
     (tmp_path / "suite.yaml").write_text(SUITE)
     done = run_command("run", "suite.yaml", "--out", "run", "--no-media")
     assert done.code == 0, done.err

@@ -1,4 +1,4 @@
-"""Real servers on this machine that take what is told: a webhook that first fails, and an SMTP server."""
+"""Real servers on this machine that receive notifications: a webhook that first fails, and an SMTP server."""
 
 import contextlib
 import json
@@ -14,17 +14,17 @@ from aiosmtpd.smtp import AuthResult
 
 from robogauntlet.orchestrator.notifications import Retries
 
-os.environ["NO_PROXY"] = "*"  # whatever the machine has, what is told here goes to this machine
+os.environ["NO_PROXY"] = "*"  # notifications of tests stay on this machine
 QUICK = Retries(waits_s=(0.001, 0.001, 0.001))
 
 
 class Hook(ThreadingHTTPServer):
-    """Answers with the statuses of `script` in turn, then with 200; remembers the JSON that came with each."""
+    """Answers with the statuses of `script` in turn, then with 200; stores the JSON of each request."""
 
     def __init__(self, script=(), headers=(), echo=False, tls=None):
         super().__init__(("127.0.0.1", 0), _Handler)
         self.script, self.headers, self.echo = list(script), dict(headers), echo
-        self.came, self.paths = [], []
+        self.received, self.paths = [], []
         self.scheme = "http"
         if tls is not None:
             self.socket = tls.wrap_socket(self.socket, server_side=True)
@@ -49,7 +49,7 @@ class Hook(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     def do_POST(self):
         body = self.rfile.read(int(self.headers["Content-Length"]))
-        self.server.came.append(json.loads(body))
+        self.server.received.append(json.loads(body))
         self.server.paths.append(self.path)
         status = self.server.script.pop(0) if self.server.script else 200
         if status == "hang up":
@@ -57,24 +57,24 @@ class _Handler(BaseHTTPRequestHandler):
         if status == "no http":
             self.wfile.write(b"220 " + self.path.encode() + b" ESMTP\r\n")
             return
-        said = (self.path if self.server.echo else status if isinstance(status, str) else "ok").encode()
-        self.send_response(400 if isinstance(status, str) else status, said.decode() if self.server.echo else None)
+        body = (self.path if self.server.echo else status if isinstance(status, str) else "ok").encode()
+        self.send_response(400 if isinstance(status, str) else status, body.decode() if self.server.echo else None)
         headers = self.server.headers | ({"Location": self.path, "X-Path": self.path} if self.server.echo else {})
         for name, value in headers.items():
             self.send_header(name, value)
-        self.send_header("Content-Length", str(len(said)))
+        self.send_header("Content-Length", str(len(body)))
         self.end_headers()
-        self.wfile.write(said)
+        self.wfile.write(body)
 
     def log_message(self, *_):
         pass
 
 
 class Inbox:
-    """Keeps letters; refuses as often as `script` says, and the recipients in `unknown`."""
+    """Stores mails; refuses as often as `script` says, and the recipients in `unknown`."""
 
     def __init__(self, script=(), unknown=()):
-        self.script, self.unknown, self.letters, self.encrypted, self.tries = list(script), unknown, [], [], 0
+        self.script, self.unknown, self.mails, self.encrypted, self.tries = list(script), unknown, [], [], 0
 
     async def handle_MAIL(self, server, session, envelope, address, options):  # noqa: N802
         self.tries += 1
@@ -90,13 +90,13 @@ class Inbox:
         return "250 OK"
 
     async def handle_DATA(self, server, session, envelope):  # noqa: N802
-        self.letters.append(envelope)
+        self.mails.append(envelope)
         self.encrypted.append(session.ssl is not None)
         return "250 OK"
 
 
 class Users:
-    """Lets in who knows the password; repeats what came to who does not, as no server should."""
+    """Accepts the right password. Repeats a wrong one, as no server should."""
 
     def __init__(self, user, password):
         self.user, self.password = user, password
@@ -104,8 +104,8 @@ class Users:
     def __call__(self, server, session, envelope, mechanism, data):
         if data.login == self.user.encode() and data.password == self.password.encode():
             return AuthResult(success=True)
-        said = f"535 5.7.8 not {data.login.decode()} with {data.password.decode()}"
-        return AuthResult(success=False, handled=False, message=said)
+        refusal = f"535 5.7.8 not {data.login.decode()} with {data.password.decode()}"
+        return AuthResult(success=False, handled=False, message=refusal)
 
 
 @contextlib.contextmanager
@@ -123,7 +123,7 @@ def smtp(inbox, **options):
 
 @contextlib.contextmanager
 def greeter(words):
-    """A server that says one thing, whatever it is told, and leaves; yields its port."""
+    """A server that sends one text and hangs up; yields its port."""
 
     class Greeting(socketserver.StreamRequestHandler):
         def handle(self):
@@ -136,7 +136,7 @@ def greeter(words):
 
 
 def closed_port():
-    """A port at which nobody listens."""
+    """A port without a listener."""
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as free:
         return free.getsockname()[1]
 

@@ -1,4 +1,4 @@
-"""Telling by e-mail, to real SMTP servers: encrypted, with a login, refusing, gone."""
+"""Notifications by e-mail to real SMTP servers: encrypted, with a login, refused, unreachable."""
 
 import email
 import email.policy
@@ -40,15 +40,15 @@ def environment(port, tls, **more):
     }
 
 
-def told(port, tls="none", **more):
+def notify(port, tls="none", **more):
     return send_all(MESSAGE, notifiers(environment(port, tls, **more)), retries=QUICK)
 
 
-def test_a_letter_arrives_with_its_subject_and_lines():
+def test_a_mail_arrives_with_its_subject_and_lines():
     inbox = Inbox()
     with smtp(inbox) as port:
-        assert told(port) == []
-    (envelope,) = inbox.letters
+        assert notify(port) == []
+    (envelope,) = inbox.mails
     assert envelope.mail_from == "robogauntlet@example.org"
     assert envelope.rcpt_tos == ["a@example.org", "b@example.org"]
     mail = email.message_from_bytes(envelope.content, policy=email.policy.default)
@@ -61,113 +61,113 @@ def test_a_letter_arrives_with_its_subject_and_lines():
     ]
 
 
-def test_by_starttls_the_login_and_the_letter_go_encrypted(authority, trusted):
+def test_starttls_encrypts_the_login_and_the_mail(authority, trusted):
     inbox = Inbox()
     options = {"tls_context": certified(authority), "require_starttls": True, "auth_required": True}
     with smtp(inbox, authenticator=Users("me", PASSWORD), **options) as port:
-        assert told(port, "starttls", **LOGIN) == []
+        assert notify(port, "starttls", **LOGIN) == []
     assert inbox.encrypted == [True]
 
 
 @pytest.mark.filterwarnings("ignore:Requiring AUTH while not requiring TLS")  # aiosmtpd knows of STARTTLS only
-def test_by_tls_all_goes_encrypted(authority, trusted):
+def test_tls_encrypts_the_whole_connection(authority, trusted):
     inbox = Inbox()
     options = {"ssl_context": certified(authority), "auth_required": True, "auth_require_tls": False}
     with smtp(inbox, authenticator=Users("me", PASSWORD), **options) as port:
-        assert told(port, "tls", **LOGIN) == []
-    assert len(inbox.letters) == 1
+        assert notify(port, "tls", **LOGIN) == []
+    assert len(inbox.mails) == 1
 
 
 @pytest.mark.parametrize("tls", ["starttls", "tls"])
-def test_a_certificate_of_nobody_known_is_not_accepted(authority, tls):
+def test_a_certificate_of_an_unknown_authority_is_not_accepted(authority, tls):
     inbox = Inbox()
     options = {"tls_context": certified(authority)} if tls == "starttls" else {"ssl_context": certified(authority)}
     with smtp(inbox, **options) as port:
-        (line,) = told(port, tls, **LOGIN)
+        (line,) = notify(port, tls, **LOGIN)
     assert "certificate was not accepted: unable to get local issuer certificate (SSL_CERT_FILE)" in line
-    assert inbox.letters == []
+    assert inbox.mails == []
 
 
 def test_a_certificate_for_another_host_is_not_accepted(authority, trusted):
     inbox = Inbox()
     with smtp(inbox, tls_context=certified(authority, "elsewhere.example.org")) as port:
-        (line,) = told(port, "starttls")
+        (line,) = notify(port, "starttls")
     assert "Hostname mismatch" in line
-    assert inbox.letters == []
+    assert inbox.mails == []
 
 
-def test_a_server_without_starttls_is_told_nothing():
+def test_nothing_is_sent_to_a_server_without_starttls():
     inbox = Inbox()
     with smtp(inbox) as port:
-        (line,) = told(port, "starttls", **LOGIN)
+        (line,) = notify(port, "starttls", **LOGIN)
     assert f"e-mail through localhost:{port} (starttls): failed with SMTPNotSupportedError; check" in line
     assert inbox.tries == 0
 
 
-def test_a_wrong_password_is_told_once_and_not_repeated(authority, trusted):
+def test_a_wrong_password_is_not_retried(authority, trusted):
     inbox = Inbox()
     options = {"tls_context": certified(authority), "require_starttls": True, "auth_required": True}
     with smtp(inbox, authenticator=Users("me", "another"), **options) as port:
-        (line,) = told(port, "starttls", **LOGIN)
+        (line,) = notify(port, "starttls", **LOGIN)
     assert line.endswith("the server answered 535; check ROBOGAUNTLET_SMTP_* and ROBOGAUNTLET_MAIL_*")
     assert PASSWORD not in line
 
 
-def test_a_server_that_is_busy_is_asked_again():
+def test_a_busy_server_is_retried():
     inbox = Inbox(["451 4.3.0 busy"] * 3)
     with smtp(inbox) as port:
-        assert told(port) == []
+        assert notify(port) == []
     assert inbox.tries == 4
-    assert len(inbox.letters) == 1
+    assert len(inbox.mails) == 1
 
 
-def test_a_server_that_stays_busy_is_given_up_after_four_tries():
+def test_four_busy_answers_end_the_retries():
     inbox = Inbox(["451 4.3.0 busy"] * 9)
     with smtp(inbox) as port:
-        (line,) = told(port)
+        (line,) = notify(port)
     assert "the server answered 451, after 4 tries; check ROBOGAUNTLET_SMTP_* and ROBOGAUNTLET_MAIL_*" in line
     assert inbox.tries == 4
 
 
-def test_a_server_that_says_no_is_not_asked_again():
+def test_a_permanent_refusal_is_not_retried():
     inbox = Inbox(["550 5.7.1 not you"] * 9)
     with smtp(inbox) as port:
-        (line,) = told(port)
+        (line,) = notify(port)
     assert "the server answered 550; " in line
     assert inbox.tries == 1
 
 
-def test_an_address_that_is_refused_is_told_by_its_place_and_the_others_get_the_letter():
+def test_a_refused_recipient_is_named_by_its_number_and_the_others_get_the_mail():
     inbox = Inbox(unknown={"b@example.org"})
     with smtp(inbox) as port:
-        (line,) = told(port)
+        (line,) = notify(port)
     assert "the server refused number 2 in ROBOGAUNTLET_MAIL_TO; " in line
-    assert [one.rcpt_tos for one in inbox.letters] == [["a@example.org"]]
+    assert [one.rcpt_tos for one in inbox.mails] == [["a@example.org"]]
 
 
 def test_when_all_addresses_are_refused_nothing_is_sent():
     inbox = Inbox(unknown={"a@example.org", "b@example.org"})
     with smtp(inbox) as port:
-        (line,) = told(port)
+        (line,) = notify(port)
     assert "the server refused all recipients (550); " in line
-    assert inbox.letters == []
+    assert inbox.mails == []
 
 
-def test_who_is_not_there_is_told_in_a_line():
-    (line,) = told(closed_port())
+def test_a_refused_connection_is_one_line():
+    (line,) = notify(closed_port())
     assert "connection refused, after 4 tries; check ROBOGAUNTLET_SMTP_*" in line
-    (line,) = told(25, "starttls", ROBOGAUNTLET_SMTP_HOST="robogauntlet.invalid")
+    (line,) = notify(25, "starttls", ROBOGAUNTLET_SMTP_HOST="robogauntlet.invalid")
     assert "the host was not found" in line
 
 
-def test_a_server_that_does_not_speak_smtp_is_told_in_a_line():
+def test_a_server_without_smtp_is_one_line():
     with greeter(b"hello there\r\n") as port:
-        (line,) = told(port)
+        (line,) = notify(port)
     assert "failed with SMTPConnectError; check ROBOGAUNTLET_SMTP_*" in line
 
 
 @given(st.text(), st.text(), st.lists(st.text(), max_size=3))
-def test_no_name_can_become_a_header(title, run, lines):
+def test_no_text_can_become_a_header(title, run, lines):
     (teller,) = notifiers(environment(25, "none"))
     inserted = f"{title}\r\nBcc: everybody@example.org\n\nbody {run}"
     made = email_message(Message(inserted, (*lines, inserted), inserted), teller.sender, teller.recipients)

@@ -1,4 +1,4 @@
-"""What people are told of a run, and that sending it never breaks anything."""
+"""The notifications about a run, and that sending them never raises."""
 
 import dataclasses
 import threading
@@ -30,39 +30,39 @@ def compared(success, **changes):
     return compare_runs(run("tuesday", success, **changes), run("monday", lambda seed: seed % 4 != 0))
 
 
-def test_a_regression_is_told_with_its_reasons():
-    told = message_for(document(), compared(lambda seed: seed % 2), "http://lab/tuesday")
-    assert told.title == "REGRESSED: tuesday against monday"
-    assert any(line.startswith("p, maniskill/A: 75 % before, 50 % now of 40 episodes") for line in told.lines)
-    assert (told.run, told.link) == ("tuesday", "http://lab/tuesday")
+def test_a_regression_is_reported_with_its_reasons():
+    message = message_for(document(), compared(lambda seed: seed % 2), "http://lab/tuesday")
+    assert message.title == "REGRESSED: tuesday against monday"
+    assert any(line.startswith("p, maniskill/A: 75 % before, 50 % now of 40 episodes") for line in message.lines)
+    assert (message.run, message.link) == ("tuesday", "http://lab/tuesday")
 
 
-def test_a_regression_of_a_run_that_ended_early_says_both():
+def test_a_regression_of_a_stopped_run_mentions_both():
     ended = document(status=RunStatus.STOPPED, reason="the disk is full")
-    told = message_for(ended, compared(lambda seed: seed % 2), None)
-    assert told.title.startswith("REGRESSED")
-    assert told.lines[-1] == "stopped early: the disk is full"
+    message = message_for(ended, compared(lambda seed: seed % 2), None)
+    assert message.title.startswith("REGRESSED")
+    assert message.lines[-1] == "stopped early: the disk is full"
 
 
-def test_a_run_that_could_not_be_judged_is_told_since_nobody_watches_any_more():
+def test_a_run_that_is_not_comparable_is_reported():
     ended = document(name="another")
     found = compared(lambda seed: True, name="another")
-    told = message_for(ended, found, None)
-    assert told.title == "NOT COMPARABLE: tuesday against monday"
-    assert told.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
-    assert told.lines[-1].endswith("robogauntlet accept tuesday")
+    message = message_for(ended, found, None)
+    assert message.title == "NOT COMPARABLE: tuesday against monday"
+    assert message.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
+    assert message.lines[-1].endswith("robogauntlet accept tuesday")
 
 
 @pytest.mark.parametrize("status", [RunStatus.COMPLETE, RunStatus.INTERRUPTED, RunStatus.RUNNING])
-def test_of_a_run_that_ended_as_it_should_or_was_interrupted_nothing_is_told(status):
+def test_complete_and_interrupted_runs_cause_no_notification(status):
     assert message_for(document(status=status), None, None) is None
     assert message_for(document(status=status), compared(lambda seed: seed % 4 != 0), None) is None
 
 
-def test_a_run_that_stopped_is_told_with_its_reason():
-    told = message_for(document(status=RunStatus.STOPPED, reason="the disk is full"), None, None)
-    assert told.title == "STOPPED: synthetic run-1"
-    assert told.lines[0] == "stopped early: the disk is full"
+def test_a_stopped_run_is_reported_with_its_reason():
+    message = message_for(document(status=RunStatus.STOPPED, reason="the disk is full"), None, None)
+    assert message.title == "STOPPED: synthetic run-1"
+    assert message.lines[0] == "stopped early: the disk is full"
 
 
 @given(st.text(max_size=3000), st.lists(st.text(), max_size=3), st.text(), st.none() | st.text())
@@ -74,12 +74,12 @@ def test_every_text_of_a_message_is_one_printable_line(title, lines, run, link):
         text.encode()
 
 
-def test_a_message_cannot_be_changed_after_it_was_made():
+def test_a_message_is_immutable():
     with pytest.raises(dataclasses.FrozenInstanceError):
         MESSAGE.title = "a\nb"
 
 
-def test_all_are_told_and_none_that_fails_keeps_another_from_it():
+def test_a_failing_target_does_not_affect_the_others():
     inbox = Inbox()
     with Hook() as hook, smtp(inbox) as port:
         environment = {
@@ -95,10 +95,10 @@ def test_all_are_told_and_none_that_fails_keeps_another_from_it():
         "the notification about demo was not sent: webhook 1 of 2 (http://localhost): connection refused, "
         "after 4 tries; check the host and ROBOGAUNTLET_WEBHOOK_URL"
     ]
-    assert len(hook.came) == len(inbox.letters) == 1
+    assert len(hook.received) == len(inbox.mails) == 1
 
 
-def test_nobody_to_tell_is_no_trouble():
+def test_no_target_is_no_error():
     assert notifiers({}) == []
     assert notifiers({"ROBOGAUNTLET_WEBHOOK_URL": "  ", "ROBOGAUNTLET_SMTP_HOST": "", "PATH": "x"}) == []
     assert send_all(MESSAGE, []) == []
@@ -128,7 +128,7 @@ class Refusing:
         raise DeliveryFailed("not today")
 
 
-def test_one_that_never_ends_is_given_up_and_the_others_are_heard():
+def test_a_target_that_never_answers_times_out():
     release = threading.Event()
     try:
         troubles = send_all(MESSAGE, [Silent(release), Refusing()], total_s=1.0)
@@ -140,7 +140,7 @@ def test_one_that_never_ends_is_given_up_and_the_others_are_heard():
     ]
 
 
-def test_an_unexpected_error_is_told_by_its_type_alone():
+def test_an_unexpected_error_is_described_by_its_type():
     (line,) = send_all(MESSAGE, [Broken()])
     assert line.endswith("one that is broken: failed with ValueError; look at it")
 
@@ -152,7 +152,7 @@ MAIL = {
 }
 
 
-def test_mail_is_encrypted_by_starttls_on_its_usual_port_unless_told_otherwise():
+def test_mail_uses_starttls_on_its_usual_port_by_default():
     (mail,) = notifiers(MAIL)
     assert mail.name == "e-mail through mail.example.org:587 (starttls)"
     (mail,) = notifiers(MAIL | {"ROBOGAUNTLET_SMTP_TLS": "TLS"})
@@ -185,14 +185,14 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("changed", "expected"), WRONG, ids=[line[:60] for _, line in WRONG])
-def test_what_is_missing_or_malformed_is_one_line_that_names_the_variable(changed, expected):
+def test_a_missing_or_malformed_variable_is_named_in_one_line(changed, expected):
     with pytest.raises(NotificationError) as raised:
         notifiers(MAIL | changed)
     (line,) = str(raised.value).splitlines()
     assert line.startswith(expected)
 
 
-def test_all_that_is_wrong_is_told_at_once():
+def test_all_wrong_variables_are_reported_at_once():
     with pytest.raises(NotificationError) as raised:
         notifiers({"ROBOGAUNTLET_SMTP_PORT": "x", "ROBOGAUNTLET_WEBHOOK_URL": "x"})
     assert [line.partition(":")[0] for line in str(raised.value).splitlines()] == [
@@ -205,6 +205,6 @@ def test_all_that_is_wrong_is_told_at_once():
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "::1"])
-def test_mail_in_the_clear_is_for_this_machine_only(host):
+def test_unencrypted_mail_is_for_this_machine_only(host):
     (mail,) = notifiers(MAIL | {"ROBOGAUNTLET_SMTP_HOST": host, "ROBOGAUNTLET_SMTP_TLS": "none"})
     assert mail.port == 25

@@ -1,4 +1,4 @@
-"""No secret is told to anybody: not in a line, a log, an exception or a repr, whatever fails and however."""
+"""No secret appears in a message, a log, an exception or a repr, whatever fails."""
 
 import base64
 import contextlib
@@ -67,8 +67,8 @@ def chain(error):
     return found
 
 
-def told(environment, secret):
-    """Tell, and look for the secret in all that can be seen."""
+def notify(environment, secret):
+    """Send a notification, and check that the secret is in nothing that is visible."""
     found = notifiers(environment)
     with logged() as texts:
         lines = send_all(MESSAGE, found, retries=QUICK)
@@ -88,37 +88,37 @@ def hostile():
 def test_an_address_is_not_repeated_from_a_server_that_repeats_it(hostile, secret, place, status):
     hostile.script = [status] * 4
     url = f"http://localhost:{hostile.server_address[1]}{place.format(secret)}"
-    assert told({"ROBOGAUNTLET_WEBHOOK_URL": url}, secret)
+    assert notify({"ROBOGAUNTLET_WEBHOOK_URL": url}, secret)
 
 
 @few
 @given(SECRET, st.sampled_from(["hang up", "no http"]))
 def test_an_address_is_not_repeated_when_a_connection_breaks(hostile, secret, way):
     hostile.script = [way] * 4
-    assert told({"ROBOGAUNTLET_WEBHOOK_URL": f"http://localhost:{hostile.server_address[1]}/{secret}"}, secret)
+    assert notify({"ROBOGAUNTLET_WEBHOOK_URL": f"http://localhost:{hostile.server_address[1]}/{secret}"}, secret)
     hostile.script = []
 
 
 @few
 @given(SECRET, st.sampled_from(["http", "https"]), st.sampled_from(["localhost", "robogauntlet.invalid"]))
-def test_an_address_is_not_repeated_when_there_is_nobody(secret, scheme, host):
-    assert told({"ROBOGAUNTLET_WEBHOOK_URL": f"{scheme}://{host}:{closed_port()}/{secret}?{secret}"}, secret)
+def test_an_address_is_not_repeated_when_the_connection_is_refused(secret, scheme, host):
+    assert notify({"ROBOGAUNTLET_WEBHOOK_URL": f"{scheme}://{host}:{closed_port()}/{secret}?{secret}"}, secret)
 
 
 def test_an_address_is_not_repeated_by_a_certificate_that_is_not_accepted():
     with Hook(tls=certified(trustme.CA())) as hook:
-        assert told({"ROBOGAUNTLET_WEBHOOK_URL": hook.url}, "s3cr3t")
+        assert notify({"ROBOGAUNTLET_WEBHOOK_URL": hook.url}, "s3cr3t")
 
 
-def test_an_address_is_not_logged_when_all_is_well_either(hostile):
+def test_an_address_is_not_logged_after_a_success(hostile):
     hostile.script = [503, 200]
-    assert told({"ROBOGAUNTLET_WEBHOOK_URL": hostile.url}, "s3cr3t") == []
+    assert notify({"ROBOGAUNTLET_WEBHOOK_URL": hostile.url}, "s3cr3t") == []
 
 
 def test_the_password_of_a_proxy_is_not_repeated(monkeypatch):
     monkeypatch.setenv("NO_PROXY", "")
     monkeypatch.setenv("HTTP_PROXY", f"http://me:{MARK}@localhost:{closed_port()}")
-    (line,) = told({"ROBOGAUNTLET_WEBHOOK_URL": f"http://robogauntlet.invalid/{MARK}"}, MARK)
+    (line,) = notify({"ROBOGAUNTLET_WEBHOOK_URL": f"http://robogauntlet.invalid/{MARK}"}, MARK)
     assert "connection refused" in line
 
 
@@ -141,27 +141,27 @@ def test_a_password_is_not_repeated_from_a_server_that_repeats_it(echoing, secre
         "ROBOGAUNTLET_SMTP_PASSWORD": secret,
         "ROBOGAUNTLET_SMTP_PORT": str(echoing),
     }
-    (line,) = told(MAIL | login, secret)
+    (line,) = notify(MAIL | login, secret)
     assert "answered 535" in line or "SMTPServerDisconnected" in line or "UnicodeEncodeError" in line
 
 
 @few
 @given(SECRET, st.sampled_from([b"220 {}\r\n", b"421 {}\r\n", b"554 {}\r\n", b"{}\r\n", b"{}"]))
-def test_a_password_is_not_repeated_from_whatever_greets(secret, greeting):
+def test_a_password_is_not_repeated_from_a_servers_greeting(secret, greeting):
     with greeter(greeting.replace(b"{}", secret.encode())) as port:
         login = {
             "ROBOGAUNTLET_SMTP_USER": secret,
             "ROBOGAUNTLET_SMTP_PASSWORD": secret,
             "ROBOGAUNTLET_SMTP_PORT": str(port),
         }
-        assert told(MAIL | login, secret)
+        assert notify(MAIL | login, secret)
 
 
 @few
 @given(SECRET, st.sampled_from(["starttls", "tls", "none"]))
-def test_a_password_is_not_repeated_when_there_is_nobody(secret, tls):
+def test_a_password_is_not_repeated_when_the_connection_is_refused(secret, tls):
     login = {"ROBOGAUNTLET_SMTP_USER": secret, "ROBOGAUNTLET_SMTP_PASSWORD": secret, "ROBOGAUNTLET_SMTP_TLS": tls}
-    assert told(MAIL | login | {"ROBOGAUNTLET_SMTP_PORT": str(closed_port())}, secret)
+    assert notify(MAIL | login | {"ROBOGAUNTLET_SMTP_PORT": str(closed_port())}, secret)
 
 
 VARIABLES = (
@@ -181,8 +181,8 @@ URLS = (
 
 
 @given(PASSWORD, st.dictionaries(st.sampled_from(VARIABLES), st.booleans()), st.sampled_from(URLS))
-def test_what_is_malformed_is_named_and_not_shown(secret, wrong, url):
-    """Secrets get into the wrong variables; what is wrong is said without its value."""
+def test_malformed_variables_are_named_without_their_values(secret, wrong, url):
+    """A secret may be in the wrong variable, so values are not shown."""
     environment = MAIL | {name: secret if whole else f"x\n{secret}@" for name, whole in wrong.items()}
     environment["ROBOGAUNTLET_WEBHOOK_URL"] = url.replace("{}", secret)
     with logged() as texts, pytest.raises(NotificationError, match=r"^ROBOGAUNTLET_") as raised:
@@ -191,7 +191,7 @@ def test_what_is_malformed_is_named_and_not_shown(secret, wrong, url):
 
 
 @given(st.text(min_size=1), st.text(), st.text(), st.text())
-def test_no_configuration_raises_anything_else(url, host, sender, recipients):
+def test_a_wrong_configuration_raises_only_notification_errors(url, host, sender, recipients):
     names = ("ROBOGAUNTLET_WEBHOOK_URL", "ROBOGAUNTLET_SMTP_HOST", "ROBOGAUNTLET_MAIL_FROM", "ROBOGAUNTLET_MAIL_TO")
     with contextlib.suppress(NotificationError):
         notifiers(dict(zip(names, (url, host, sender, recipients), strict=True)))

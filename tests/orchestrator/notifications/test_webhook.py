@@ -1,4 +1,4 @@
-"""Telling by webhook, to real servers that fail first, say no, hang up or are not there."""
+"""Notifications by webhook to real servers that fail first, refuse, hang up or are unreachable."""
 
 import pytest
 import trustme
@@ -9,15 +9,15 @@ from tests.orchestrator.notifications.servers import QUICK, Hook, certified, clo
 MESSAGE = Message("REGRESSED: a against b", ("one & two", "<!channel>"), "a", "https://lab/a?x=1&y=2")
 
 
-def told(url):
+def notify(url):
     return send_all(MESSAGE, notifiers({"ROBOGAUNTLET_WEBHOOK_URL": url}), retries=QUICK)
 
 
-def test_what_arrives_is_json_that_slack_takes():
+def test_a_webhook_receives_json_as_slack_expects():
     with Hook() as hook:
-        assert told(hook.url) == []
-    (came,) = hook.came
-    assert came["text"].splitlines() == [
+        assert notify(hook.url) == []
+    (received,) = hook.received
+    assert received["text"].splitlines() == [
         "*REGRESSED: a against b*",
         "• one &amp; two",
         "• &lt;!channel&gt;",
@@ -27,11 +27,11 @@ def test_what_arrives_is_json_that_slack_takes():
 
 
 @pytest.mark.parametrize("failure", [429, 500, 502, 503, 504, "hang up"])
-def test_what_may_pass_is_tried_again_until_it_works(failure):
+def test_temporary_failures_are_retried(failure):
     with Hook([failure] * 3) as hook:
-        assert told(hook.url) == []
-    assert len(hook.came) == 4
-    assert all(one == hook.came[0] for one in hook.came)
+        assert notify(hook.url) == []
+    assert len(hook.received) == 4
+    assert all(one == hook.received[0] for one in hook.received)
 
 
 @pytest.mark.parametrize(
@@ -43,45 +43,45 @@ def test_what_may_pass_is_tried_again_until_it_works(failure):
         ("no http", "failed with BadStatusLine, after 4 tries; check"),
     ],
 )
-def test_after_four_tries_it_is_given_up_with_what_came(status, words):
+def test_four_failures_end_with_the_reason(status, words):
     with Hook([status] * 4) as hook:
-        (line,) = told(hook.url)
+        (line,) = notify(hook.url)
     assert line.startswith(f"the notification about a was not sent: webhook (http://localhost): {words}")
-    assert len(hook.came) == 4
+    assert len(hook.received) == 4
 
 
 @pytest.mark.parametrize(
     ("status", "words"),
     [(400, "the server answered 400; "), (404, "the server answered 404; "), (302, "the server answered 302; ")],
 )
-def test_what_will_not_pass_is_tried_once(status, words):
+def test_permanent_failures_are_not_retried(status, words):
     with Hook([status], {"Location": "/elsewhere"} if status == 302 else ()) as hook:
-        (line,) = told(hook.url)
+        (line,) = notify(hook.url)
     assert line.startswith(f"the notification about a was not sent: webhook (http://localhost): {words}")
     assert "ROBOGAUNTLET_WEBHOOK_URL" in line
-    assert len(hook.came) == 1
+    assert len(hook.received) == 1
 
 
-def test_who_is_not_there_is_told_from_a_host_that_does_not_exist():
-    (refused,) = told(f"http://localhost:{closed_port()}/x")
+def test_a_refused_connection_differs_from_an_unknown_host():
+    (refused,) = notify(f"http://localhost:{closed_port()}/x")
     assert "connection refused, after 4 tries" in refused
-    (unknown,) = told("http://robogauntlet.invalid/x")
+    (unknown,) = notify("http://robogauntlet.invalid/x")
     assert "the host was not found, after 4 tries" in unknown
 
 
 def test_a_certificate_is_checked(tmp_path, monkeypatch):
     authority = trustme.CA()
     with Hook(tls=certified(authority)) as hook:
-        (line,) = told(hook.url)
+        (line,) = notify(hook.url)
         assert "the server's certificate was not accepted: " in line
-        assert hook.came == []
+        assert hook.received == []
         authority.cert_pem.write_to_path(tmp_path / "ca.pem")
         monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
-        assert told(hook.url) == []
-    assert len(hook.came) == 1
+        assert notify(hook.url) == []
+    assert len(hook.received) == 1
 
 
-def test_a_server_without_tls_is_told_from_one_that_is_down():
+def test_a_server_without_tls_differs_from_one_that_is_down():
     with Hook() as hook:
-        (line,) = told(hook.url.replace("http://", "https://"))
+        (line,) = notify(hook.url.replace("http://", "https://"))
     assert "failed with SSLError" in line

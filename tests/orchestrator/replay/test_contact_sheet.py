@@ -1,4 +1,4 @@
-"""What a policy sees at every severity, side by side."""
+"""Contact sheets of the images at every severity."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
-from robogauntlet.orchestrator.cli.common import BadInput
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.orchestrator.replay.contact_sheet import LABEL_WIDTH, draw_contact_sheet, render_severities
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import RenderProfile, View
@@ -30,7 +30,7 @@ def test_a_sheet_has_a_column_for_each_severity_and_a_line_for_each_task():
 
 
 @pytest.mark.simulator
-def test_looks_differ_from_the_clean_one_more_and_more():
+def test_images_differ_more_with_each_severity():
     clean, *others = (
         np.stack(images).astype(float) for images in render_severities("pybullet/PandaPush-v3", AXES["noise"], VIEW, 0)
     )
@@ -42,18 +42,8 @@ def test_looks_differ_from_the_clean_one_more_and_more():
 @pytest.mark.simulator
 def test_a_sheet_is_written_by_one_command(tmp_path):
     file = tmp_path / "orbit.png"
-    command = [
-        "axes",
-        "sheet",
-        "camera-orbit",
-        "--out",
-        str(file),
-        "--task",
-        "pybullet/PandaReach-v3",
-        "--image-size",
-        "48",
-    ]
-    done = CliRunner().invoke(app, command)
+    options = ["--out", str(file), "--task", "pybullet/PandaReach-v3", "--image-size", "48"]
+    done = CliRunner().invoke(app, ["axes", "sheet", "camera-orbit", *options])
     assert done.exit_code == 0, done.exception
     assert Image.open(file).size == (LABEL_WIDTH + 6 * 52, 16 + 104)
 
@@ -73,7 +63,7 @@ def test_a_sheet_is_written_by_one_command(tmp_path):
 )
 def test_a_mistake_is_one_line_and_leaves_no_file(arguments, message, tmp_path):
     done = CliRunner().invoke(app, ["axes", "sheet", *(a.format(tmp=tmp_path) for a in arguments)])
-    assert isinstance(done.exception, BadInput)
+    assert isinstance(done.exception, INPUT_ERRORS)
     assert message in str(done.exception)
     assert "\n" not in str(done.exception)
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Episodes of a run played again and written as datasets: exactly those, and exactly as they were."""
+"""Selected episodes of a run, replayed and written as datasets."""
 
 import json
 from dataclasses import replace
@@ -48,14 +48,14 @@ RUN = document(of=SYNTHETIC)
 ROWS = [row(cell, seed, ("failure", "success", "error")[seed % 3]) for cell in SYNTHETIC for seed in range(9)]
 
 
-def test_all_failures_are_chosen_and_nothing_else():
+def test_exactly_the_failures_are_selected_by_default():
     chosen = EpisodeFilter().select(RUN, ROWS)
     assert len(chosen) == len(ROWS) / 3
     assert {one.status for one in chosen} == {"failure"}
     assert [one.task for one in chosen] == sorted(one.task for one in chosen)
 
 
-def test_policies_tasks_conditions_and_statuses_are_chosen_by_name_or_pattern():
+def test_policies_tasks_conditions_and_statuses_are_selected_by_name_or_pattern():
     choice = EpisodeFilter(("q",), ("pybullet/*",), ("noise@*", "clean"), ("success", "failure"))
     chosen = choice.select(RUN, ROWS)
     assert {(one.policy, one.task) for one in chosen} == {("q", "pybullet/B")}
@@ -65,7 +65,7 @@ def test_policies_tasks_conditions_and_statuses_are_chosen_by_name_or_pattern():
 
 @settings(max_examples=25)
 @given(st.integers(1, 30), st.integers(0, 15), st.randoms(use_true_random=False))
-def test_a_larger_limit_adds_to_what_a_smaller_one_chose_in_whatever_order_rows_come(limit, more, shuffle):
+def test_a_larger_limit_adds_to_a_smaller_one_in_any_order_of_rows(limit, more, shuffle):
     rows = list(ROWS)
     shuffle.shuffle(rows)
     few = EpisodeFilter(limit=limit).select(RUN, rows)
@@ -91,7 +91,7 @@ def test_a_name_that_is_not_in_the_run_is_one_line(choice, line):
 @pytest.mark.parametrize("axis", ["noise", "frozen-frames", "blank-instruction", "blind"])
 @settings(max_examples=20)
 @given(st.lists(st.booleans(), min_size=1, max_size=12), st.integers(0, 50))
-def test_a_glance_changes_no_look_and_shows_what_a_look_would(axis, looks, seed):
+def test_a_preview_equals_the_observation_and_changes_nothing(axis, looks, seed):
     severity = 1 if axis.startswith("bl") else 4
     one = Episode("p", "digest", TASK, seed, Protocol(60, 1, View(image_size=8)), Condition(axis, severity))
     seen = []
@@ -120,17 +120,17 @@ def test_a_record_holds_the_state_before_each_step_and_the_commanded_action():
     outer = perturbed(recorder, one)
     outer.reset(3)
     recorder.watch(outer, 0)
-    told, places = np.array([0.02, 0, 0, 0, 0, 0, 0]), []
+    commanded, places = np.array([0.02, 0, 0, 0, 0, 0, 0]), []
     for _ in range(4):
         places.append(simulation.observe().proprioception)
-        outer.step(told)
+        outer.step(commanded)
     found = recorder.recording()
     assert np.array_equal(found.states, places)
-    assert np.all(found.actions == told)
+    assert np.all(found.actions == commanded)
     assert not np.array_equal(np.diff(found.states[:, :3], axis=0), found.actions[:-1, :3])
 
 
-def test_an_episode_is_retold_to_its_end(played, runner):
+def test_an_episode_is_recorded_to_its_end(played, runner):
     failed = next(one for one in played if one.status == "failure")
     found = record_episode(failed, runner)
     assert len(found) == failed.steps
@@ -138,7 +138,7 @@ def test_an_episode_is_retold_to_its_end(played, runner):
     assert found.about["episode_id"] == failed.episode_id
 
 
-def test_an_episode_that_comes_out_differently_is_left_out_with_a_line(played, runner):
+def test_an_episode_with_another_outcome_is_left_out_with_a_line(played, runner):
     changed = replace(played[0], final_state_hash="0" * 16)
     line = record_episode(changed, runner)
     assert line.startswith(f"{changed.episode_id} ({TASK}, random, clean, seed 0): the outcome differs and the")
@@ -153,14 +153,14 @@ def run(played, tmp_path):
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
 class TestExport:
-    def test_failures_become_a_dataset_that_goes_on_where_it_stopped(self, run_command, run, played, runner, tmp_path):
+    def test_failures_become_a_dataset_that_can_be_continued(self, run_command, run, played, runner, tmp_path):
         typed = ("export", run, "--format", "lerobot-dataset")
         first = run_command(*typed, "--limit", 2)
         assert (first.code, first.err) == (0, "")
         assert "nulls-lerobot/null__Reach: 2 episodes, 120 frames\n" in first.out
-        said = run_command(*typed)
+        result = run_command(*typed)
         failed = {one.episode_id: one for one in played if one.status == "failure"}
-        assert f"continuing: 2 of {len(failed)} episodes are recorded already\n" in said.out
+        assert f"continuing: 2 of {len(failed)} episodes are recorded already\n" in result.out
         table = pd.read_parquet(tmp_path / "nulls-lerobot/null__Reach/meta/episodes/chunk-000/file-000.parquet")
         assert sorted(table["episode_id"]) == sorted(failed)
         assert [failed[name].seed for name in table["episode_id"]] == table["seed"].tolist()
@@ -170,14 +170,14 @@ class TestExport:
         opened = Demonstrations(tmp_path / "nulls-lerobot" / "null__Reach")
         assert (opened.episodes, opened.task) == (len(failed), TASK)
 
-    def test_a_full_disk_is_one_line_and_leaves_nothing_half(self, run_command, run, tmp_path, monkeypatch):
+    def test_a_full_disk_is_one_line_and_leaves_no_partial_file(self, run_command, run, tmp_path, monkeypatch):
         def full(*arguments, **options):
             raise OSError(28, "No space left on device")
 
         with monkeypatch.context() as patch:
             patch.setattr("robogauntlet.policies.training.dataset_writer.pq.ParquetWriter", full)
-            said = run_command("export", run, "--format", "lerobot-dataset", "--out", "data")
-        assert (said.code, said.err) == (3, "robogauntlet: the disk is full; free some space and run again\n")
+            result = run_command("export", run, "--format", "lerobot-dataset", "--out", "data")
+        assert (result.code, result.err) == (3, "robogauntlet: the disk is full; free some space and run again\n")
         assert not list((tmp_path / "data").rglob("*.parquet"))
 
 
@@ -190,19 +190,19 @@ class TestExport:
     ],
 )
 def test_what_cannot_be_exported_is_one_line(run_command, run, typed, line):
-    said = run_command("export", run, *typed)
-    assert said.code == 2
-    assert line in said.err
-    assert said.err.count("\n") == 1
+    result = run_command("export", run, *typed)
+    assert result.code == 2
+    assert line in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_a_policy_that_has_changed_is_one_line(run_command, run):
     text = (run / "run.json").read_text()
     digest = json.loads(text)["plan"][0]["policy_digest"]
     (run / "run.json").write_text(text.replace(digest, "f" * 16))
-    said = run_command("export", run, "--format", "lerobot-dataset")
-    assert (said.code, said.err.count("\n")) == (2, 1)
-    assert "policy 'random' has changed since the run" in said.err
+    result = run_command("export", run, "--format", "lerobot-dataset")
+    assert (result.code, result.err.count("\n")) == (2, 1)
+    assert "policy 'random' has changed since the run" in result.err
 
 
 def test_the_identity_survives_the_row(played):

@@ -1,4 +1,4 @@
-"""Which episodes are filmed, and which conditions are pictured."""
+"""The episodes that get a video, and the conditions that get a snapshot."""
 
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, new_failures, representative_episodes
@@ -18,7 +18,7 @@ def chosen(rows, policies=("experts",)):
     return [(r.task, r.axis, r.severity, r.seed) for r in new_failures(lambda: iter(rows), policies)]
 
 
-def test_a_typical_success_and_failure_is_clean_before_it_is_perturbed_and_of_the_first_seed():
+def test_representative_episodes_are_clean_if_possible_and_of_the_first_seed():
     rows = [
         row(cell(condition=BLUR2), 0, "failure"),
         row(cell(), 3),
@@ -32,18 +32,18 @@ def test_a_typical_success_and_failure_is_clean_before_it_is_perturbed_and_of_th
     ]
 
 
-def test_what_fell_had_succeeded_in_the_clean_world():
+def test_a_new_failure_succeeded_in_the_clean_condition():
     rows = [row(cell(), 0, "failure"), row(cell(), 1), *(row(cell(condition=BLUR2), s, "failure") for s in (0, 1))]
     assert chosen(rows) == [(PUSH, "blur", 2, 1)]
 
 
-def test_of_what_fell_the_mildest_is_chosen_then_the_first_seed():
+def test_the_new_failure_of_lowest_severity_then_seed_is_chosen():
     rows = [row(cell(), seed) for seed in range(4)]
     rows += [row(cell(condition=BLUR4), 0, "failure"), *(row(cell(condition=BLUR2), s, "failure") for s in (3, 2))]
     assert chosen(rows) == [(PUSH, "blur", 2, 2)]
 
 
-def test_each_axis_simulator_and_policy_has_its_own_fall():
+def test_each_axis_simulator_and_policy_has_its_own_new_failure():
     clean = [row(cell(task, policy=p), 0) for task in (PUSH, LIFT) for p in ("experts", "merged", "oracle")]
     falls = [
         row(cell(task, condition, p), 0, "failure")
@@ -60,12 +60,12 @@ def test_each_axis_simulator_and_policy_has_its_own_fall():
     }
 
 
-def test_a_control_or_an_error_is_no_fall():
+def test_controls_and_errors_are_no_new_failures():
     rows = [row(cell(), 0), row(cell(condition=Condition("blind", 1)), 0, "failure")]
     assert chosen([*rows, row(cell(condition=BLUR2), 0, "error")]) == []
 
 
-def test_every_planned_severity_is_looked_at_beside_the_clean_one_on_the_first_task_of_each_simulator():
+def test_snapshots_have_every_severity_on_each_simulators_first_task():
     tasks = (PUSH, "maniskill/PullCube-v1", LIFT)
     plan = cells(("oracle", "experts"), tasks, (CLEAN, BLUR2, BLUR4, Condition("blind", 1)))
     looks = condition_snapshots(plan, 7)
@@ -74,6 +74,6 @@ def test_every_planned_severity_is_looked_at_beside_the_clean_one_on_the_first_t
     ]
 
 
-def test_an_axis_is_looked_at_on_the_first_task_that_has_it():
+def test_snapshots_show_the_first_task_with_the_axis():
     plan = [*cells(("oracle",), (PUSH,), (CLEAN,)), *cells(("oracle",), ("maniskill/PullCube-v1",), (CLEAN, NOISE))]
     assert {look.task for look in condition_snapshots(plan, 0)} == {"maniskill/PullCube-v1"}

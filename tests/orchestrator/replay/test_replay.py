@@ -67,7 +67,7 @@ def record(path, *, interrupted):
             raise KeyboardInterrupt
 
 
-def test_a_video_is_there_under_its_name_once_it_is_complete(tmp_path):
+def test_only_a_complete_video_has_its_name(tmp_path):
     path = tmp_path / "videos" / "a.mp4"
     with pytest.raises(KeyboardInterrupt):
         record(path, interrupted=True)

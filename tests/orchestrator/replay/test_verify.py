@@ -30,7 +30,7 @@ def test_all_rows_are_counted_and_hashed():
     assert (found.rows, found.rows_hash) == (40, rows_hash(map(outcome_row, ROWS)))
 
 
-def test_seeds_draw_different_samples_and_every_row_has_its_turn():
+def test_seeds_draw_different_samples_and_every_row_is_drawn_by_some():
     drawn = {one.seed for seed in range(100) for one in sample_rows(iter(ROWS), 4, seed).sample}
     assert len(drawn) == 32
 
@@ -45,7 +45,7 @@ def played(tmp_path_factory):
 
 
 @pytest.mark.ray
-def test_an_untouched_run_is_the_same(played):
+def test_an_unchanged_run_passes(played):
     done = run_command("verify", played, "--sample", 4)
     assert done.returncode == 0, done.stderr
     assert "10 rows, hash " in done.stdout
@@ -55,7 +55,7 @@ def test_an_untouched_run_is_the_same(played):
 
 
 @pytest.mark.ray
-def test_a_row_that_was_changed_is_found_by_the_hash_and_by_playing_again(played):
+def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
     with sqlite3.connect(played / "episodes.sqlite") as database:
         (wanted,) = database.execute("select episode_id from episodes where policy = 'oracle' and seed = 1").fetchone()
         (steps,) = database.execute("select steps from episodes where episode_id = ?", (wanted,)).fetchone()
@@ -73,7 +73,7 @@ def test_a_row_that_was_changed_is_found_by_the_hash_and_by_playing_again(played
     assert without.stderr.splitlines() == [first]
 
 
-def test_a_folder_that_is_no_run_is_told_in_a_line(tmp_path):
+def test_a_folder_that_is_no_run_is_one_line(tmp_path):
     done = run_command("verify", tmp_path)
     assert done.returncode == 2
     assert len(done.stderr.splitlines()) == 1

@@ -1,4 +1,4 @@
-"""The calendar in a real PostgreSQL server."""
+"""Schedules in a real PostgreSQL server."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def folder(schedule, due_at):
     return f"/runs/{schedule.name}-{due_at:.0f}"
 
 
-def test_it_is_kept_and_served_by_one_process_at_a_time(server, tmp_path):  # noqa: F811
+def test_postgresql_stores_schedules_and_admits_one_server(server, tmp_path):  # noqa: F811
     schedule_store, other = ScheduleStore.open(server), ScheduleStore.open(server)
     made = Schedule("nightly", "smoke", "*/10 * * * *", "Europe/Berlin", ("--seeds=3",), CatchUp.ALL, 7, False, START)
     schedule_store.add(made)

@@ -39,7 +39,7 @@ def members(field, low, high):
 
 
 def matches(cron, moment):
-    """By the letter of cron(5), minute by minute."""
+    """As cron(5) defines it, minute by minute."""
     minute, hour, day, month, weekday = cron.split()
     in_time = moment.minute in members(minute, 0, 59) and moment.hour in members(hour, 0, 23)
     by_day = moment.day in members(day, 1, 31)
@@ -58,7 +58,7 @@ def fields(low, high):
 
 @settings(max_examples=40)
 @given(minute=st.integers(0, 59), hour=fields(0, 23), day=fields(1, 31), month=fields(1, 12), weekday=fields(0, 6))
-def test_it_is_due_whenever_cron_says_so_and_never_else(minute, hour, day, month, weekday):
+def test_due_times_are_exactly_those_of_the_cron_expression(minute, hour, day, month, weekday):
     cron = f"{minute} {hour} {day} {month} {weekday}"
     days = 45
     hours = (START + timedelta(hours=h, minutes=minute) for h in range(24 * days + 1))
@@ -82,7 +82,7 @@ def test_the_hour_is_that_of_the_time_zone_in_summer_and_winter():
 
 
 @pytest.mark.parametrize("cron", ["30 2 * * *", "0,30 2 * * *", "15 2-3 * * *"])
-def test_an_hour_that_is_skipped_or_repeated_is_run_once_whenever_that_is_asked(cron):
+def test_a_skipped_or_repeated_hour_is_due_once(cron):
     zone = ZoneInfo("Europe/Berlin")
     for day in (datetime(2026, 3, 29, tzinfo=zone), datetime(2026, 10, 25, tzinfo=zone)):
         start = day.timestamp()
@@ -96,7 +96,7 @@ def test_an_hour_that_is_skipped_or_repeated_is_run_once_whenever_that_is_asked(
             assert later == [moment for moment in found if moment > after]
 
 
-def test_what_is_due_every_hour_is_due_in_a_repeated_hour_twice():
+def test_an_hourly_schedule_is_due_twice_in_a_repeated_hour():
     start = datetime(2026, 10, 24, 23, 30, tzinfo=UTC).timestamp()
     assert len(list(schedule("0 * * * *", timezone="Europe/Berlin").due(start, start + 3 * 3600))) == 3
 
@@ -120,7 +120,7 @@ def test_what_is_due_every_hour_is_due_in_a_repeated_hour_twice():
         ({"keep": 0}, "expected 1 or more"),
     ],
 )
-def test_what_cannot_be_is_one_line_that_says_what_was_expected(changes, words):
+def test_an_invalid_schedule_is_one_line_with_what_was_expected(changes, words):
     values = {"name": "nightly", "suite": "smoke", "cron": "0 2 * * *", **changes}
     with pytest.raises(ScheduleError, match=words) as caught:
         checked(Schedule(**values))

@@ -1,4 +1,4 @@
-"""Promises of the server of the calendar, with real runs on the null simulator."""
+"""The schedule server, with real runs on the null simulator."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from robogauntlet.orchestrator.schedules.run_process import conclude, is_running
+from robogauntlet.orchestrator.schedules.run_process import conclude, is_running, remove_old
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -20,15 +20,15 @@ START = 1_795_000_000.0
 SUITE = "name: nights\npolicies: [{{name: mine, kind: {kind}}}]\ntasks: [null/Reach]\nseeds: {{count: {count}}}\n"
 
 
-class World:
-    """A calendar, a clock that is turned by hand, and what people were told."""
+class Service:
+    """Schedules, a clock that the test sets, the notifications and the log."""
 
     def __init__(self, folder):
         self.folder, self.root = folder, folder / "runs"
         self.root.mkdir()
         self.url = file_url(self.root / "history.sqlite")
         self.schedule_store, self.history = ScheduleStore.open(self.url), History.open(self.url)
-        self.now, self.told, self.log = START, [], []
+        self.now, self.sent, self.log = START, [], []
         self.suite = folder / "nights.yaml"
         self.write()
 
@@ -42,18 +42,11 @@ class World:
         return made
 
     def server(self, **options):
-        return Server(
-            self.schedule_store,
-            self.history,
-            self.root,
-            send=self.told.append,
-            log=self.log.append,
-            now=lambda: self.now,
-            **options,
-        )
+        options = {"send": self.sent.append, "log": self.log.append, "now": lambda: self.now, **options}
+        return Server(self.schedule_store, self.history, self.root, **options)
 
     def settle(self, server, seconds=120.0):
-        """Let the server do what there is to do."""
+        """Step the server until no run is due or running."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             server.step()
@@ -68,136 +61,134 @@ class World:
 
 
 @pytest.fixture
-def world(tmp_path):
-    made = World(tmp_path)
+def service(tmp_path):
+    made = Service(tmp_path)
     yield made
     made.schedule_store.close()
     made.history.close()
 
 
-@pytest.mark.slow
 @pytest.mark.ray
-def test_of_ten_runs_the_two_that_are_worse_are_flagged_and_no_other(world):
-    """A suite every two minutes; in the fourth and the eighth run the policy is another."""
-    world.add()
-    server = world.server()
-    for number in range(1, 11):
-        world.write("random" if number in (4, 8) else "oracle")
-        world.now += 120
-        world.settle(server)
-    entries = world.history.runs()[::-1]
-    assert world.states() == ["done"] * 10
-    assert [entry.verdict == "regressed" for entry in entries] == [n in (4, 8) for n in range(1, 11)]
-    assert [entry.verdict for entry in entries[1:3]] == ["no evidence"] * 2
-    assert [entry.counts.rate for entry in entries] == [0.0 if n in (4, 8) else 1.0 for n in range(1, 11)]
-    assert [message.title.partition(":")[0] for message in world.told] == ["REGRESSED"] * 2
-    assert {message.run for message in world.told} == {entries[3].name, entries[7].name}
-    assert all("100 %" in message.lines[0] and "0 %" in message.lines[0] for message in world.told)
+def test_worse_runs_are_flagged_and_no_others(service, ray_here):
+    """A suite every two minutes. In the second and the fourth run another policy has the name."""
+    import ray
+
+    address = ray.get_runtime_context().gcs_address
+    service.add(arguments=("--no-media", "--address", address))
+    server = service.server()
+    for number in range(1, 5):
+        service.write("oracle" if number % 2 else "random")
+        service.now += 120
+        service.settle(server)
+    entries = service.history.runs()[::-1]
+    assert service.states() == ["done"] * 4
+    assert [entry.verdict for entry in entries] == [None, "regressed", "no evidence", "regressed"]
+    assert [entry.counts.rate for entry in entries] == [1.0, 0.0, 1.0, 0.0]
+    assert [message.title.partition(":")[0] for message in service.sent] == ["REGRESSED"] * 2
+    assert [message.run for message in service.sent] == [entries[1].name, entries[3].name]
+    assert all("100 %" in message.lines[0] and "0 %" in message.lines[0] for message in service.sent)
 
 
 @pytest.mark.slow
 @pytest.mark.ray
-def test_killed_at_any_moment_it_loses_no_run_and_doubles_none(world):
-    """A dozen kills; `python -m tests.chaos.calendar` does a hundred."""
-    world.write(count=40)
-    schedule = world.add(cron="0 0 1 1 *")
+def test_a_server_killed_at_any_moment_loses_and_doubles_no_run(service):
+    """Six kills; `python -m tests.chaos.calendar` does a hundred."""
+    service.write(count=40)
+    schedule = service.add(cron="0 0 1 1 *")
     for number in range(2):
-        world.schedule_store.trigger_now(schedule, START + number, world.server().folder)
-    serve_and_kill(world.url, kills=12, done=lambda: world.states() == ["done"] * 2)
-    assert world.states() == ["done"] * 2
-    assert played(world.root, world.history) == {
-        scheduled_run.folder.rpartition("/")[2]: 40 for scheduled_run in world.schedule_store.scheduled_runs()
-    }
+        service.schedule_store.trigger_now(schedule, START + number, service.server().folder)
+    serve_and_kill(service.url, kills=6, done=lambda: service.states() == ["done"] * 2)
+    assert service.states() == ["done"] * 2
+    folders = [scheduled_run.folder.rpartition("/")[2] for scheduled_run in service.schedule_store.scheduled_runs()]
+    assert played(service.root, service.history) == dict.fromkeys(folders, 40)
 
 
 @pytest.mark.ray
-def test_what_was_missed_is_caught_up_as_the_schedule_says(world):
-    world.add("latest", catch_up=CatchUp.LATEST)
-    world.add("skip", catch_up=CatchUp.SKIP)
-    world.now = START + 2 * 3600 + 150  # the last was due 70 s ago
-    server = world.server()
+def test_missed_runs_are_caught_up_as_the_schedule_says(service):
+    service.add("latest", catch_up=CatchUp.LATEST)
+    service.add("skip", catch_up=CatchUp.SKIP)
+    service.now = START + 2 * 3600 + 150  # the last was due 70 s ago
+    server = service.server()
     server.step()
     server.stop()
-    due = {name: [f.state for f in world.schedule_store.scheduled_runs(schedule=name)] for name in ("latest", "skip")}
+    due = {name: [f.state for f in service.schedule_store.scheduled_runs(schedule=name)] for name in ("latest", "skip")}
     assert (due["latest"][0], set(due["latest"][1:])) == (State.RUNNING, {State.MISSED})
     assert set(due["skip"]) == {State.MISSED}
-    assert [message.title.partition(":")[0] for message in world.told] == ["MISSED", "MISSED"]
-    assert f"MISSED: {len(due['skip'])} runs of skip" in [message.title for message in world.told]
+    assert [message.title.partition(":")[0] for message in service.sent] == ["MISSED", "MISSED"]
+    assert f"MISSED: {len(due['skip'])} runs of skip" in [message.title for message in service.sent]
 
 
-def test_two_runs_of_a_suite_never_overlap(world):
-    one, other = world.add("one", cron="0 0 1 1 *"), world.add("other", cron="0 0 1 1 *")
-    server = world.server(max_parallel=2)
+def test_two_runs_of_a_suite_never_overlap(service):
+    one, other = service.add("one", cron="0 0 1 1 *"), service.add("other", cron="0 0 1 1 *")
+    server = service.server(max_parallel=2)
     for schedule in (one, other):
-        world.schedule_store.trigger_now(schedule, START, server.folder)
+        service.schedule_store.trigger_now(schedule, START, server.folder)
     server.step()
-    assert sorted(world.states()) == ["due", "running"]
+    assert sorted(service.states()) == ["due", "running"]
     server.stop()
 
 
-def test_a_run_that_goes_on_without_its_server_is_waited_for(world):
-    schedule = world.add(cron="0 0 1 1 *")
-    scheduled_run = world.schedule_store.trigger_now(schedule, START, world.server().folder)
-    world.schedule_store.change(scheduled_run, state=State.RUNNING)
-    with lock_folder(world.root / scheduled_run.folder, for_run=True):
-        assert is_running(world.root / scheduled_run.folder)
-        server = world.server()
+def test_a_new_server_waits_for_a_run_that_an_earlier_one_started(service):
+    schedule = service.add(cron="0 0 1 1 *")
+    scheduled_run = service.schedule_store.trigger_now(schedule, START, service.server().folder)
+    service.schedule_store.change(scheduled_run, state=State.RUNNING)
+    with lock_folder(service.root / scheduled_run.folder, for_run=True):
+        assert is_running(service.root / scheduled_run.folder)
+        server = service.server()
         server.step()
         assert not server._processes
-    assert not is_running(world.root / scheduled_run.folder)
+    assert not is_running(service.root / scheduled_run.folder)
     server.step()
     assert len(server._processes) == 1
     server.stop()
 
 
-def test_a_suite_that_is_gone_fails_with_its_reason_and_people_are_told(world):
-    schedule = world.add(cron="0 0 1 1 *")
-    world.suite.unlink()
-    world.schedule_store.trigger_now(schedule, START, world.server().folder)
-    world.settle(world.server())
-    (scheduled_run,) = world.schedule_store.scheduled_runs()
+def test_a_missing_suite_file_fails_with_its_reason_and_a_notification(service):
+    schedule = service.add(cron="0 0 1 1 *")
+    service.suite.unlink()
+    service.schedule_store.trigger_now(schedule, START, service.server().folder)
+    service.settle(service.server())
+    (scheduled_run,) = service.schedule_store.scheduled_runs()
     assert scheduled_run.state is State.FAILED
     assert "nights.yaml" in scheduled_run.outcome
-    assert [message.title.partition(":")[0] for message in world.told] == ["STOPPED"]
+    assert [message.title.partition(":")[0] for message in service.sent] == ["STOPPED"]
 
 
-def test_a_run_whose_baseline_is_gone_is_done_and_people_are_told(world):
-    schedule = world.add(cron="0 0 1 1 *")
+def test_a_run_whose_baseline_is_gone_is_done_with_a_notification(service):
+    schedule = service.add(cron="0 0 1 1 *")
     for number in range(2):
-        scheduled_run = world.schedule_store.trigger_now(schedule, START + number, world.server().folder)
+        scheduled_run = service.schedule_store.trigger_now(schedule, START + number, service.server().folder)
         run = document(4, run_id=f"run-{number}", started_at=START + number, name="nights")
-        folder = run_folder(world.root / scheduled_run.folder, run, [])
-        world.history.record(run, folder)
+        folder = run_folder(service.root / scheduled_run.folder, run, [])
+        service.history.record(run, folder)
         if number == 0:
             (folder / "episodes.sqlite").unlink()
-    closed = conclude(world.schedule_store, world.history, schedule, scheduled_run, 0, world.told.append)
+    closed = conclude(service.schedule_store, service.history, schedule, scheduled_run, 0, service.sent.append)
     assert closed.state is State.DONE
     assert "not compared" in closed.outcome
-    assert [message.title.partition(":")[0] for message in world.told] == ["NOT COMPARED"]
+    assert [message.title.partition(":")[0] for message in service.sent] == ["NOT COMPARED"]
 
 
-def test_old_folders_are_removed_but_not_their_numbers_nor_the_baseline(world):
-    from robogauntlet.orchestrator.schedules.run_process import remove_old
-
-    schedule = world.add(keep=2)
+def test_old_folders_are_removed_but_not_their_results_nor_the_baseline(service):
+    schedule = service.add(keep=2)
     for number in range(5):
-        scheduled_run = world.schedule_store.trigger_now(schedule, START + number, world.server().folder)
+        scheduled_run = service.schedule_store.trigger_now(schedule, START + number, service.server().folder)
         run = document(4, run_id=f"run-{number}", started_at=START + number, name="nights")
-        folder = run_folder(world.root / scheduled_run.folder, run, [])
-        world.history.record(run, folder, schedule="nightly")
-        world.schedule_store.change(scheduled_run, state=State.DONE, run_id=run.run_id)
+        folder = run_folder(service.root / scheduled_run.folder, run, [])
+        service.history.record(run, folder, schedule="nightly")
+        service.schedule_store.change(scheduled_run, state=State.DONE, run_id=run.run_id)
         if number > 1:
-            world.history.write_verdict(run.run_id, "regressed", "run-1", ["worse"])
-    removed = remove_old(world.schedule_store, world.history, schedule)
-    kept = {path.parent.name for path in world.root.glob("*/run.json")}
-    folders = [world.server().folder(schedule, START + number).rpartition("/")[2] for number in range(5)]
+            service.history.write_verdict(run.run_id, "regressed", "run-1", ["worse"])
+    removed = remove_old(service.schedule_store, service.history, schedule)
+    kept = {path.parent.name for path in service.root.glob("*/run.json")}
+    folders = [service.server().folder(schedule, START + number).rpartition("/")[2] for number in range(5)]
     assert kept == {folders[1], folders[3], folders[4]}
     assert sorted(path.name for path in removed) == [folders[0], folders[2]]
-    assert len(world.history.runs()) == 5
-    assert world.history.find("run-0").folder is None
+    assert len(service.history.runs()) == 5
+    assert service.history.find("run-0").folder is None
 
 
-def test_a_calendar_is_served_by_one_process_and_a_crash_frees_it(world, tmp_path):
+def test_one_server_at_a_time_and_a_crash_releases_the_lock(service, tmp_path):
     code = (
         "import sys, time\nfrom pathlib import Path\n"
         "from robogauntlet.orchestrator.schedules.store import ScheduleStore\n"
@@ -205,15 +196,15 @@ def test_a_calendar_is_served_by_one_process_and_a_crash_frees_it(world, tmp_pat
         "store = ScheduleStore.open(sys.argv[1])\nwith exclusive_server(store.database, Path(sys.argv[2])):\n"
         "    print('here', flush=True)\n    time.sleep(60)\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", code, world.url, world.root], stdout=subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-c", code, service.url, service.root], stdout=subprocess.PIPE)
     assert process.stdout.readline() == b"here\n"
     with (
         pytest.raises(AlreadyRunning, match="another schedule server runs on"),
-        exclusive_server(world.schedule_store.database, world.root),
+        exclusive_server(service.schedule_store.database, service.root),
     ):
         pass
     process.kill()
     process.wait()
     process.stdout.close()
-    with exclusive_server(world.schedule_store.database, world.root):
+    with exclusive_server(service.schedule_store.database, service.root):
         pass

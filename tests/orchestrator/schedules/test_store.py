@@ -1,4 +1,4 @@
-"""Promises of orchestrator/schedules/store.py: what is due is written down exactly once."""
+"""The store of schedules: each due time is recorded exactly once."""
 
 import sqlite3
 import threading
@@ -30,7 +30,7 @@ def folder(schedule, due_at):
     return f"/runs/{schedule.name}-{due_at:.0f}"
 
 
-def test_a_schedule_comes_back_as_it_was(schedule_store):
+def test_a_schedule_is_read_as_it_was_written(schedule_store):
     made = schedule(timezone="Europe/Berlin", arguments=("--seeds=3",), catch_up=CatchUp.ALL, keep=7, gate=False)
     schedule_store.add(made)
     assert schedule_store.schedules() == [made]
@@ -39,7 +39,7 @@ def test_a_schedule_comes_back_as_it_was(schedule_store):
         schedule_store.add(made)
 
 
-def test_removing_leaves_what_has_begun(schedule_store):
+def test_removing_a_schedule_keeps_its_started_runs(schedule_store):
     schedule_store.add(schedule())
     schedule_store.record_due(START + 1800, folder)
     schedule_store.change(schedule_store.scheduled_runs()[0], state=State.DONE, outcome="fine")
@@ -50,7 +50,7 @@ def test_removing_leaves_what_has_begun(schedule_store):
 
 @settings(max_examples=30)
 @given(steps=st.lists(st.floats(0.0, 7200.0), min_size=1, max_size=8))
-def test_however_often_it_is_asked_every_time_is_there_once(tmp_path_factory, steps):
+def test_each_due_time_is_recorded_once_however_often_it_is_called(tmp_path_factory, steps):
     schedule_store = ScheduleStore.open(file_url(tmp_path_factory.mktemp("schedule_store") / "history.sqlite"))
     made, now = schedule(), START
     schedule_store.add(made)
@@ -62,7 +62,7 @@ def test_however_often_it_is_asked_every_time_is_there_once(tmp_path_factory, st
     schedule_store.close()
 
 
-def test_several_processes_that_ask_at_once_write_each_time_once(schedule_store, tmp_path):
+def test_simultaneous_processes_record_each_due_time_once(schedule_store, tmp_path):
     schedule_store.add(schedule())
     books = [ScheduleStore.open(file_url(tmp_path / "history.sqlite")) for _ in range(4)]
     noted = []
@@ -83,13 +83,13 @@ def test_several_processes_that_ask_at_once_write_each_time_once(schedule_store,
         own.close()
 
 
-def test_an_absence_of_years_is_looked_back_upon_for_a_month(schedule_store):
+def test_missed_times_are_recorded_for_the_last_month_only(schedule_store):
     schedule_store.add(schedule(cron="0 * * * *"))
     schedule_store.record_due(START + 3 * 365 * 86_400, folder)
     assert len(schedule_store.scheduled_runs()) == 31 * 24
 
 
-def test_a_newer_calendar_is_refused(tmp_path):
+def test_a_store_of_a_newer_version_is_refused(tmp_path):
     path = tmp_path / "history.sqlite"
     ScheduleStore.open(file_url(path)).close()
     with sqlite3.connect(path) as connection:

@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerO
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.resources import Resources
-from tests.orchestrator.conftest import Told
+from tests.orchestrator.conftest import RecordingObserver
 from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
 
 
@@ -21,7 +21,7 @@ def work(plan):
 
 
 def play(items, pool, workers, **changes):
-    told, rows = Told(), []
+    told, rows = RecordingObserver(), []
     given = {"workers": workers, "episode_time_limit_s": 30.0, "allowed_errors": 10**6}
     chosen = SchedulerOptions(**{**given, **changes})
     Scheduler(work_queues(items, 3), pool, chosen, rows.extend, told, now=pool.clock).run()

@@ -1,4 +1,4 @@
-"""What the tests of loggers share: a run to log, the verb, and a reader of W&B's files."""
+"""Shared by the tests of trackers: a run to log, the verb, and a reader of W&B's files."""
 
 import json
 import os
@@ -38,7 +38,7 @@ def save(folder, **changes):
 
 
 def gauntlet_log(*arguments, cwd, without=(), **environment):
-    """`robogauntlet log`, in a process of its own, as if the libraries `without` were not installed."""
+    """`robogauntlet log`, in a new process, as if the libraries `without` were not installed."""
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({list(without)}))\n"
         "from robogauntlet.orchestrator.cli import app, main\nfrom robogauntlet.orchestrator.cli.log import log\n"

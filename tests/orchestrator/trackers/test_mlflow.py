@@ -1,4 +1,4 @@
-"""Logging to MLflow in a database on this machine: what it wrote is read back by its client."""
+"""Logging to MLflow in a database on this machine, which is read by its client."""
 
 import pytest
 
@@ -36,7 +36,7 @@ def runs(logged):
     return client.search_runs([experiment.experiment_id])
 
 
-def test_the_numbers_arrive(runs):
+def test_the_metrics_are_logged(runs):
     metrics = runs[0].data.metrics
     assert metrics["success_rate/p-1/maniskill/PushCube-v1"] == 0.75
     assert metrics["errors/p-1/pybullet/Push/camera-position/3"] == 2
@@ -50,13 +50,13 @@ def test_the_run_has_its_name_tags_and_provenance(runs):
     assert {"robogauntlet", "synthetic", "maniskill"} < runs[0].data.tags.keys()
 
 
-def test_a_run_that_is_logged_again_is_the_same_run_with_its_new_state(runs):
+def test_a_run_logged_twice_is_updated(runs):
     assert len(runs) == 1
     assert runs[0].data.tags["robogauntlet/status"] == "complete"
     assert runs[0].info.status == "FINISHED"
 
 
-def test_the_cells_come_along_as_a_file(place, runs):
+def test_the_cells_are_logged_as_a_file(place, runs):
     (path,) = place.glob(f"mlruns/*/{runs[0].info.run_id}/artifacts/cells.csv")
     assert path.read_text().splitlines()[0].startswith("simulator,task,policy")
     assert len(path.read_text().splitlines()) == 5
@@ -66,11 +66,11 @@ def test_no_free_text_of_the_run_is_written(place, runs):
     assert b"s3cr3t" not in (place / "mlflow.db").read_bytes()
 
 
-def test_where_it_is_is_said(logged, runs):
+def test_the_place_of_the_run_is_returned(logged, runs):
     assert logged[1].stdout.strip() == f"logged: {logged[0]}, experiment nights, run {runs[0].info.run_id}"
 
 
-def test_a_server_that_is_not_there_is_one_line_without_its_login(place, logged):
+def test_an_unreachable_server_is_one_line_without_its_login(place, logged):
     done = gauntlet_log(
         *("complete/night", "--to", "mlflow"),
         cwd=place,

@@ -1,4 +1,4 @@
-"""What is written of a run, whichever logger it is written to."""
+"""The results of a run as all trackers receive them."""
 
 import dataclasses
 
@@ -28,14 +28,14 @@ def test_each_policy_and_task_has_its_rate_interval_number_and_errors(opened):
     assert metrics["errors/p-1/maniskill/PushCube-v1"] == 0
 
 
-def test_a_perturbed_condition_is_apart(opened):
+def test_a_perturbed_condition_has_its_own_metrics(opened):
     metrics = tracked_run(opened.document, opened.tables()).metrics
     assert metrics["success_rate/p-1/pybullet/Push/camera-position/3"] == pytest.approx(5 / 18)
     assert metrics["errors/p-1/pybullet/Push/camera-position/3"] == 2
     assert metrics["errors/all"] == 4
 
 
-def test_what_was_not_played_has_no_rate(opened):
+def test_a_cell_without_episodes_has_no_rate(opened):
     summary = tracked_run(opened.document, tables_of(opened.document, []))
     assert "success_rate/p-1/maniskill/PushCube-v1" not in summary.metrics
     assert summary.metrics["missing/p-1/maniskill/PushCube-v1"] == 20
@@ -47,7 +47,7 @@ def test_free_text_of_a_run_is_not_written(opened):
     assert "s3cr3t" not in repr(dataclasses.asdict(summary))
 
 
-def test_with_what_a_run_was_made_is_written(opened):
+def test_the_provenance_is_logged(opened):
     summary = tracked_run(opened.document, opened.tables())
     assert summary.provenance["git_commit"] == "abc123"
     assert summary.provenance["packages/mani-skill"] == "3.0.1"
@@ -57,12 +57,12 @@ def test_with_what_a_run_was_made_is_written(opened):
 
 
 @given(st.text(), st.text())
-def test_names_are_made_usable_and_different_ones_stay_different(first, second):
+def test_names_are_escaped_and_stay_different(first, second):
     assert (_usable(first) == _usable(second)) == (first == second)
 
 
 @pytest.mark.parametrize("project", ["", "a/b", "a?b", " a", "x" * 129])
-def test_a_project_that_some_logger_would_not_take_is_refused(project):
+def test_a_project_name_that_some_tracker_refuses_is_refused(project):
     with pytest.raises(TrackerError, match="the project's name: expected"):
         check_project(project)
 
@@ -88,7 +88,7 @@ def test_a_library_that_is_missing_is_one_line_with_the_command_that_installs_it
     assert f'is not installed; install it with: pip install "robogauntlet[{name}]"' in done.stderr
 
 
-def test_what_is_no_run_is_one_line(tmp_path):
+def test_a_folder_without_a_run_is_one_line(tmp_path):
     done = gauntlet_log("night", "--to", "wandb", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.strip() == "robogauntlet: night: expected a run folder, there is nothing"

@@ -1,4 +1,4 @@
-"""Logging to W&B offline: what it wrote is read back from its own files."""
+"""Logging to W&B offline, whose files are read."""
 
 import json
 
@@ -25,7 +25,7 @@ def records(logged):
     return list(wandb_records(path))
 
 
-def test_the_numbers_arrive(records):
+def test_the_metrics_are_logged(records):
     summary = {}
     for record in records:
         summary |= items(record.summary.update) | items(record.history.item)
@@ -43,7 +43,7 @@ def test_the_run_has_its_name_project_tags_and_provenance(records):
     assert config["status"] == "stopped"
 
 
-def test_the_table_of_all_cells_arrives(logged):
+def test_the_table_of_all_cells_is_logged(logged):
     (path,) = logged[0].glob("wandb/offline-run-*/files/media/table/cells_*.table.json")
     table = json.loads(path.read_text())
     assert table["columns"] == list(COLUMNS)
@@ -59,12 +59,12 @@ def test_no_free_text_of_the_run_and_nothing_of_the_machine_is_written(logged):
     assert not {"requirements.txt", "wandb-metadata.json"} & {path.name for path in files}
 
 
-def test_where_it_is_is_said(logged):
+def test_the_place_of_the_run_is_returned(logged):
     folder, done = logged
     assert done.stdout.startswith(f"logged: upload it with: wandb sync {folder / 'wandb' / 'offline-run-'}")
 
 
-def test_without_a_login_it_is_one_line_that_says_what_to_do(logged):
+def test_a_missing_login_is_one_line_with_the_remedy(logged):
     done = gauntlet_log("night", "--to", "wandb", cwd=logged[0], WANDB_BASE_URL="http://localhost:9")
     assert done.returncode == 2
     assert "W&B did not accept the run (" in done.stderr.splitlines()[-1]
