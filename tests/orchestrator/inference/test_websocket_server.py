@@ -63,10 +63,7 @@ VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 @pytest.mark.simulator
 @pytest.mark.parametrize(
     ("kind", "options"),
-    [
-        ("mergevla-experts", {"folder": "zoo:experts"}),
-        ("mergevla-merged", {"checkpoint": "zoo:merged"}),
-    ],
+    [("mergevla-experts", {"folder": "zoo:experts"}), ("mergevla-merged", {"checkpoint": "zoo:merged"})],
 )
 def test_the_zoo_played_through_a_server_makes_the_same_rows_to_the_bit(kind, options):
     pytest.importorskip("torch")
