@@ -13,7 +13,7 @@ from robogauntlet.adapters.contract import AdapterError, Simulation
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.episodes.rollout import Watcher, rollout
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies.contract import Policy, PolicyError, check_fit
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.suites.episode import Episode, View

@@ -15,8 +15,7 @@ import numpy as np
 from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.perturbations.base import Perturbed
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages
 from robogauntlet.policies.contract import (
     Decision,
     Policy,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import statistics
 
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.orchestrator.runs.plan import why_unadjusted
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.axes import AXES

@@ -20,7 +20,7 @@ from robogauntlet.adapters.contract import (
     TaskDescription,
 )
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.suites.episode import CAMERAS, RenderProfile, View
 from robogauntlet.support import errors
 

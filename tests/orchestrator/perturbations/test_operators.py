@@ -7,16 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.perturbations.operators import (
+from robogauntlet.orchestrator.perturbations.actions import delay_steps, step_deviation
+from robogauntlet.orchestrator.perturbations.base import generator_for
+from robogauntlet.orchestrator.perturbations.images import (
     add_noise,
     blur,
-    delay_steps,
     gaussian_kernel,
-    generator_for,
     is_frozen,
     noise_deviation,
     psnr,
-    step_deviation,
 )
 
 GREY = np.full((96, 96, 3), 128, np.uint8)

@@ -1,6 +1,6 @@
 """Looks are kept by seed and scene, those asked for last."""
 
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 
 
 class Drawing:
@@ -20,7 +20,7 @@ def test_a_look_is_drawn_once_for_a_seed_and_a_scene():
 
 
 def test_the_looks_asked_for_last_are_kept():
-    references, draw = ReferenceImages(most=2), Drawing()
+    references, draw = ReferenceImages(size=2), Drawing()
     for seed in (1, 2, 1, 3):
         references.get(seed, "clean", draw)
     assert [references.get(seed, "clean", draw)["third_person"] for seed in (1, 3, 2)] == [1, 3, 4]

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.perturbations.textures import PATTERNS, painted, pattern
+from robogauntlet.orchestrator.perturbations.table_and_distractors import PATTERNS, painted, pattern
 
 
 @given(st.sampled_from(PATTERNS), st.integers(0, 2**32 - 1), st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))

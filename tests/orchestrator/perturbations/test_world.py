@@ -12,8 +12,8 @@ from robogauntlet.adapters.photometry import difference, linear
 from robogauntlet.adapters.scene_control import DynamicsFactors, Light, SceneControls, Unreachable
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations import perturbed, table_and_distractors
-from robogauntlet.orchestrator.perturbations.objects import outside
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
+from robogauntlet.orchestrator.perturbations.physics import distance_from
 from robogauntlet.policies.contract import PolicyInput
 from robogauntlet.suites.axes import AXES, Changes
 from tests.orchestrator.episodes.test_rollout import Scripted
@@ -122,14 +122,14 @@ def test_distractors_are_as_many_as_asked_clear_of_the_things_and_half_in_the_ta
         scene, _ = begun("distractors", severity, seed=seed)
         state = scene.privileged_state()
         assert len(scene.props) == AXES["distractors"].value(severity)
-        own = [prop for prop in scene.props if prop.colour in table_and_distractors.TASKS_COLOURS]
+        own = [prop for prop in scene.props if prop.colour in table_and_distractors.TASK_COLOURS]
         assert len(own) == math.ceil(len(scene.props) / 2)
         for prop in scene.props:
             assert prop.position[2] == pytest.approx(prop.size / 2)
             reach = prop.size / math.sqrt(2) + 0.03 + 0.05
             for thing in ("cube", "other", "tcp"):
                 assert np.linalg.norm(prop.position[:2] - state[f"{thing}_position"][:2]) >= reach
-            way = table_and_distractors.from_segment(
+            way = table_and_distractors.distance_to_segment(
                 prop.position[:2], state["cube_position"][:2], state["other_position"][:2]
             )
             assert way >= reach
@@ -162,7 +162,7 @@ def test_the_object_lies_outside_its_region_on_any_side(severity):
     for seed in range(24):
         scene, simulation = begun("object-position", severity, seed=seed)
         box, where = scene.placeable()["cube"], scene.things["cube"][:2]
-        assert outside(box, where) == pytest.approx(AXES["object-position"].value(severity) / 100)
+        assert distance_from(box, where) == pytest.approx(AXES["object-position"].value(severity) / 100)
         sides.add(tuple(np.sign(np.round(where - np.clip(where, box.low, box.high), 6)).tolist()))
         assert simulation.delivered().value == pytest.approx(AXES["object-position"].value(severity))
     assert sides == {(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)}
