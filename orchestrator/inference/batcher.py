@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -70,14 +71,12 @@ class Batcher(Generic[Question, Answer]):
                     await self._answered([request])
 
     async def _gather(self) -> None:
-        deadline = asyncio.get_running_loop().time() + self._wait_s
-        while sum(len(request.questions) for request in self._waiting) < self._max_batch:
-            self._arrived.clear()
-            left = deadline - asyncio.get_running_loop().time()
-            try:
-                await asyncio.wait_for(self._arrived.wait(), max(0.0, left))
-            except TimeoutError:
-                return
+        """Wait until a batch is full or its first question has waited for `wait_s`."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(self._wait_s):
+                while sum(len(request.questions) for request in self._waiting) < self._max_batch:
+                    self._arrived.clear()
+                    await self._arrived.wait()
 
     def _next_batch(self) -> list[_Request[Question, Answer]]:
         batch = [self._waiting.popleft()]

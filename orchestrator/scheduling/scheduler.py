@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
-from robogauntlet.orchestrator.scheduling.work_queue import Backlog, Outcome, Result, WorkSource, next_simulator
+from robogauntlet.orchestrator.scheduling.work_queue import Outcome, Result, WorkSource, next_simulator
 from robogauntlet.orchestrator.scheduling.worker_pool import (
     EpisodesFinished,
     Started,
@@ -253,7 +253,7 @@ class Scheduler(Generic[Result]):
         """The simulator that an idle slot should serve: the same as before while it has episodes waiting."""
         if slot.bound or (slot.simulator and self.work[slot.simulator].waiting) or not self._waiting:
             return slot.simulator
-        backlogs = {name: Backlog(source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
+        backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
         return next_simulator(backlogs) or slot.simulator
 
     def _process_events(self) -> None:

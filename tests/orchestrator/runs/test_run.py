@@ -365,7 +365,7 @@ def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
     run.folder = run.folder.parent / "auto"
     chosen = run(suite(text, inference="auto")).document.inference
     assert chosen in ("worker", "served")
-    assert "measuring where policies answer sooner" in run.said.getvalue()
+    assert "measuring where policies answer faster" in run.said.getvalue()
     words = {"worker": "in the workers: ", "served": "in separate inference processes: "}[chosen]
     assert f"policies compute {words}" in run.said.getvalue()
     assert served.document.rows_hash == read_run(run.folder).rows_hash

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robogauntlet.orchestrator.episodes.lease import Lease
-from robogauntlet.orchestrator.scheduling.work_queue import LEASE_S, START_S, Backlog, WorkQueue, next_simulator
+from robogauntlet.orchestrator.scheduling.work_queue import LEASE_S, START_S, WorkQueue, next_simulator
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.suites.episode import Cell, Protocol
 
-DEMANDS = st.dictionaries(st.sampled_from("abc"), st.builds(Backlog, st.floats(0, 1e6), st.integers(0, 4)))
+BACKLOGS = st.dictionaries(st.sampled_from("abc"), st.tuples(st.floats(0, 1e6), st.integers(0, 4)))
 
 
 def cell(task="sim/A", policy="p"):
@@ -166,23 +166,23 @@ def test_what_waits_is_what_was_given_less_what_was_handed_out(plan):
 
 
 def test_a_simulator_without_a_worker_comes_first():
-    assert next_simulator({"a": Backlog(1000.0, 1), "b": Backlog(1.0, 0)}) == "b"
+    assert next_simulator({"a": (1000.0, 1), "b": (1.0, 0)}) == "b"
 
 
-def test_then_the_one_with_the_most_work_left_for_each_worker():
-    assert next_simulator({"a": Backlog(1000.0, 3), "b": Backlog(900.0, 1)}) == "b"
+def test_then_the_simulator_with_the_most_work_left_per_worker():
+    assert next_simulator({"a": (1000.0, 3), "b": (900.0, 1)}) == "b"
 
 
-def test_a_place_stays_idle_where_starting_a_worker_would_take_longer_than_the_work():
-    assert next_simulator({"a": Backlog(1.9 * START_S, 1)}) is None
-    assert next_simulator({"a": Backlog(2.1 * START_S, 1)}) == "a"
+def test_a_slot_stays_idle_if_starting_a_worker_takes_longer_than_the_work():
+    assert next_simulator({"a": (1.9 * START_S, 1)}) is None
+    assert next_simulator({"a": (2.1 * START_S, 1)}) == "a"
 
 
-@given(DEMANDS)
-def test_a_place_goes_where_there_is_work_and_no_simulator_is_left_without_a_worker(demands):
-    chosen = next_simulator(demands)
-    unattended = {name for name, demand in demands.items() if demand.waiting_s > 0 and not demand.workers}
+@given(BACKLOGS)
+def test_a_slot_serves_a_simulator_with_work_and_first_one_without_a_worker(backlogs):
+    chosen = next_simulator(backlogs)
+    unattended = {name for name, (waiting_s, workers) in backlogs.items() if waiting_s > 0 and not workers}
     if chosen is not None:
-        assert demands[chosen].waiting_s > 0
+        assert backlogs[chosen][0] > 0
     if unattended:
         assert chosen in unattended
