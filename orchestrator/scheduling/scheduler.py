@@ -57,7 +57,7 @@ class Observer(Generic[Observed]):
     def on_results(self, results: Sequence[Observed]) -> None:
         """Workers have returned results."""
 
-    def on_warning(self, simulator: str, message: str) -> None:
+    def on_warning(self, message: str) -> None:
         """A worker died or was killed."""
 
     def on_tick(self, activity: Callable[[], Sequence[LiveWorker]]) -> None:
@@ -309,11 +309,11 @@ class Scheduler(Generic[Result]):
         lease, finished, opening = slot.lease, slot.finished, slot.opening
         self._discard(slot)
         if lease is not None:
-            self.observer.on_warning(slot.simulator, f"{slot.name}: {reason}; its episodes go back into the queue")
+            self.observer.on_warning(f"{slot.name}: {reason}; its episodes go back into the queue")
             self._accept(self.work[slot.simulator].lost(lease, lease.seeds[finished:], reason))
             return
         self._failed_starts[slot.simulator] += 1
-        self.observer.on_warning(slot.simulator, f"{slot.name}: {reason} while opening {opening}")
+        self.observer.on_warning(f"{slot.name}: {reason} while opening {opening}")
         if self._failed_starts[slot.simulator] >= START_ATTEMPTS:
             self._give_up(slot.simulator, opening, f"{reason} while opening {opening}, {START_ATTEMPTS} times")
 

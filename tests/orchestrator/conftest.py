@@ -33,7 +33,7 @@ class Told:
         self.rows += results
         self.on_rows(results)
 
-    def on_warning(self, simulator, message):
+    def on_warning(self, message):
         self.warnings.append(message)
 
     def on_tick(self, doing):
