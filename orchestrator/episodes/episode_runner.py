@@ -79,15 +79,10 @@ class EpisodeRunner:
     def play_one(
         self, episode: Episode, watcher: Watcher | None = None, wrap: Callable[[Simulation], Simulation] | None = None
     ) -> EpisodeResult:
-        """Play one episode. After an unexpected exception it is tried once more in a new simulation.
+        """Play one episode in the simulation, or in what `wrap` returns for it; for `watcher` see `rollout`.
 
-        Args:
-            episode: The episode.
-            watcher: Called after every step.
-            wrap: Wraps the simulation for this episode.
-
-        Returns:
-            The record, which is an error record if the episode could not be played.
+        After an unexpected exception it is tried once more in a new simulation. The result is an error record if the
+        episode could not be played.
         """
         started, clock = time.time(), time.perf_counter()
         error = ""

@@ -46,10 +46,7 @@ class NoRoom(Exception):
 
 
 def check_address(address: str) -> None:
-    """Check an address quickly, where Ray itself would wait for minutes.
-
-    Args:
-        address: `HOST:PORT` of a cluster's head, or `auto` for a cluster on this machine.
+    """Check `HOST:PORT` of a cluster's head, or `auto`, quickly, where Ray itself would wait for minutes.
 
     Raises:
         NoCluster: The address is invalid or does not answer.

@@ -26,12 +26,7 @@ def router_table(study: RoutingStudy) -> TextTable:
 
 
 def split(table: TextTable, columns: int) -> tuple[TextTable, TextTable]:
-    """Split the router table into one without and one with the columns of tasks that share a scene.
-
-    Args:
-        table: From `router_table`.
-        columns: The number of these columns.
-    """
+    """Split the router table into one without and one with only the columns of tasks that share a scene."""
 
     def chosen(places: Sequence[int]) -> TextTable:
         header, *rows = (tuple(row[place] for place in places) for row in (table.header, *table.rows))

@@ -51,15 +51,7 @@ def key_of(cell: Cell) -> Key:
 def progression(
     cells: Sequence[Cell], seeds: Seeds, rule: AdaptiveEntry, sides: CompareEntry, outcomes: Outcomes
 ) -> Progression:
-    """Replay the complete rounds, and determine the remaining work of the next one.
-
-    Args:
-        cells: All cells of the suite.
-        seeds: The first seed, and the number of seeds per condition without stopping.
-        rule: When to stop.
-        sides: The policies to compare.
-        outcomes: Outcomes of the played episodes.
-    """
+    """Replay the complete rounds of a suite's cells, and determine the remaining work of the next one."""
     state = Progression(planned=dict.fromkeys(cells, 0))
     budget = len(cells) * seeds.count
     undecided = list(dict.fromkeys(cell.condition for cell in cells))

@@ -20,14 +20,7 @@ class HistoryWriter:
     """Writes one run into the stores. The run goes on if the history cannot be written."""
 
     def __init__(self, folder: Path, store: Store, url: str | None, schedule: str | None) -> None:
-        """Open the history.
-
-        Args:
-            folder: The run folder.
-            store: The store with the run's rows.
-            url: URL of the history, or None for no history.
-            schedule: The schedule that started the run, if any.
-        """
+        """Open the history at `url`, if any, besides the store with the run's rows."""
         self._folder, self._schedule = folder, schedule
         self._run_history = History(store.database)
         self._history: History | None = None
@@ -41,11 +34,7 @@ class HistoryWriter:
                 self.warnings.append(f"this run is not recorded in the history: {error}")
 
     def record(self, document: RunDocument, *, counted: bool = True) -> None:
-        """Write the run's document and the counts of its cells.
-
-        Args:
-            document: The run.
-            counted: Whether to count its rows, which takes a second or two per million.
+        """Write the run's document and, if `counted`, the counts of its cells: a second or two per million rows.
 
         Raises:
             StoreError: The store with the rows cannot be written.

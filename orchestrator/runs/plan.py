@@ -65,11 +65,7 @@ class Plan:
         return len(self.cells) * self.suite.seeds.count
 
     def planned_cells(self, seeds: Mapping[Cell, int] | None = None) -> tuple[PlannedCell, ...]:
-        """The plan as the run document holds it.
-
-        Args:
-            seeds: Number of planned seeds of each cell; by default that of the suite.
-        """
+        """The plan as the run document holds it, with each cell's number of seeds, by default that of the suite."""
         return tuple(
             PlannedCell(
                 simulator=cell.simulator,
@@ -268,13 +264,7 @@ def _unavailable_simulators(
 
 
 def remaining_work(plan: Plan, outcomes: Outcomes, skipped: Collection[str] = ()) -> Progression:
-    """The remaining work of a plan; for an adaptive suite, of the current round.
-
-    Args:
-        plan: The plan.
-        outcomes: Outcomes of the played episodes.
-        skipped: Simulators that cannot run here, besides the plan's unavailable ones.
-    """
+    """The remaining work of a plan; for an adaptive suite, of the current round. `skipped` are further simulators."""
     suite, sides = plan.suite, plan.suite.comparison
     cells = [cell for cell in plan.cells if cell.simulator not in {*plan.unavailable, *skipped}]
     if suite.adaptive is not None and sides is not None:

@@ -19,12 +19,7 @@ from robogauntlet.results.store.database import without_password
 
 
 def create_or_resume(plan: Plan, folder: Path, store: str | None) -> RunDocument:
-    """Return the document of a new run, or of the run in `folder`, which is continued.
-
-    Args:
-        plan: The plan.
-        folder: The run folder.
-        store: URL of the store, or None for a file in the folder.
+    """Return the document of a new run, or of the run in `folder`, which is continued; for `store` see `RunOptions`.
 
     Raises:
         PlanError: The folder holds another run.

@@ -28,15 +28,7 @@ class RunObserver(Observer[EpisodeResult]):
         history_writer: HistoryWriter,
         on_tick: Callable[[], None],
     ) -> None:
-        """Observe a run.
-
-        Args:
-            document: The run at its start.
-            unavailable: Simulators that are skipped from the start, each with the reason.
-            progress: Shows the progress.
-            history_writer: Stores the live status.
-            on_tick: Called whenever the live status may have changed.
-        """
+        """Observe a run from its start. `on_tick` is called whenever the live status may have changed."""
         self._run_id, self._phase = document.run_id, "playing"
         self._progress, self._history_writer, self._on_tick = progress, history_writer, on_tick
         self.render_devices: dict[str, str] = dict(document.render_devices)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import random
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.adapter_kit.checks.check import Violation, check, expect
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask, exact
-from robogauntlet.orchestrator.adapter_kit.checks.processes import ask_new_process
+from robogauntlet.orchestrator.adapter_kit.checks.runner import ask_new_process
 
 SEEDS = range(4)
 STEPS = 40
@@ -120,7 +121,7 @@ def seeds_elsewhere(subject: CheckedTask) -> Iterator[Violation]:
 def two_at_once(subject: CheckedTask) -> Iterator[Violation]:
     """Two simulations of the task in one process do not affect each other."""
     alone = trace(subject, 0)
-    with subject.another() as other:
+    with closing(subject.open()) as other:
         other.reset(1)
         simulation = subject.reset(0)
         for mine, theirs in zip(subject.random_actions(0, STEPS), subject.random_actions(7, STEPS), strict=True):

@@ -21,7 +21,7 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import axis_angle
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.adapter_kit.checks.check import Violation, check, expect
-from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask, describe
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CannotOpen, CheckedTask, describe
 from robogauntlet.suites.episode import CAMERAS
 
 FARTHEST = 2.0
@@ -72,8 +72,10 @@ def description(subject: CheckedTask) -> Iterator[Violation]:
 @check("opens", look="Simulator.open, and reset")
 def opens(subject: CheckedTask) -> Iterator[Violation]:
     """The task opens and is reset without an error."""
-    if subject.why_not_open is not None:
-        yield Violation("the task to open", describe(subject.why_not_open))
+    try:
+        _ = subject.simulation
+    except CannotOpen as error:
+        yield Violation("the task to open", describe(error.__cause__ or error))
 
 
 @check("adjusts", look="`scene_controls` of the simulation, `adjusts` of the Simulator, `fixed` of the TaskDescription")

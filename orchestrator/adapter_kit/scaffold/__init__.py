@@ -18,15 +18,7 @@ class ScaffoldError(Exception):
 
 
 def write_package(name: str, folder: Path, taken: Collection[str]) -> list[Path]:
-    """Write a package whose adapter declares the simulator `name`.
-
-    Args:
-        name: Name of the simulator, such as `mysim`.
-        folder: Folder to create.
-        taken: Names of existing simulators.
-
-    Returns:
-        The files below `folder`, sorted.
+    """Write a package whose adapter declares the simulator `name`, and return its files below `folder`, sorted.
 
     Raises:
         ScaffoldError: The name is not valid, or the folder cannot be created or written.
