@@ -29,13 +29,7 @@ class EpisodeRunner:
         worker: str = "local",
         remote_policies: Mapping[str, Policy] | None = None,
     ) -> None:
-        """Create a runner.
-
-        Args:
-            sources: Policies by name; each is built when it is first needed.
-            worker: Name of the worker, for the records.
-            remote_policies: Policies that compute in another process, by name.
-        """
+        """Create a runner. A policy is built from its source when it is first needed, unless it computes remotely."""
         self._sources = sources
         self._worker = worker
         self._policies: dict[str, Policy] = dict(remote_policies or {})

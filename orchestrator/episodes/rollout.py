@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Simulation
+from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages
@@ -135,7 +135,7 @@ def rollout(
                 with _Timed(seconds, "render_s"):
                     clean_simulation.observe()
     policy.finish([episode])
-    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else None
+    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     return EpisodeResult.from_episode(
@@ -151,8 +151,8 @@ def rollout(
         final_state_hash=simulation.state_hash(),
         actions_hash=actions.hexdigest()[:16],
         **(routing_fields(routing) if routing else {}),
-        delivered=round(delivered.value, 6) if delivered and delivered.value is not None else None,
-        delivered_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
+        delivered=None if delivered.value is None else round(delivered.value, 6),
+        delivered_statistics=_statistics_text(delivered.statistics) if delivered.statistics else None,
         started_at=started,
         wall_s=time.perf_counter() - began,
         **seconds,

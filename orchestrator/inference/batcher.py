@@ -34,13 +34,9 @@ class Batcher(Generic[Question, Answer]):
         max_batch: int,
         wait_s: float,
     ) -> None:
-        """Create a batcher.
+        """Create a batcher that calls `answer` in `executor`, with one batch at a time.
 
-        Args:
-            answer: Called in `executor` with one batch at a time.
-            executor: Runs `answer`.
-            max_batch: Maximum number of questions in a batch of several calls.
-            wait_s: Maximum time that the first question of a batch waits for others.
+        A batch of several calls has at most `max_batch` questions, the first of which waits for others up to `wait_s`.
         """
         self._answer, self._executor, self._max_batch, self._wait_s = answer, executor, max_batch, wait_s
         self._waiting: deque[_Request[Question, Answer]] = deque()

@@ -147,12 +147,8 @@ def choose_inference(
 ) -> Literal["worker", "served"]:
     """Where the policies of a run compute: as the suite says, or for `auto` where answers are faster.
 
-    Args:
-        sources: The policies. Ray must be running.
-        cells: Cells of the run.
-        inference: The suite's settings.
-        workers: Number of workers that query a server at the same time.
-        log: Prints a line for the user.
+    Ray must be running. `workers` is the number of workers that query a server at the same time, `log` prints a line
+    for the user.
 
     Raises:
         NoRoom: The suite requests more of a GPU than any node has.

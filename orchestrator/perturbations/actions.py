@@ -52,7 +52,7 @@ class ActionNoise(PerturbedActions):
         self._squares += float(np.square(noisy[:3] - action[:3]).sum())
         return noisy
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The deviation of the executed actions from the commanded ones, clipping included."""
         if not self._steps:
             return Delivered(None)
@@ -74,7 +74,7 @@ class ActionDelay(PerturbedActions):
         self._delayed.append(action)
         return self._delayed.pop(0)
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The delay in whole control steps."""
         return Delivered(self._checked(1000 * len(self._delayed) / self.action_spec.control_hz))
 

@@ -97,7 +97,7 @@ class Perturbed(SimulationWrapper):
         if self.axis.changes is not Changes.INSTRUCTION and instruction != own:
             raise self._not_delivered(f"expected the task's own instruction, got '{instruction}'")
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """What was measured in this episode.
 
         Raises:
@@ -124,7 +124,7 @@ class Perturbed(SimulationWrapper):
 class Unperturbed(Perturbed):
     """The clean episode under another name."""
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The level, as nothing is changed."""
         return Delivered(self.level)
 
@@ -164,7 +164,7 @@ class PerturbedScene(Perturbed):
         self._show(perturbed=True)
         return images
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The measurement in the first images; without a value if the policy did not observe."""
         return self._delivered or Delivered(None)
 

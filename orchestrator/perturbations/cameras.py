@@ -8,7 +8,7 @@ import numpy as np
 
 from robogauntlet.adapters import camera_geometry as geometry
 from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition
-from robogauntlet.adapters.scene_control import Cameras, Viewpoint, unit
+from robogauntlet.adapters.scene_control import Viewpoint, unit
 from robogauntlet.orchestrator.perturbations.base import Perturbed
 
 THIRD_PERSON = "third_person"
@@ -29,7 +29,7 @@ class MovedCameras(Perturbed):
             UnsupportedCondition: This simulation's cameras cannot be moved, or the policy does not see the camera.
         """
         super().reset(seed)
-        cameras: Cameras = self._required(self.scene_controls.cameras, "cameras be moved")
+        cameras = self._required(self.scene_controls.cameras, "cameras be moved")
         self._viewpoints: dict[str, tuple[Viewpoint, Viewpoint]] = {}
         """Camera to its viewpoint before and after."""
         visible = self.observation_spec.cameras
@@ -40,7 +40,7 @@ class MovedCameras(Perturbed):
             cameras.set_viewpoint(camera, self._moved(own))
             self._viewpoints[camera] = own, cameras.viewpoint(camera)
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The mean over the cameras, each of which must deliver the level."""
         values = [self._checked(self._measured(own, other)) for own, other in self._viewpoints.values()]
         turned = {

@@ -43,7 +43,7 @@ class PerturbedImages(Perturbed):
         self._observations += 1
         return replace(observation, images=images)
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The measured level; no value if the policy did not observe."""
         return Delivered(self._measured() if self._observations else None, self._statistics)
 
@@ -127,13 +127,7 @@ def psnr(image: Image, reference: Image) -> float:
 
 
 def add_noise(image: Image, deviation: float, pattern: NDArray[np.floating]) -> Image:
-    """An image (h, w, 3) with noise, rounded and clipped.
-
-    Args:
-        image: The image.
-        deviation: Standard deviation, as a share of the range of pixel values.
-        pattern: Standard normal values of the image's shape.
-    """
+    """An image (h, w, 3) plus a standard normal pattern times the deviation (share of the range of pixel values)."""
     noisy: Image = np.clip(np.rint(image + 255.0 * deviation * pattern), 0, 255).astype(np.uint8)
     return noisy
 

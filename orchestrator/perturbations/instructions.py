@@ -32,7 +32,7 @@ class Instruction(Perturbed):
         self._given.add((observation.instruction, instruction))
         return replace(observation, instruction=instruction)
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The level, if the instruction differed from the task's own."""
         if any(own == given for own, given in self._given):
             raise self._not_delivered("expected other words than the task's own, got the same")

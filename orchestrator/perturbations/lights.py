@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.photometry import channel_gains, stops, temperature_gains, temperature_of
-from robogauntlet.adapters.scene_control import Light, Lights, unit
+from robogauntlet.adapters.scene_control import Light, unit
 from robogauntlet.orchestrator.perturbations.base import ImagePairs, PerturbedScene
 
 MIN_LIT = 0.01
@@ -29,7 +29,7 @@ class PerturbedLight(PerturbedScene):
             UnsupportedCondition: This simulation's light cannot be changed.
         """
         super().reset(seed)
-        self._lights: Lights = self._required(self.scene_controls.lights, "its light be changed")
+        self._lights = self._required(self.scene_controls.lights, "its light be changed")
         self._own = self._lights.light()
         self._other = self._changed(self._own)
         self._show(perturbed=True)

@@ -8,15 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import Delivered, FloatArray, UnsupportedCondition
-from robogauntlet.adapters.scene_control import (
-    Arm,
-    BodyDynamics,
-    DynamicsFactors,
-    Objects,
-    PlacementRegion,
-    Unreachable,
-    unit,
-)
+from robogauntlet.adapters.scene_control import DynamicsFactors, PlacementRegion, Unreachable, unit
 from robogauntlet.orchestrator.perturbations.base import Perturbed
 
 CLEARANCE = 0.06
@@ -39,7 +31,7 @@ class ObjectPosition(Perturbed):
             UnsupportedCondition: No object can be moved, or there is no free place.
         """
         super().reset(seed)
-        objects: Objects = self._required(self.scene_controls.objects, "things be moved")
+        objects = self._required(self.scene_controls.objects, "things be moved")
         self._name, self._region = next(iter(objects.placeable().items()))
         state = self.simulation.privileged_state()
         own = state[self._name + POSITION][:2]
@@ -55,7 +47,7 @@ class ObjectPosition(Perturbed):
                 return
         raise UnsupportedCondition(f"{self.episode.condition}: something else lies at each place for {self._name}")
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The distance of the object from the region (cm)."""
         return Delivered(self._checked(100 * distance_from(self._region, self._position)))
 
@@ -70,13 +62,13 @@ class Dynamics(Perturbed):
             UnsupportedCondition: This simulation's objects cannot be changed.
         """
         super().reset(seed)
-        bodies: BodyDynamics = self._required(self.scene_controls.bodies, "masses and frictions be changed")
+        bodies = self._required(self.scene_controls.bodies, "masses and frictions be changed")
         slippery = self.generator.random() < 0.5
         friction = 1 / self.secondary_level if slippery else self.secondary_level
         bodies.set_dynamics(DynamicsFactors(self.level, friction))
         self._factors = bodies.dynamics()
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The factors, as the simulator reads them back."""
         return Delivered(self._checked(self._factors.mass), {"friction": self._factors.friction})
 
@@ -92,7 +84,7 @@ class RobotStart(Perturbed):
             NotDelivered: It can reach none of the poses.
         """
         super().reset(seed)
-        arm: Arm = self._required(self.scene_controls.arm, "the arm start elsewhere")
+        arm = self._required(self.scene_controls.arm, "the arm start elsewhere")
         before = self.simulation.privileged_state()
         lowest = self.scene_controls.stage.table_height + MIN_HEIGHT if self.scene_controls.stage else -math.inf
         own = Rotation.from_quat(before["tcp_quaternion"])
@@ -112,7 +104,7 @@ class RobotStart(Perturbed):
             return
         raise self._not_delivered(f"expected a start that the arm can reach, {DRAWS} were out of reach")
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The distance of the tool from its own start (cm), and its rotation (deg)."""
         return Delivered(self._checked(self._distance), {"turned": self._turned})
 

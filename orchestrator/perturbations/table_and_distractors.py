@@ -9,7 +9,7 @@ import numpy as np
 from robogauntlet.adapters.camera_geometry import aim_point
 from robogauntlet.adapters.contract import FloatArray, Observation
 from robogauntlet.adapters.photometry import difference, encoded, lab, light_of_lab, linear
-from robogauntlet.adapters.scene_control import Form, Prop, TableControl
+from robogauntlet.adapters.scene_control import Form, Prop
 from robogauntlet.orchestrator.perturbations.base import ImagePairs, Images, PerturbedScene
 from robogauntlet.orchestrator.perturbations.cameras import THIRD_PERSON
 
@@ -65,7 +65,7 @@ class PerturbedTable(PerturbedScene):
             UnsupportedCondition: This simulation's table cannot be changed.
         """
         super().reset(seed)
-        self._stage: TableControl = self._required(self.scene_controls.stage, "its table be changed")
+        self._stage = self._required(self.scene_controls.stage, "its table be changed")
 
 
 class Distractors(PerturbedTable):

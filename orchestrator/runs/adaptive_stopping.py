@@ -66,7 +66,10 @@ def progression(
             state.planned[cell] += size
         budget -= size * len(active)
         missing = [(cell, [s for s in block if s not in outcomes.get(key_of(cell), {})]) for cell in active]
-        state.work = _shuffled([(cell, lacking) for cell, lacking in missing if lacking], first)
+        work = [(cell, lacking) for cell, lacking in missing if lacking]
+        # The random order depends on the round alone. It keeps an early end from favouring some tasks.
+        order = np.random.default_rng(int(content_hash(["round", first]), 16)).permutation(len(work))
+        state.work = [work[place] for place in order]
         if state.work:
             break
         for condition in [condition for condition in undecided if condition != Condition()]:
@@ -82,12 +85,6 @@ def _played(undecided: Sequence[Condition], *, extra: bool) -> Sequence[Conditio
     """Conditions of a round; none if no condition is left to compare with the clean one."""
     wanted = [condition for condition in undecided if not (extra and condition.axis in CONTROLS)]
     return wanted if any(condition != Condition() for condition in wanted) else ()
-
-
-def _shuffled(work: Work, first: int) -> Work:
-    """Work in a random order that depends on the round alone, so that an early end favours no task."""
-    order = np.random.default_rng(int(content_hash(["round", first]), 16)).permutation(len(work))
-    return [work[place] for place in order]
 
 
 def _decisions(

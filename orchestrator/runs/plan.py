@@ -172,12 +172,7 @@ def make_plan(
 def _resolve_policies(
     suite: Suite, environments: EnvironmentResolver
 ) -> tuple[dict[str, PolicySource], dict[str, str], list[str]]:
-    """Find what each policy is built from.
-
-    Returns:
-        The sources by the policies' names; the policies that are not installed, each with the reason; a line for each
-        policy that cannot be used.
-    """
+    """The policies' sources; those that are not installed, with the reasons; a line for each that cannot be used."""
     sources: dict[str, PolicySource] = {}
     not_installed: dict[str, str] = {}
     problems: list[str] = []

@@ -93,23 +93,23 @@ class RunSession:
     ) -> None:
         """Create or resume the run; `stack` closes its stores."""
         self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
-        resumed = (folder / RUN_FILE).exists()
-        self._document = create_or_resume(plan, folder, options.store)
-        self._store = _open_store(folder, self._document, options.store, resumed=resumed)
+        resumed, url = (folder / RUN_FILE).exists(), options.store
+        self._document = document = create_or_resume(plan, folder, url)
+        if resumed and url is not None and without_password(url) != document.store_url:
+            self._store = Store.open_begun(folder, document, url)  # another store, which must contain the run's rows
+        else:
+            self._store = Store.open(store_url(folder, document, url), document.run_id)
         stack.callback(self._store.close)
         try:
-            write_run(folder, self._document)
+            write_run(folder, document)
         except OSError as error:
             raise FolderError(f"{folder}: {describe_os_error(error)}") from None
-        history = options.history or options.store
-        self._history_writer = HistoryWriter(folder, self._store, history, options.schedule)
+        self._history_writer = HistoryWriter(folder, self._store, options.history or url, options.schedule)
         stack.callback(self._history_writer.close)
-        self._history_writer.record(self._document, counted=False)
+        self._history_writer.record(document, counted=False)
         if options.retry_errors:
             self._store.forget_errors()
-        self._observer = RunObserver(
-            self._document, plan.unavailable, progress, self._history_writer, self._save_elapsed
-        )
+        self._observer = RunObserver(document, plan.unavailable, progress, self._history_writer, self._save_elapsed)
         self._status = RunStatus.COMPLETE
         self._reason: str | None = None
         self._began = self._saved = time.monotonic()
@@ -258,10 +258,3 @@ class RunSession:
             self._saved = time.monotonic()
             with contextlib.suppress(OSError):  # the store will notice a full disk
                 write_run(self._folder, self._document.model_copy(update={"elapsed_s": self._elapsed_s()}))
-
-
-def _open_store(folder: Path, document: RunDocument, url: str | None, *, resumed: bool) -> Store:
-    """Open the store of a run. If a resumed run gets another store, that must contain its rows."""
-    if resumed and url is not None and without_password(url) != document.store_url:
-        return Store.open_begun(folder, document, url)
-    return Store.open(store_url(folder, document, url), document.run_id)

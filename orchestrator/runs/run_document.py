@@ -61,12 +61,10 @@ def create_or_resume(plan: Plan, folder: Path, store: str | None) -> RunDocument
 
 def _definitions(plan: Plan) -> dict[str, str]:
     """Task of the plan to the current hash of the file that defines it, if it has one."""
-    known = {
-        f"{simulator.name}/{task}": file_hash
-        for simulator in simulators.simulators().values()
-        for task, file_hash in simulator.definitions.items()
-    }
-    return {task: known[task] for task in plan.suite.tasks if task in known}
+    known = simulators.simulators()
+    tasks = {task: task.partition("/") for task in plan.suite.tasks}
+    hashes = {task: known[simulator].definitions.get(name) for task, (simulator, _, name) in tasks.items()}
+    return {task: file_hash for task, file_hash in hashes.items() if file_hash is not None}
 
 
 def _environment_users(plan: Plan) -> list[EnvironmentUser]:

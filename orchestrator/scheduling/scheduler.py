@@ -13,17 +13,8 @@ from typing import Generic, TypeVar
 
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
+from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.orchestrator.scheduling.work_queue import Outcome, Result, WorkSource, next_simulator
-from robogauntlet.orchestrator.scheduling.worker_pool import (
-    EpisodesFinished,
-    Started,
-    Unavailable,
-    Worker,
-    WorkerEvent,
-    WorkerLost,
-    WorkerPool,
-    WorkerPoolError,
-)
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.record import Status
 from robogauntlet.suites.resources import Resources
@@ -90,7 +81,7 @@ class _Slot:
     number: int
     bound: bool = True
     """Whether it always serves the same simulator."""
-    worker: Worker | None = None
+    worker: worker_pool.Worker | None = None
     running: bool = False
     """Whether its worker has a process; before, Ray may still be looking for a place."""
     lease: Lease | None = None
@@ -123,7 +114,7 @@ class Scheduler(Generic[Result]):
 
     work: Mapping[str, WorkSource[Result]]
     """Simulator to its episodes."""
-    pool: WorkerPool
+    pool: worker_pool.WorkerPool
     options: SchedulerOptions
     sink: Callable[[Sequence[Result]], object]
     """Stores results, or raises."""
@@ -166,7 +157,7 @@ class Scheduler(Generic[Result]):
                 self._save()
                 self.observer.on_tick(self.activity)
             self._save(force=True)
-        except (KeyboardInterrupt, TooManyErrors, RayLost, WorkerPoolError):
+        except (KeyboardInterrupt, TooManyErrors, RayLost, worker_pool.WorkerPoolError):
             self._save(force=True)
             raise
         finally:
@@ -236,7 +227,7 @@ class Scheduler(Generic[Result]):
             slot.worker.play(slot.lease)
             self._mark_busy(slot, slot.worker)
 
-    def _mark_busy(self, slot: _Slot, worker: Worker) -> None:
+    def _mark_busy(self, slot: _Slot, worker: worker_pool.Worker) -> None:
         self._busy[id(worker)] = slot
         self._busy_counts[slot.simulator] += 1
 
@@ -264,27 +255,27 @@ class Scheduler(Generic[Result]):
             slot = self._busy[id(worker)]
             try:
                 event = worker.next_event()
-            except WorkerLost as loss:
+            except worker_pool.WorkerLost as loss:
                 self._worker_failed(slot, str(loss))
             else:
                 self._handle_event(slot, event)
 
-    def _handle_event(self, slot: _Slot, event: WorkerEvent) -> None:
+    def _handle_event(self, slot: _Slot, event: worker_pool.WorkerEvent) -> None:
         slot.last_event_at = self.now()
         source = self.work[slot.simulator]
         match event:
-            case Started():
+            case worker_pool.Started():
                 slot.running = True
             case Readiness():
                 self._mark_idle(slot)
                 slot.open_task = slot.opening
                 self._failed_starts[slot.simulator] = 0
                 self.observer.on_started(slot.simulator, event)
-            case Unavailable(reason):
+            case worker_pool.Unavailable(reason):
                 task = slot.lease.cell.task if slot.lease is not None else slot.opening
                 self._discard(slot)
                 self._give_up(slot.simulator, task, reason)
-            case EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
+            case worker_pool.EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
                 lease = slot.lease
                 slot.finished += len(results)
                 slot.played += len(results)

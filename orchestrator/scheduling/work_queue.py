@@ -157,18 +157,13 @@ class WorkQueue:
     """The remaining episodes of one simulator. The cost of an operation does not depend on their number."""
 
     def __init__(self, work: Iterable[tuple[Cell, Sequence[int]]], *, workers: int, max_attempts: int) -> None:
-        """Create the queue.
-
-        Args:
-            work: Cells with their missing seeds.
-            workers: Number of workers that share it; may be changed later.
-            max_attempts: See `Suite`.
-        """
+        """Create the queue of cells with their missing seeds; for `max_attempts` see `Suite`."""
         self._tasks: dict[str, _TaskQueue] = {}
         self._cells: dict[Cell, _CellQueue] = {}
         for cell, seeds in work:
             self._cells[cell] = self._tasks.setdefault(cell.task, _TaskQueue()).add(cell, seeds)
         self.workers = workers
+        """Number of workers that share the queue."""
         self.waiting = sum(task.waiting for task in self._tasks.values())
         """Episodes that no worker holds."""
         self._max_attempts = max_attempts

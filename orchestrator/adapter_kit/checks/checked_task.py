@@ -149,11 +149,6 @@ def describe(error: BaseException) -> str:
     return errors.first_line(error) if isinstance(error, AdapterError) else errors.describe(error)
 
 
-def exact(state: Mapping[str, FloatArray]) -> str:
-    """All bytes of a privileged state, as text."""
-    return b"".join(np.asarray(state[name], np.float64).tobytes() for name in sorted(state)).hex()
-
-
 def changed(before: Image, after: Image, by: int = 8) -> float:
     """Share of the pixels of two images that differ by more than this in some channel."""
     return float((np.abs(before.astype(int) - after).max(axis=2) > by).mean())

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping, Set
-from importlib import metadata
 
 import numpy as np
 
-from robogauntlet.adapters.catalog import GROUP
 from robogauntlet.adapters.contract import (
     ACTION_NAMES,
     PICTURE_SIZE,
@@ -33,14 +30,6 @@ FLAT = 5.0
 PER_STEP = {"max_translation": (1e-4, 0.2, "m"), "max_rotation": (0.0, 1.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
 """Plausible values for one control step: least, greatest, unit."""
 HEAVY = ("torch", "mujoco", "sapien", "pybullet", "gymnasium", "jax", "tensorflow", "cv2")
-
-
-def modules_loaded_by(simulator: str) -> frozenset[str]:
-    """Load the simulator's entry point, and return the modules that this imported."""
-    before = set(sys.modules)
-    for entry in metadata.entry_points(group=GROUP, name=simulator):
-        entry.load()
-    return frozenset(set(sys.modules) - before)
 
 
 @check("declaration", look="the imports at the top of the adapter: the simulator is imported by `open` only", once=True)
