@@ -1,4 +1,4 @@
-"""A run while fifty people watch it, against the same run unwatched: does watching slow it down?"""
+"""Duration of a run while fifty people watch it in the dashboard, compared with the same run unwatched."""
 
 import os
 import random
@@ -30,7 +30,7 @@ MAIN = "from robogauntlet.orchestrator.cli import main; main()"
 
 
 def measure() -> list[dict[str, object]]:
-    """Pairs of runs, watched and not, in turn; the middle ratio."""
+    """Alternate watched and unwatched runs, and compare them in pairs."""
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -56,12 +56,12 @@ def measure() -> list[dict[str, object]]:
             over.set()
             for reader in readers:
                 reader.join()
-            took = (
+            share = (
                 (sum(serving.cpu_times()[:2]) - before) / (time.perf_counter() - began) / len(os.sched_getaffinity(0))
             )
             server.terminate()
             server.wait()
-            row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": took}
+            row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": share}
             rows.append({**row, "answers": answers[0], "errors": errors[0]})
     table(
         ("pair", "alone (s)", f"watched by {READERS} (s)", "ratio", "server, of all cores", "answers", "errors"),
@@ -77,7 +77,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def _play(folder: Path, environment: dict[str, str], name: str) -> float:
-    """Seconds from the first episode's beginning to the last one's end."""
+    """Run the suite; return the time from the first episode's start to the last one's end (s)."""
     command = [sys.executable, "-c", MAIN, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
     subprocess.run(command, check=True, capture_output=True, env=environment)
     store = Store.open_file(folder / name / "episodes.sqlite", read_run(folder / name).run_id)
@@ -87,7 +87,7 @@ def _play(folder: Path, environment: dict[str, str], name: str) -> float:
 
 
 def _read(address: str, number: int, over: threading.Event, answers: list[int], errors: list[int]) -> None:
-    """A person with the overview open, who looks at another page every ten polls."""
+    """Simulate a person with the overview open, who opens another page every ten polls."""
     generator = random.Random(number)
     time.sleep(generator.uniform(0, POLL_S))
     turn = 0

@@ -1,6 +1,6 @@
-"""What a query costs beyond inference when the policy is in another process: two 224 px cameras over loopback.
+"""Overhead of a query to a policy in another process, with two 224 px cameras over loopback.
 
-The policy answers at once. Its server is the command that people start; the client is the one that workers use."""
+The policy answers immediately. The server is that of the command line, the client that of the workers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def act(images, proprioception, instruction):
 
 
 def measure() -> list[dict[str, object]]:
-    """Median and 95th percentile of a query, in the process and through a server, as it is and by a card."""
+    """Median and 95th percentile of a query: in the process, and through a server with and without options."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "answers_at_once.py").write_text(POLICY)
@@ -43,10 +43,10 @@ def measure() -> list[dict[str, object]]:
         rows = [_row("in the process", "python", options)]
         with _server(folder) as address:
             rows.append(_row("served", "openpi", {"address": address}))
-            rows.append(_row("served, by a card", "openpi", {"address": address, "execute": 8}))
-    here = float(str(rows[0]["median_ms"]))
+            rows.append(_row("served, with options", "openpi", {"address": address, "execute": 8}))
+    local = float(str(rows[0]["median_ms"]))
     for row in rows:
-        row["over_ms"] = float(str(row["median_ms"])) - here
+        row["over_ms"] = float(str(row["median_ms"])) - local
     load = os.getloadavg()[0]
     print(f"{QUERIES} queries each; load of the machine {load:.1f} on {os.cpu_count()} cores")
     table(

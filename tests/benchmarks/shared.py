@@ -1,4 +1,4 @@
-"""What the benchmarks share."""
+"""Helpers of the benchmarks."""
 
 import os
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 
 
 def open_task(task: str, view: View) -> Simulation:
-    """A task as a worker opens it. The environment is that of all simulators: several are opened in one process."""
+    """Open a task like a worker, with the environment variables of all simulators, as several share the process."""
     for simulator in catalog.simulators().values():
         os.environ.update(worker_environment(simulator))
     return catalog.open_simulation(task, view)

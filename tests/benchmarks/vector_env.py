@@ -1,4 +1,4 @@
-"""The same episodes by the same policy through two workers and through a gymnasium vector environment of two processes.
+"""The same episodes of the same policy with two workers and with a gymnasium vector environment of two processes.
 
 The vector environment is used as evaluation loops commonly do (LeRobot's, for one): every step returns the images, the
 policy answers for the whole batch, and a batch is stepped until the last of its episodes has ended.
@@ -36,7 +36,7 @@ PAIRS = (
     ("pybullet/PandaPickAndPlace-v3", EXPERTS),
     ("robosuite/Stack", EXPERTS),
 )
-"""The untrained network executes 8 actions before it looks again and never succeeds; experts what their card says."""
+"""The untrained network executes 8 actions per query and never succeeds; experts as many as their metadata say."""
 OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
 PROCESSES, EPISODES = 2, 24
 VIEW = View(render_profile=RenderProfile.FAST)
@@ -67,26 +67,26 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
         assert seed is not None
         self._simulation.reset(seed)
         self._steps = self._held = 0
-        return self._seen(), {}
+        return self._observation(), {}
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Step and look."""
+        """Step and observe."""
         outcome = self._simulation.step(action)
         self._steps += 1
         self._held = self._held + 1 if outcome.success else 0
-        return self._seen(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
+        return self._observation(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
 
     def close(self) -> None:
         """End the simulation."""
         self._simulation.close()
 
-    def _seen(self) -> dict[str, Any]:
+    def _observation(self) -> dict[str, Any]:
         observation = self._simulation.observe()
         return {"state": observation.proprioception, **observation.images}
 
 
 def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
-    """Seconds for all episodes in batches, after start-up, which succeeded, and the length of a chunk."""
+    """Duration of all episodes in batches without start-up (s), their successes, and the length of a chunk."""
     make = partial(ToGymnasium, task)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
     policy, succeeded = load(kind, OPTIONS[kind]), list[bool]()
@@ -94,16 +94,18 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
     low, high = batch.single_action_space.low, batch.single_action_space.high  # type: ignore[attr-defined]
     everything = list(episodes(task, kind, VIEW, EPISODES))
 
-    def look(seen: Any, own: Any, step: int) -> Any:
+    def query(seen: Any, own: Any, step: int) -> Any:
         shown = ({camera: seen[camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
-        looks = [Observation(images, seen["state"][i], instruction) for i, images in enumerate(shown)]
-        queries = [Query(episode, step, observation=one) for episode, one in zip(own, looks, strict=True)]
+        observations = [Observation(images, seen["state"][i], instruction) for i, images in enumerate(shown)]
+        queries = [
+            Query(episode, step, observation=observation)
+            for episode, observation in zip(own, observations, strict=True)
+        ]
         return np.stack([decision.actions for decision in policy.act(queries)])
 
     seen, _ = batch.reset(seed=list(range(PROCESSES)))
-    chunk = look(seen, everything[:PROCESSES], 0).shape[
-        1
-    ]  # the expert is loaded before the clock starts; in our workers it is not
+    # This loads the expert before the clock starts; our workers load it within the measured time.
+    chunk = query(seen, everything[:PROCESSES], 0).shape[1]
     start = time.perf_counter()
     for first in range(0, EPISODES, PROCESSES):
         own = everything[first : first + PROCESSES]
@@ -113,7 +115,7 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
         chunks: Any = None
         while not over.all():
             if step % chunk == 0:
-                chunks = look(seen, own, step)
+                chunks = query(seen, own, step)
             seen, _, terminated, truncated, _ = batch.step(np.clip(chunks[:, step % chunk], low, high))
             won |= terminated & ~over
             over |= terminated | truncated
@@ -126,7 +128,7 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
 
 
 def ours(task: str, kind: str) -> tuple[float, list[bool]]:
-    """Seconds from the first episode's start to the last one's end in a user's run, and which succeeded."""
+    """Time from the first episode's start to the last one's end in a run (s), and the successes."""
     with tempfile.TemporaryDirectory() as folder:
         suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
         text = SUITE.format(
@@ -143,12 +145,12 @@ def ours(task: str, kind: str) -> tuple[float, list[bool]]:
 
 
 def measure() -> list[dict[str, object]]:
-    """Episodes per hour of both on two processes each, one after the other."""
-    found = []
+    """Episodes per hour of both with two processes each, one after the other."""
+    rows = []
     for task, kind in PAIRS:
         os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
         (worker_s, won), (plain_s, plain_won, chunk) = ours(task, kind), plain(task, kind)
-        found.append(
+        rows.append(
             {
                 "task": task,
                 "policy": kind,
@@ -179,7 +181,7 @@ def measure() -> list[dict[str, object]]:
                 f"{f['ratio']:.2f}",
                 f"{f['same_outcomes']} of {EPISODES}",
             )
-            for f in found
+            for f in rows
         ],
     )
-    return found
+    return rows

@@ -1,4 +1,4 @@
-"""The same episodes by the same policy through one worker and through two, by turns."""
+"""The same episodes of the same policy with one worker and with two, alternating."""
 
 import subprocess
 import sys
@@ -22,8 +22,8 @@ workers: {workers}
 
 
 def measure() -> list[dict[str, object]]:
-    """Episodes an hour from the first to the last, the better of two rounds each."""
-    found = []
+    """Episodes per hour from the first to the last, the better of two rounds each."""
+    rows = []
     for task in TASKS:
         best, hashes = {1: 0.0, 2: 0.0}, set()
         for _ in range(ROUNDS):
@@ -31,19 +31,19 @@ def measure() -> list[dict[str, object]]:
                 pace, rows_hash = _run(task, workers)
                 best[workers] = max(best[workers], pace)
                 hashes.add(rows_hash)
-        found.append({"task": task, "one": best[1], "two": best[2], "same_rows": len(hashes) == 1})
+        rows.append({"task": task, "one": best[1], "two": best[2], "same_rows": len(hashes) == 1})
     table(
         ("task", "one worker, episodes/h", "two workers", "ratio", "same rows"),
         [
             (f["task"], f"{f['one']:,.0f}", f"{f['two']:,.0f}", f"{f['two'] / f['one']:.2f}", f["same_rows"])
-            for f in found
+            for f in rows
         ],
     )
-    return found
+    return rows
 
 
 def _run(task: str, workers: int) -> tuple[float, str | None]:
-    """Pace of the run, and its rows hash."""
+    """Episodes per hour of a run, and its rows hash."""
     with tempfile.TemporaryDirectory() as name:
         suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
         suite.write_text(SUITE.format(task=task, episodes=EPISODES, workers=workers), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""One local Ray for the tests that need one, a record of what a scheduler tells, the command line in this process."""
+"""One local Ray for the tests that need one, a recording observer, the command line in this process."""
 
 import sys
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ def ray_here():
         yield
 
 
-class Told:
-    """A scheduler's observer that remembers."""
+class RecordingObserver:
+    """An observer of the scheduler that records all events."""
 
     def __init__(self):
-        self.ready, self.left_out, self.rows, self.warnings = [], [], [], []
+        self.ready, self.skipped, self.rows, self.warnings = [], [], [], []
         self.on_ready = lambda readiness: None
         self.on_rows = lambda rows: None
 
@@ -27,7 +27,7 @@ class Told:
         self.on_ready(readiness)
 
     def on_skipped(self, simulator, reason, episodes):
-        self.left_out.append((simulator, reason, episodes))
+        self.skipped.append((simulator, reason, episodes))
 
     def on_results(self, results):
         self.rows += results
@@ -36,13 +36,13 @@ class Told:
     def on_warning(self, message):
         self.warnings.append(message)
 
-    def on_tick(self, doing):
+    def on_tick(self, activity):
         pass
 
 
 @pytest.fixture
-def told():
-    return Told()
+def observer():
+    return RecordingObserver()
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ LIES = [
 
 
 @pytest.mark.parametrize(("liar", "check", "line"), LIES, ids=[f"{liar}-{check}" for liar, check, _ in LIES])
-def test_a_lie_is_told_in_a_line_by_its_check(subject, liar, check, line):
+def test_each_broken_promise_is_reported_in_a_line_by_its_check(subject, liar, check, line):
     findings = CHECKS[check].run(subject(liar))
     assert {finding.outcome for finding in findings} == {Outcome.FAILED}
     told = str(findings[0])
@@ -97,39 +97,39 @@ def test_a_lie_is_told_in_a_line_by_its_check(subject, liar, check, line):
 
 
 @pytest.mark.parametrize("check", sorted({check for _, check, _ in LIES}))
-def test_the_honest_toy_passes_every_check_that_finds_a_lie(subject, check):
+def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, check):
     honest = "movestheball" if check.startswith("objects-") else "honest"
     assert {finding.outcome for finding in CHECKS[check].run(subject(honest))} == {Outcome.PASSED}
 
 
-def test_a_start_may_lie_outside_the_box_by_as_much_as_things_slid(subject):
+def test_a_start_may_be_outside_the_box_by_the_settling_shift(subject):
     assert CHECKS["objects-box"].run(subject("slidesandsaysso"))[0].outcome is Outcome.PASSED
 
 
-def test_a_thing_is_moved_to_where_no_other_is(subject):
+def test_an_object_is_moved_away_from_all_others(subject):
     assert CHECKS["objects-move"].run(subject("hasaneighbour"))[0].outcome is Outcome.PASSED
 
 
-def test_a_declaration_that_imports_its_simulator_is_told():
+def test_a_declaration_that_imports_its_simulator_is_reported():
     subject = CheckedTask(LIARS["honest"], "Reach", loaded_by_declaring=frozenset({"mujoco", "json"}))
     (finding,) = CHECKS["declaration"].run(subject)
     assert "seen: it imports mujoco;" in str(finding)
 
 
-def test_where_an_adapter_raised_is_told_by_file_and_line(subject):
+def test_file_and_line_of_an_adapters_exception_are_reported(subject):
     (finding,) = CHECKS["observation"].run(subject("raisesinobserve"))
     file, _, rest = finding.look.partition(":")
     assert file.endswith("liars.py")
     assert rest.endswith("in observe")
 
 
-def test_a_step_that_takes_longer_than_a_run_can_wait_is_told(subject, monkeypatch):
+def test_a_step_that_is_too_slow_for_a_run_is_reported(subject, monkeypatch):
     monkeypatch.setitem(resources.LIMITS_S, "step", 0.02)
     assert "step to take less than 0.02 s; seen: 0.03" in str(CHECKS["pace"].run(subject("slow"))[0])
     assert CHECKS["pace"].run(subject("honest"))[0].outcome is Outcome.PASSED
 
 
-def test_memory_that_others_left_free_in_the_process_does_not_hide_what_grows(subject):
+def test_free_memory_of_the_process_does_not_hide_growth(subject):
     several = [os.urandom(1 << 10) * 100 for _ in range(1000)]
     last = several.pop()  # keeps what is below it in the heap from going back to the system
     del several

@@ -24,7 +24,7 @@ def examination():
         one.close()
 
 
-def test_a_crash_is_a_finding_and_the_next_check_is_played_in_a_new_process(examination):
+def test_a_crash_is_a_result_and_the_next_check_runs_in_a_new_process(examination):
     dying = examination("dies")
     (crashed,) = dying.run(CHECKS["step-outcome"])
     assert "expected the process to survive; seen: the process was killed by SIGKILL" in str(crashed)
@@ -38,7 +38,7 @@ def test_after_three_crashes_the_other_checks_are_skipped(examination):
     assert found[3].seen == "not run: the task's process has crashed or hung 3 times"
 
 
-def test_a_hang_is_a_finding_that_says_where(examination):
+def test_a_hang_is_a_result_with_its_location(examination):
     hanging = examination("hangs")
     hanging.run(CHECKS["description"])  # starts the process, which takes long on a busy machine
     hanging._limit_s = 4.0
@@ -48,7 +48,7 @@ def test_a_hang_is_a_finding_that_says_where(examination):
     assert "liars.py:" in hung.look
 
 
-def test_processes_that_are_left_are_found_and_ended(examination):
+def test_remaining_processes_are_reported_and_ended(examination):
     leaking = examination("keepsprocesses")
     (left,) = leaking.run(CHECKS["closes"])
     assert "2 more child process(s)" in str(left)
@@ -67,19 +67,19 @@ def _words(process):
         return ""
 
 
-def test_what_differs_from_process_to_process_is_found(examination):
+def test_differences_between_processes_are_reported(examination):
     (other,) = examination("byprocess").run(CHECKS["seeds-elsewhere"])
     assert "seed 2 to be the same in another process; seen: others: start, end, exact_end" in str(other)
 
 
-def test_the_honest_toy_passes_in_a_process_of_its_own(examination):
+def test_a_correct_adapter_passes_in_its_own_process(examination):
     honest = examination("honest")
     for name in ("declaration", "seeds-elsewhere", "closes", "axis-camera-orbit"):
         assert honest.run(CHECKS[name])[0].outcome is Outcome.PASSED
     assert honest.run(CHECKS["axis-table"])[0].seen == "toysim does not let its stage be adjusted"
 
 
-def test_findings_are_told_as_they_come_and_returned_by_task():
+def test_results_are_passed_on_immediately_and_returned_by_task():
     told = []
     findings = run_checks(
         {task: [CHECKS["description"], CHECKS["observation"]] for task in ("honest/Reach", "otherwords/Reach")},
@@ -95,13 +95,13 @@ def test_findings_are_told_as_they_come_and_returned_by_task():
 
 
 @pytest.mark.parametrize(("count", "chosen"), [(1, [0]), (3, [0, 1, 2]), (4, [0, 2, 3]), (130, [0, 64, 129])])
-def test_of_many_tasks_three_are_checked_evenly_spread(count, chosen):
+def test_three_evenly_spread_tasks_are_checked_by_default(count, chosen):
     cards = {f"T{i}": TaskDescription("do it", 10) for i in range(count)}
     simulator = Simulator("many", "many", cards, (), (), open=lambda task, view: None)
     assert default_tasks(simulator) == [f"many/T{i}" for i in chosen]
 
 
-def test_what_tells_of_the_simulator_is_checked_in_one_task_unless_all_is_asked_for():
+def test_checks_of_the_simulator_run_in_one_task_unless_all_are_requested():
     checks = CHECKS["description"], CHECKS["memory"]
     assert checks_for(["a/A", "a/B"], checks, every=False) == {"a/A": [*checks], "a/B": [checks[0]]}
     assert checks_for(["a/A", "a/B"], checks, every=True) == {"a/A": [*checks], "a/B": [*checks]}

@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerO
 from robogauntlet.policies.training.dataset_writer import Attempt
 from robogauntlet.policies.training.lerobot_format import encode_episode
 from robogauntlet.suites.episode import Cell, Protocol
-from tests.orchestrator.conftest import Told
+from tests.orchestrator.conftest import RecordingObserver
 from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
 from tests.policies.training.synthetic import recording
 
@@ -192,7 +192,7 @@ def test_whoever_dies_or_hangs_the_first_successes_by_seed_are_kept(workers, fai
     }
     work = {name: CollectionQueue(made for made, _ in opened) for name, opened in tasks.items()}
     options = SchedulerOptions(lambda: workers, 30.0, allowed_errors=sys.maxsize)
-    Scheduler(work, pool, options, lambda results: None, Told(), now=pool.clock).run()
+    Scheduler(work, pool, options, lambda results: None, RecordingObserver(), now=pool.clock).run()
     expected = [seed for seed in range(100, 200) if seed not in fails][:4]
     for made, shelf in (each for opened in tasks.values() for each in opened):
         made.flush()

@@ -43,55 +43,57 @@ def work(policy, task="null/Reach", seeds=range(30)):
     return [(Cell(policy, policy, task, Protocol(60)), seeds)]
 
 
-def play(told, items, sources=SOURCES, servers=()):
+def play(observer, items, sources=SOURCES, servers=()):
     rows = []
-    Scheduler(work_queues(items, 3), RayWorkerPool(sources, servers=servers), OPTIONS, rows.extend, told).run()
+    Scheduler(work_queues(items, 3), RayWorkerPool(sources, servers=servers), OPTIONS, rows.extend, observer).run()
     return rows
 
 
-def test_only_policies_that_look_at_images_are_served():
+def test_only_policies_that_observe_images_are_served():
     assert len(start_servers(SOURCES, Inference())) == 1
     assert start_servers({"oracle": SOURCES["oracle"]}, Inference()) == []
 
 
-def test_a_served_policy_makes_the_same_rows_in_batches(told, servers):
+def test_a_served_policy_makes_the_same_rows_in_batches(observer, servers):
     items = work("untrained") + work("oracle")
     (server,) = servers(SOURCES, batch=2, wait_ms=500)
-    rows = play(told, items, servers=[server])
-    assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, play(told, items)))
+    rows = play(observer, items, servers=[server])
+    assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, play(observer, items)))
     sizes = ray.get(server.batch_sizes.remote())
     assert set(sizes) == {"untrained"}
     assert max(sizes["untrained"]) == 2
 
 
-def test_every_replica_is_asked(told, servers):
+def test_every_replica_is_queried(observer, servers):
     both = servers(SOURCES, replicas=2)
 
     def end_once_both_workers_have_played(rows):
-        if len({row.worker for row in told.rows}) == 2:
+        if len({row.worker for row in observer.rows}) == 2:
             raise KeyboardInterrupt
 
-    told.on_rows = end_once_both_workers_have_played
+    observer.on_rows = end_once_both_workers_have_played
     with pytest.raises(KeyboardInterrupt):
-        play(told, work("untrained", "null/Slow", range(10_000)), servers=both)
+        play(observer, work("untrained", "null/Slow", range(10_000)), servers=both)
     assert all(ray.get(server.batch_sizes.remote())["untrained"] for server in both)
 
 
-def test_a_server_that_is_killed_costs_no_row(told, servers):
+def test_a_killed_server_costs_no_row(observer, servers):
     (server,) = servers(SOURCES)
     killed = []
 
     def kill(rows):
-        if len(told.rows) > 10 and not killed:
+        if len(observer.rows) > 10 and not killed:
             killed.append(ray.get(server.pid.remote()))
             os.kill(killed[0], signal.SIGKILL)
 
-    told.on_rows = kill
-    rows = play(told, work("untrained", "null/Slow"), servers=[server])
+    observer.on_rows = kill
+    rows = play(observer, work("untrained", "null/Slow"), servers=[server])
     assert killed
     assert Counter(row.seed for row in rows) == Counter(range(30))
-    told.on_rows = lambda rows: None
-    assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, play(told, work("untrained", "null/Slow"))))
+    observer.on_rows = lambda rows: None
+    assert rows_hash(map(outcome_row, rows)) == rows_hash(
+        map(outcome_row, play(observer, work("untrained", "null/Slow")))
+    )
 
 
 def test_policies_compute_where_measured_answers_are_faster(monkeypatch):
@@ -104,10 +106,10 @@ def test_policies_compute_where_measured_answers_are_faster(monkeypatch):
 
 
 @pytest.mark.simulator
-def test_an_expert_served_one_by_one_acts_to_the_bit_as_in_a_worker(told, servers):
+def test_an_expert_served_without_batches_is_bit_identical_to_one_in_a_worker(observer, servers):
     items = [
         (Cell("experts", "experts", task, Protocol(60, 8, View())), range(3))
         for task in ("pybullet/PandaReach-v3", "pybullet/PandaPush-v3")
     ]
-    one_by_one = play(told, items, EXPERTS, servers(EXPERTS, batch=1))
-    assert rows_hash(map(outcome_row, one_by_one)) == rows_hash(map(outcome_row, play(told, items, EXPERTS)))
+    one_by_one = play(observer, items, EXPERTS, servers(EXPERTS, batch=1))
+    assert rows_hash(map(outcome_row, one_by_one)) == rows_hash(map(outcome_row, play(observer, items, EXPERTS)))

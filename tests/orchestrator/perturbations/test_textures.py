@@ -1,4 +1,4 @@
-"""Patterns of painted surfaces."""
+"""Patterns of painted tables."""
 
 import numpy as np
 from hypothesis import given
@@ -8,7 +8,7 @@ from robogauntlet.orchestrator.perturbations.table_and_distractors import PATTER
 
 
 @given(st.sampled_from(PATTERNS), st.integers(0, 2**32 - 1), st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))
-def test_a_pattern_keeps_the_mean_colour_and_stays_within_what_can_be_painted(name, seed, colour):
+def test_a_pattern_keeps_the_mean_colour_and_valid_reflectances(name, seed, colour):
     values = pattern(name, np.random.default_rng(seed))
     np.testing.assert_allclose(values.mean(axis=(0, 1)), 0.0, atol=1e-9)
     assert np.abs(values).max() <= 1.0 + 1e-12
@@ -18,7 +18,7 @@ def test_a_pattern_keeps_the_mean_colour_and_stays_within_what_can_be_painted(na
     assert texture.max() <= 1.0
 
 
-def test_every_pattern_but_the_plain_ones_varies():
+def test_only_plain_patterns_are_uniform():
     deviations = {name: pattern(name, np.random.default_rng(0)).std() for name in PATTERNS}
     assert deviations["plain"] == 0.0
     assert min(value for name, value in deviations.items() if name != "plain") > 0.3

@@ -79,7 +79,7 @@ def test_accuracy_calibration_and_detection_are_equal(trials, reported):
     assert found.detection == reported.detection
 
 
-def test_a_task_left_out_of_the_fit_is_detected_as_an_unknown_task_of_a_run(trials, reported):
+def test_detection_of_a_left_out_task_equals_that_of_an_unknown_task_in_a_run(trials, reported):
     known, unknown = (
         tuple(trial.routing.unknown for trial in trials if (trial.task == UNKNOWN) is is_unknown)
         for is_unknown in (False, True)

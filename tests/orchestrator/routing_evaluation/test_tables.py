@@ -40,7 +40,7 @@ def found():
     return RoutingStudy(order, "digest", View(), TASKS, {}, False, 0.01, routers, unknown)
 
 
-def test_a_router_is_a_line_and_tasks_that_share_a_scene_have_a_column(found):
+def test_a_router_is_a_row_and_tasks_that_share_a_scene_have_a_column(found):
     table = router_table(found)
     (row,) = table.rows
     assert dict(zip(table.header, row, strict=True)) == {
@@ -56,7 +56,7 @@ def test_a_router_is_a_line_and_tasks_that_share_a_scene_have_a_column(found):
     }
 
 
-def test_a_table_too_wide_is_split(found):
+def test_a_wide_table_is_split(found):
     table = router_table(found)
     without, alone = split(table, 1)
     assert without.header == ("router", "instruction", "accuracy", "ECE", "Brier", "passes", "latency", "in\npasses")
@@ -64,11 +64,11 @@ def test_a_table_too_wide_is_split(found):
     assert {len(row) for row in without.rows} == {len(without.header)}
 
 
-def test_confusions_are_the_wrong_choices_most_first(found):
+def test_confusions_are_the_wrong_choices_most_frequent_first(found):
     assert confusions(found.routers[0].quality.confusion) == [f"{PUSH} -> {LIFT}: 2", f"{PICK} -> {PUSH}: 1"]
 
 
-def test_an_unknown_task_is_a_line_and_so_is_their_mean(found):
+def test_each_unknown_task_and_their_mean_are_rows(found):
     assert unknown_table(found.unknown[0]).rows == (
         (PUSH, "0.900", "25 %", "50 %", "5 %"),
         (LIFT, "0.800", "15 %", "70 %", "15 %"),
@@ -76,7 +76,7 @@ def test_an_unknown_task_is_a_line_and_so_is_their_mean(found):
     )
 
 
-def test_all_of_it_is_json(found):
+def test_the_study_is_valid_json(found):
     written = json.loads(json.dumps(as_json(found), allow_nan=False))
     assert written["seeds"] == {"start": 5, "count": 10}
     (router,) = written["routers"]

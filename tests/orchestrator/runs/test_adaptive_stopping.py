@@ -44,7 +44,7 @@ def differ_at_4(policy, condition):
     return 0.1 if (policy, condition) == ("merged", Condition("noise", 4)) else 0.9
 
 
-def test_a_decided_condition_stops_and_what_it_saves_goes_to_the_others():
+def test_a_decided_condition_stops_and_the_others_get_its_episodes():
     found, rounds, _ = play(differ_at_4)
     (decided,) = found.decided
     assert (decided.policy, decided.axis, decided.severity) == ("merged", "noise", 4)
@@ -57,25 +57,25 @@ def test_a_decided_condition_stops_and_what_it_saves_goes_to_the_others():
     assert all(len(lacking) <= 10 for played in rounds for lacking in played.values())
 
 
-def test_controls_get_the_seeds_of_the_suite_and_no_more():
+def test_controls_get_only_the_seeds_of_the_suite():
     found, _, _ = play(lambda policy, condition: 0.9)
     assert {found.planned[cell] for cell in CELLS if cell.condition == Condition("blind", 1)} == {20}
 
 
-def test_without_a_decision_everything_is_played_as_without_stopping():
+def test_without_a_decision_the_same_episodes_are_played_as_without_stopping():
     found, _, outcomes = play(lambda policy, condition: 0.9)
     assert found.decided == []
     assert set(found.planned.values()) == {20}
     assert {tuple(sorted(played)) for played in outcomes.values()} == {tuple(range(100, 120))}
 
 
-def test_no_condition_gets_more_seeds_than_the_most():
+def test_no_condition_gets_more_than_the_maximum_of_seeds():
     rule = AdaptiveEntry(round=10, most=30)
     found, _, _ = play(differ_at_4, rule=rule, seeds=Seeds(start=0, count=29))
     assert max(found.planned.values()) <= 30
 
 
-def test_the_same_outcomes_give_the_same_rounds_whatever_was_played_first():
+def test_rounds_do_not_depend_on_the_order_of_outcomes():
     found, _, outcomes = play(differ_at_4)
     shuffled = {
         key: dict(sorted(played.items(), reverse=True)) for key, played in sorted(outcomes.items(), reverse=True)
@@ -84,7 +84,7 @@ def test_the_same_outcomes_give_the_same_rounds_whatever_was_played_first():
     assert (again.work, again.planned, again.decided) == ([], found.planned, found.decided)
 
 
-def test_a_round_under_way_lacks_what_has_no_row_yet():
+def test_the_work_of_a_round_is_its_seeds_without_a_row():
     _, rounds, _ = play(differ_at_4)
     first = CELLS[0]
     some = {key_of(first): dict.fromkeys(range(100, 104), "success")}
@@ -93,14 +93,14 @@ def test_a_round_under_way_lacks_what_has_no_row_yet():
     assert dict(found.work)[CELLS[1]] == rounds[0][CELLS[1]]
 
 
-def test_errors_are_rows_and_no_evidence():
+def test_errors_count_as_rows_but_not_as_evidence():
     outcomes = {key_of(cell): dict.fromkeys(range(100, 110), "error") for cell in CELLS}
     found = progression(CELLS, SEEDS, RULE, SIDES, outcomes)
     assert found.decided == []
     assert {s for _, lacking in found.work for s in lacking} == set(range(110, 120))
 
 
-def test_true_null_hypotheses_are_decided_against_with_a_chance_of_alpha_at_most():
+def test_true_null_hypotheses_are_rejected_with_a_probability_of_at_most_alpha():
     """400 runs of two perturbed conditions without a difference, looked at after every round of 5 seeds."""
     rule = AdaptiveEntry(round=5, most=200)
     wrong = [len(play(lambda p, c: 0.6, seed, rule, Seeds(start=0, count=40))[0].decided) for seed in range(400)]
@@ -131,7 +131,7 @@ def written(tmp_path):
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_an_adaptive_run_stops_when_decided_says_so_and_has_nothing_left_to_do(tmp_path, written):
+def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(tmp_path, written):
     folder = tmp_path / "run"
 
     def run():
@@ -168,6 +168,6 @@ def test_an_adaptive_run_stops_when_decided_says_so_and_has_nothing_left_to_do(t
         ),
     ],
 )
-def test_a_rule_that_cannot_work_is_refused_with_its_line(written, text, message):
+def test_an_impossible_rule_is_refused_with_its_line(written, text, message):
     with pytest.raises(SuiteError, match=message):
         make_plan(written(text))

@@ -30,7 +30,7 @@ def play(tmp_path, ray_here):
 
 
 @pytest.mark.ray
-def test_a_run_says_what_it_does_while_it_runs_and_what_it_came_to_at_its_end(play, tmp_path):
+def test_a_run_writes_its_live_status_and_at_its_end_its_result(play, tmp_path):
     history, heard, over = History.open(file_url(tmp_path / "history.sqlite")), [], threading.Event()
 
     def listen():
@@ -57,7 +57,7 @@ def test_a_run_says_what_it_does_while_it_runs_and_what_it_came_to_at_its_end(pl
 
 
 @pytest.mark.ray
-def test_a_history_that_cannot_be_opened_is_told_and_ends_nothing(play, tmp_path):
+def test_a_history_that_cannot_be_opened_is_a_warning_and_the_run_goes_on(play, tmp_path):
     (tmp_path / "history.sqlite").write_text("this is no database, but a text that is long enough to be looked at")
     outcome = play(history=file_url(tmp_path / "history.sqlite"))
     assert outcome.document.status == "complete"
@@ -65,7 +65,7 @@ def test_a_history_that_cannot_be_opened_is_told_and_ends_nothing(play, tmp_path
 
 
 @pytest.mark.ray
-def test_the_store_with_the_rows_knows_the_run_too(play, tmp_path):
+def test_the_store_with_the_rows_has_an_entry_of_the_run(play, tmp_path):
     outcome = play()
     history = History.open(file_url(tmp_path / "run" / "episodes.sqlite"))
     (entry,) = history.runs()

@@ -13,7 +13,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
-from tests.chaos.calendar import played, serve_and_kill
+from tests.chaos.schedules import played, serve_and_kill
 from tests.results.synthetic import document, run_folder
 
 START = 1_795_000_000.0
@@ -98,7 +98,7 @@ def test_of_ten_runs_the_two_that_are_worse_are_flagged_and_no_other(world):
 @pytest.mark.slow
 @pytest.mark.ray
 def test_killed_at_any_moment_it_loses_no_run_and_doubles_none(world):
-    """A dozen kills; `python -m tests.chaos.calendar` does a hundred."""
+    """A dozen kills; `python -m tests.chaos.schedules` does a hundred."""
     world.write(count=40)
     schedule = world.add(cron="0 0 1 1 *")
     for number in range(2):
