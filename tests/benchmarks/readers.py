@@ -3,7 +3,6 @@
 import os
 import random
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -12,9 +11,7 @@ from pathlib import Path
 
 import psutil
 
-from robogauntlet.results.run_document import read_run
-from robogauntlet.results.store.episode_store import Store
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import COMMAND, duration_s, stored_rows, table
 
 SUITE = """
 name: watched
@@ -26,7 +23,6 @@ render_profile: fast
 """
 READERS, POLL_S, PAGES = 50, 2.0, ("/", "/runs", "/schedule", "/history?policy=random")
 PAIRS = 3
-MAIN = "from robogauntlet.orchestrator.cli import main; main()"
 
 
 def measure() -> list[dict[str, object]]:
@@ -39,7 +35,7 @@ def measure() -> list[dict[str, object]]:
         _play(folder, environment, "warm-up")
         for pair in range(PAIRS):
             alone = _play(folder, environment, f"alone-{pair}")
-            command = [sys.executable, "-c", MAIN, "serve", "--port", "0"]
+            command = [*COMMAND, "serve", "--port", "0"]
             server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
             assert server.stdout is not None
             address = server.stdout.readline().split()[1].rstrip("/")
@@ -77,13 +73,10 @@ def measure() -> list[dict[str, object]]:
 
 
 def _play(folder: Path, environment: dict[str, str], name: str) -> float:
-    """Run the suite; return the time from the first episode's start to the last one's end (s)."""
-    command = [sys.executable, "-c", MAIN, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
+    """Run the suite into the folder `name`; return the duration of its episodes (s)."""
+    command = [*COMMAND, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
     subprocess.run(command, check=True, capture_output=True, env=environment)
-    store = Store.open_file(folder / name / "episodes.sqlite", read_run(folder / name).run_id)
-    played = list(store.results())
-    store.close()
-    return max(row.started_at + row.wall_s for row in played) - min(row.started_at for row in played)
+    return duration_s(stored_rows(folder / name))
 
 
 def _read(address: str, number: int, over: threading.Event, answers: list[int], errors: list[int]) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +19,7 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode, Protocol, View
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import COMMAND, table
 
 SIZE = 224
 QUERIES, WARM = 1000, 50
@@ -82,9 +81,8 @@ def _times(ask: Callable[[int], object]) -> list[float]:
 
 @contextmanager
 def _server(folder: Path) -> Iterator[str]:
-    code = "from robogauntlet.orchestrator.cli import main; main()"
     arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
-    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         found = re.search(r"ws://\S+?:\d+", process.stdout.readline())

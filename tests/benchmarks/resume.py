@@ -3,12 +3,11 @@
 import signal
 import sqlite3
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import COMMAND, table
 
 PLANNED, MISSING = 1_000_000, 100
 SUITE = f"""
@@ -18,7 +17,6 @@ tasks: [null/Reach]
 seeds: {{count: {PLANNED // 2}}}
 horizon: 20
 """
-RUN = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run"]
 TIME_LIMIT_S = 300.0
 
 
@@ -41,7 +39,7 @@ def _first_episode_s(suite: Path, folder: Path) -> float:
     """Time from the start of `robogauntlet run` to that of its first episode (s); then the run is interrupted."""
     start = time.time()
     process = subprocess.Popen(
-        [*RUN, str(suite), "--out", str(folder), "--no-media"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     try:
         while not (began := _starts(folder, since=start)):

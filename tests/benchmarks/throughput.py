@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import stored_rows, table
 
 SUITE = """
 name: throughput
@@ -51,13 +51,7 @@ def measure() -> list[dict[str, object]]:
         command = [sys.executable, "-c", CODE, "run", str(suite), "--out", str(run), "--no-media"]
         done = subprocess.run(command, check=True, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200"})
         whole = time.perf_counter() - start
-        from robogauntlet.results.run_document import read_run
-        from robogauntlet.results.store.episode_store import Store
-
-        document = read_run(run)
-        store = Store.open_file(run / "episodes.sqlite", document.run_id)
-        times = [row.started_at for row in store.results()]
-        store.close()
+        times = [row.started_at for row in stored_rows(run)]
     playing = max(times) - min(times)
     words = (line.split() for line in done.stdout.splitlines())
     printed = {line[0]: line[1:] for line in words if line and line[0] in ("planned:", "played:", "reported:")}

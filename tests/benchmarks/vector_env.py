@@ -6,12 +6,8 @@ policy answers for the whole batch, and a batch is stepped until the last of its
 
 import json
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -24,10 +20,8 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
-from robogauntlet.results.run_document import read_run
-from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
-from tests.benchmarks.shared import episodes, open_task, table
+from tests.benchmarks.shared import duration_s, episodes, open_task, play_suite, table
 
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
 PAIRS = (
@@ -129,19 +123,10 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
 
 def ours(task: str, kind: str) -> tuple[float, list[bool]]:
     """Time from the first episode's start to the last one's end in a run (s), and the successes."""
-    with tempfile.TemporaryDirectory() as folder:
-        suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
-        text = SUITE.format(
-            task=task, policy=kind, options=json.dumps(OPTIONS[kind]), episodes=EPISODES, processes=PROCESSES
-        )
-        suite.write_text(text, encoding="utf-8")
-        command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run", str(suite)]
-        subprocess.run([*command, "--out", str(run), "--no-media"], check=True, capture_output=True)
-        store = Store.open_file(run / "episodes.sqlite", read_run(run).run_id)
-        rows = sorted(store.results(), key=lambda row: row.seed)
-        store.close()
-    seconds = max(row.started_at + row.wall_s for row in rows) - min(row.started_at for row in rows)
-    return seconds, [row.status == "success" for row in rows]
+    options = json.dumps(OPTIONS[kind])
+    text = SUITE.format(task=task, policy=kind, options=options, episodes=EPISODES, processes=PROCESSES)
+    rows = sorted(play_suite(text), key=lambda row: row.seed)
+    return duration_s(rows), [row.status == "success" for row in rows]
 
 
 def measure() -> list[dict[str, object]]:

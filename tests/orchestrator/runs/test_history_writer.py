@@ -1,17 +1,14 @@
-"""Promises of orchestrator/runs/history_writer.py: what a run tells the history while it goes on, and when it ends."""
+"""The live status and the result of a run in the history."""
 
-import io
 import threading
 import time
+from functools import partial
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
+from tests.orchestrator.runs.playing import play as play_suite
 
 SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 60}\nworkers: 2\n"
 
@@ -20,13 +17,7 @@ SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 60
 def play(tmp_path, ray_here):
     (tmp_path / "nights.yaml").write_text(SUITE)
 
-    def run(**options):
-        progress = Progress(Console(file=io.StringIO(), force_terminal=False))
-        return run_plan(
-            make_plan(tmp_path / "nights.yaml"), tmp_path / "run", RunOptions(media=False, **options), progress
-        )
-
-    return run
+    return partial(play_suite, tmp_path / "nights.yaml", tmp_path / "run")
 
 
 @pytest.mark.ray

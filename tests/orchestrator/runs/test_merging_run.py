@@ -1,16 +1,12 @@
 """The shipped experts and merged models in the real simulators; the report shows the cost of merging and routing."""
 
-import io
 import json
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
-from robogauntlet.results.store.episode_store import Store
+from robogauntlet.orchestrator.runs.plan import find_suite
 from robogauntlet.suites.selection import SuiteSelection
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
@@ -18,17 +14,13 @@ TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory, ray_here):
-    plan = make_plan(find_suite("mergevla"), part=SuiteSelection(tasks=TASKS, seeds=1))
-    progress = Progress(Console(file=io.StringIO(), force_terminal=False))
-    return run_plan(plan, tmp_path_factory.mktemp("runs") / "merging", RunOptions(media=False), progress)
+    folder = tmp_path_factory.mktemp("runs") / "merging"
+    return play(find_suite("mergevla"), folder, part=SuiteSelection(tasks=TASKS, seeds=1))
 
 
 @pytest.fixture(scope="module")
 def rows(outcome):
-    store = Store.open_file(outcome.folder / "episodes.sqlite", outcome.document.run_id)
-    results = list(store.results())
-    store.close()
-    return results
+    return rows_of(outcome.folder)
 
 
 def test_every_episode_is_played(outcome, rows):

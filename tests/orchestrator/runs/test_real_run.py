@@ -1,18 +1,14 @@
 """Runs in the three real simulators: the same rows with one worker and with two, one of which is killed."""
 
-import io
 import os
 import signal
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.record import outcome_row
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.results.store.episode_store import Store
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
 SUITE = """
@@ -30,15 +26,7 @@ workers: {workers}
 def run(folder, workers, *, progress=Progress):
     suite = folder.parent / f"{folder.name}.yaml"
     suite.write_text(SUITE.format(workers=workers))
-    shown = progress(Console(file=io.StringIO(), force_terminal=False))
-    return run_plan(make_plan(suite), folder, RunOptions(media=False), shown)
-
-
-def rows(outcome):
-    store = Store.open_file(outcome.folder / "episodes.sqlite", outcome.document.run_id)
-    outcomes = sorted(outcome_row(row) for row in store.results())
-    store.close()
-    return outcomes
+    return play(suite, folder, progress=progress)
 
 
 @pytest.fixture(scope="module")
@@ -49,20 +37,16 @@ def undisturbed(tmp_path_factory, ray_here):
 
 def test_a_run_in_three_simulators_is_complete_and_the_oracle_succeeds(undisturbed):
     assert (undisturbed.document.status, undisturbed.done, undisturbed.document.skipped) == (RunStatus.COMPLETE, 12, {})
-    store = Store.open_file(undisturbed.folder / "episodes.sqlite", undisturbed.document.run_id)
-    statuses = {(row.simulator, row.policy, row.status) for row in store.results()}
-    store.close()
+    statuses = {(row.simulator, row.policy, row.status) for row in rows_of(undisturbed.folder)}
     simulators = ("maniskill", "pybullet", "robosuite")
     assert statuses == {(s, p, r) for s in simulators for p, r in (("oracle", "success"), ("untrained", "failure"))}
     assert set(undisturbed.document.render_devices) == set(simulators)
 
 
 def test_both_policies_of_a_pair_start_from_the_same_state(undisturbed):
-    store = Store.open_file(undisturbed.folder / "episodes.sqlite", undisturbed.document.run_id)
     states: dict[str, set[str]] = {}
-    for row in store.results():
+    for row in rows_of(undisturbed.folder):
         states.setdefault(row.pair_id, set()).add(row.state_hash)
-    store.close()
     assert len(states) == 6
     assert all(len(hashes) == 1 for hashes in states.values())
 
@@ -84,5 +68,6 @@ def test_a_second_worker_per_simulator_and_a_killed_worker_change_no_row(undistu
 
     outcome = run(tmp_path / "two", 2, progress=Killing)
     assert killed == [0]
-    assert rows(outcome) == rows(undisturbed)
+    first, second = (sorted(map(outcome_row, rows_of(run.folder))) for run in (undisturbed, outcome))
+    assert first == second
     assert outcome.document.rows_hash == undisturbed.document.rows_hash

@@ -1,21 +1,17 @@
 """The shipped smoke suite of perturbations in three simulators: all levels delivered, nothing else changed."""
 
-import io
 import json
 import math
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.orchestrator.runs.plan import find_suite
 from robogauntlet.results.record import Status
 from robogauntlet.results.report import ReportPaths
-from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CONTROLS
 from robogauntlet.suites.selection import SuiteSelection
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.slow, pytest.mark.usefixtures("ray_here")]
 SEEN = ("camera-orbit", "illuminance", "distractors", "object-position", "robot-start", "noise")
@@ -25,17 +21,12 @@ SEEN = ("camera-orbit", "illuminance", "distractors", "object-position", "robot-
 @pytest.fixture(scope="module")
 def played(tmp_path_factory, ray_here):
     folder = tmp_path_factory.mktemp("runs") / "smoke"
-    progress = Progress(Console(file=io.StringIO(), force_terminal=False))
-    plan = make_plan(find_suite("robustness-smoke"), part=SuiteSelection(seeds=1))
-    return run_plan(plan, folder, RunOptions(), progress)
+    return play(find_suite("robustness-smoke"), folder, part=SuiteSelection(seeds=1), media=True)
 
 
 @pytest.fixture(scope="module")
 def rows(played):
-    store = Store.open_file(played.folder / "episodes.sqlite", played.document.run_id)
-    results = list(store.results())
-    store.close()
-    return results
+    return rows_of(played.folder)
 
 
 def test_no_episode_is_an_error(rows):

@@ -1,4 +1,4 @@
-"""A run folder from beginning to end: begun, continued, refused, and readable whatever happened."""
+"""A run folder: created, continued, refused, and always readable."""
 
 import io
 import itertools
@@ -10,17 +10,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from rich.console import Console
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import PlanError, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.orchestrator.runs.run_document import create_or_resume
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.record import outcome_row
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.store.episode_store import StoreError
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 SUITE = """
@@ -43,24 +42,17 @@ def suite(tmp_path):
 
 
 class Run:
-    """Runs a suite into a folder and shows what came of it."""
+    """Plays suites into a folder."""
 
     def __init__(self, folder):
         self.folder = folder
-        self.said = io.StringIO()
+        self.output = io.StringIO()
 
     def __call__(self, suite, **options):
-        progress = Progress(Console(file=self.said, force_terminal=False, width=200))
-        options = RunOptions(**{"media": False, **options})
-        return run_plan(make_plan(suite), self.folder, options, progress)
+        return play(suite, self.folder, out=self.output, **options)
 
     def rows(self, store=None):
-        document = read_run(self.folder)
-        url = store or f"sqlite:///{self.folder / 'episodes.sqlite'}"
-        opened = Store.open(url, document.run_id)
-        rows = list(opened.results())
-        opened.close()
-        return rows
+        return rows_of(self.folder, store)
 
 
 @pytest.fixture
@@ -125,7 +117,7 @@ def test_a_complete_run_plays_no_episode_again(run, suite):
     assert {row.episode_id: row.started_at for row in run.rows()} == started
     assert second.document.run_id == first.document.run_id
     assert second.document.rows_hash == first.document.rows_hash
-    assert "continuing: 40 of 40 episodes are done already" in run.said.getvalue()
+    assert "continuing: 40 of 40 episodes are done already" in run.output.getvalue()
 
 
 def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, monkeypatch):
@@ -365,9 +357,9 @@ def test_the_place_of_inference_is_chosen_shown_and_recorded(run, suite):
     run.folder = run.folder.parent / "auto"
     chosen = run(suite(text, inference="auto")).document.inference
     assert chosen in ("worker", "served")
-    assert "measuring where policies answer faster" in run.said.getvalue()
+    assert "measuring where policies answer faster" in run.output.getvalue()
     words = {"worker": "in the workers: ", "served": "in separate inference processes: "}[chosen]
-    assert f"policies compute {words}" in run.said.getvalue()
+    assert f"policies compute {words}" in run.output.getvalue()
     assert served.document.rows_hash == read_run(run.folder).rows_hash
 
 

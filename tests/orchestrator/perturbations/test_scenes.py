@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import AdapterError
@@ -14,6 +16,7 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations import perturbed, table_and_distractors
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.orchestrator.perturbations.physics import distance_from
+from robogauntlet.orchestrator.perturbations.table_and_distractors import PATTERNS, painted, pattern
 from robogauntlet.policies.contract import PolicyInput
 from robogauntlet.suites.axes import AXES, Changes
 from tests.orchestrator.episodes.test_rollout import Scripted
@@ -254,3 +257,45 @@ def test_a_changed_instruction_is_an_error_on_an_axis_that_keeps_it(monkeypatch)
         AdapterError, match=r"noise@3: expected the task's own instruction, got 'reach the goal view 341'"
     ):
         rollout(Scene(), Scripted(), episode("noise", 3))
+
+
+class Renderer:
+    """Counts its calls."""
+
+    times = 0
+
+    def __call__(self):
+        self.times += 1
+        return {"third_person": self.times}
+
+
+def test_images_are_rendered_once_per_seed_and_scene():
+    references, render = ReferenceImages(), Renderer()
+    images = [
+        references.get(*key, render)["third_person"] for key in ((1, "clean"), (1, "clean"), (2, "clean"), (1, "x"))
+    ]
+    assert images == [1, 1, 2, 3]
+
+
+def test_the_most_recently_used_images_are_kept():
+    references, render = ReferenceImages(size=2), Renderer()
+    for seed in (1, 2, 1, 3):
+        references.get(seed, "clean", render)
+    assert [references.get(seed, "clean", render)["third_person"] for seed in (1, 3, 2)] == [1, 3, 4]
+
+
+@given(st.sampled_from(PATTERNS), st.integers(0, 2**32 - 1), st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))
+def test_a_pattern_keeps_the_mean_colour_and_valid_reflectances(name, seed, colour):
+    values = pattern(name, np.random.default_rng(seed))
+    np.testing.assert_allclose(values.mean(axis=(0, 1)), 0.0, atol=1e-9)
+    assert np.abs(values).max() <= 1.0 + 1e-12
+    texture = painted(np.array(colour), values)
+    np.testing.assert_allclose(texture.mean(axis=(0, 1)), colour, atol=1e-9)
+    assert texture.min() >= 0.0
+    assert texture.max() <= 1.0
+
+
+def test_only_plain_patterns_are_uniform():
+    deviations = {name: pattern(name, np.random.default_rng(0)).std() for name in PATTERNS}
+    assert deviations["plain"] == 0.0
+    assert min(value for name, value in deviations.items() if name != "plain") > 0.3
