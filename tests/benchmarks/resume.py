@@ -39,7 +39,9 @@ def _first_episode_s(suite: Path, folder: Path) -> float:
     """Time from the start of `robogauntlet run` to that of its first episode (s); then the run is interrupted."""
     start = time.time()
     process = subprocess.Popen(
-        [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     try:
         while not (began := _starts(folder, since=start)):
