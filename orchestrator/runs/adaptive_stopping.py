@@ -93,15 +93,15 @@ def _decisions(
     sides: CompareEntry,
     rule: AdaptiveEntry,
     outcomes: Outcomes,
-    judged: range,
+    seeds: range,
 ) -> list[Decided] | None:
-    """A decision per other policy, or None unless the judged seeds decide all comparisons with the baseline."""
+    """A decision per other policy, or None unless these seeds decide all comparisons with the baseline."""
     cell_of = {(cell.policy, cell.task): cell for cell in cells if cell.condition == condition}
     tasks = [task for policy, task in cell_of if policy == sides.baseline]
     decisions = []
     for other in sides.others:
         compared = [(cell_of[sides.baseline, task], cell_of[other, task]) for task in tasks if (other, task) in cell_of]
-        pairs = _pairs(compared, outcomes, judged)
+        pairs = _pairs(compared, outcomes, seeds)
         if not is_decided(pairs, rule.alpha):
             return None
         decisions.append(
@@ -110,19 +110,19 @@ def _decisions(
                 axis=condition.axis,
                 severity=condition.severity,
                 pairs=pairs.trials,
-                seeds=len(judged),
+                seeds=len(seeds),
                 evidence=paired_evidence(pairs),
             )
         )
     return decisions
 
 
-def _pairs(cells: Sequence[tuple[Cell, Cell]], outcomes: Outcomes, judged: range) -> Pairs:
+def _pairs(cells: Sequence[tuple[Cell, Cell]], outcomes: Outcomes, seeds: range) -> Pairs:
     counts = [0, 0, 0, 0]
     verdicts = (str(Status.SUCCESS), str(Status.FAILURE))
     for first, second in cells:
         ours, theirs = outcomes.get(key_of(first), {}), outcomes.get(key_of(second), {})
-        for seed in judged:
+        for seed in seeds:
             if ours.get(seed) in verdicts and theirs.get(seed) in verdicts:
                 counts[2 * (ours[seed] != verdicts[0]) + (theirs[seed] != verdicts[0])] += 1
     return Pairs(*counts)

@@ -132,10 +132,10 @@ class Progress(Display):
 
     def _figures(self, progress: _SimulatorProgress) -> list[str]:
         now = self._now()
-        judged = progress.success + progress.failure
+        valid = progress.success + progress.failure
         pace, left = progress.per_minute(now), progress.left_s(now)
         return [
-            f"success {100 * progress.success / judged:.0f} %" if judged else "",
+            f"success {100 * progress.success / valid:.0f} %" if valid else "",
             f"{pace:.0f} episodes/min" if pace and progress.done < progress.planned else "",
             f"{format_duration(left)} left" if left and progress.done < progress.planned else "",
             f"{progress.error} errors" if progress.error else "",

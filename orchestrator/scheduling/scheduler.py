@@ -83,7 +83,7 @@ class _Slot:
     """Whether it always serves the same simulator."""
     worker: worker_pool.Worker | None = None
     running: bool = False
-    """Whether its worker has a process; before, Ray may still be looking for a place."""
+    """Whether its worker has a process; before, Ray may still search for a node."""
     lease: Lease | None = None
     finished: int = 0
     """Episodes of the lease that are finished."""
@@ -212,7 +212,7 @@ class Scheduler(Generic[Result]):
             slot.simulator = name
         source = self.work.get(slot.simulator)
         if source is None or not source.waiting:
-            self._discard(slot)  # another simulator's worker may wait for its place
+            self._discard(slot)  # another simulator's worker may wait for room
             return
         if slot.worker is not None and self._needs_recycling(slot):
             self._discard(slot)
@@ -311,7 +311,7 @@ class Scheduler(Generic[Result]):
     def _kill_unresponsive(self) -> None:
         """Kill workers that have sent no event for longer than an episode may take.
 
-        A worker that has not started yet has no process: Ray has no place for it until another worker ends.
+        A worker that has not started yet has no process: Ray has no room for it until another worker ends.
         """
         if self.now() - self._watched_at < WATCHDOG_S:
             return

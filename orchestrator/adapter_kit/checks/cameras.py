@@ -175,7 +175,7 @@ def place(subject: CheckedTask) -> Iterator[Violation]:
     cameras = _cameras(subject)
     _third_person_only(subject)
     if subject.ignores("gripper"):
-        raise NotApplicable("the gripper does nothing in this task, so it cannot be told from the arm")
+        raise NotApplicable("the gripper does nothing in this task, so it cannot be distinguished from the arm")
     simulation = subject.simulation
     for _ in range(10):
         simulation.step(subject.action())

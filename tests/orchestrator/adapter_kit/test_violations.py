@@ -86,7 +86,9 @@ VIOLATIONS = [
 ]
 
 
-@pytest.mark.parametrize(("variant", "check", "line"), VIOLATIONS, ids=[f"{variant}-{check}" for variant, check, _ in VIOLATIONS])
+@pytest.mark.parametrize(
+    ("variant", "check", "line"), VIOLATIONS, ids=[f"{variant}-{check}" for variant, check, _ in VIOLATIONS]
+)
 def test_each_broken_promise_is_reported_in_a_line_by_its_check(subject, variant, check, line):
     results = CHECKS[check].run(subject(variant))
     assert {result.outcome for result in results} == {Outcome.FAILED}

@@ -1,4 +1,4 @@
-"""What a worker does with a lease, without Ray."""
+"""The playing of leases, without Ray."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_a_simulator_that_raises_once_is_tried_again(runner, tmp_path, monkeypat
 
 
 def test_a_policy_that_differs_from_the_plan_is_not_played():
-    """Its files were changed while the run went on, or another node has others under the same name."""
+    """Its files were changed during the run, or differ on another node."""
     planned, other = digest("zero", {}), "0" * 16
     made = EpisodeRunner({"zero": PolicySource("zero", {}, planned), "other": PolicySource("zero", {}, other)})
     (same,) = made.play(lease(policy="zero", seeds=(0,)))

@@ -1,4 +1,4 @@
-"""Policies built on nodes that have their files, that have others, and that have none."""
+"""Policies built on nodes with their files, with other files, and without files."""
 
 import shutil
 import tempfile
@@ -34,7 +34,7 @@ PATH = st.lists(PART, min_size=1, max_size=4).map(lambda parts: Path("/", *parts
 
 @pytest.fixture
 def folder(tmp_path):
-    """A base, three experts on it and what was merged of them."""
+    """A base, three experts and their merged model."""
     made = merging(save_experts(tmp_path / "zoo"))
     save_merged(tmp_path / "zoo" / "merged", made)
     return tmp_path / "zoo"
@@ -52,7 +52,7 @@ def planned(kind, **options):
 
 
 def with_bundle(source, fetched=None):
-    """With a bundle in this process's memory; what is fetched from it is noted."""
+    """The source with a bundle in this process's memory, which records fetched files."""
     options, files = bundle_layout(catalog.find(source.kind).files(source.options))
 
     def kept(name, content):
@@ -70,7 +70,7 @@ def sources(folder):
         "base": planned("mergevla", checkpoint=str(folder / "base")),
         "experts": planned("mergevla-experts", folder=experts),
         "merged": planned("mergevla-merged", checkpoint=str(folder / "merged"), router="oracle"),
-        "anew": planned(
+        "remerged": planned(
             "mergevla-merged",
             checkpoint=str(folder / "merged"),
             router="oracle",
@@ -89,7 +89,7 @@ def test_a_bundle_keeps_the_relative_paths_of_its_files(options, files):
         assert {name: root / place for name, place in places.items()} == options
 
 
-@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "anew"])
+@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "remerged"])
 def test_a_node_without_the_files_builds_the_same_policy_from_the_bundle(folder, name):
     source = with_bundle(sources(folder)[name])
     shutil.rmtree(folder)
@@ -123,7 +123,7 @@ def test_a_node_fetches_once(folder):
 
 
 def test_a_partly_deleted_copy_is_fetched_again(folder):
-    """As programs do that clean the folder for temporary files."""
+    """For example by programs that clean the folder for temporary files."""
     source = with_bundle(sources(folder)["experts"])
     shutil.rmtree(folder)
     resolve_locally(source)

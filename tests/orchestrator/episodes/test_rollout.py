@@ -1,4 +1,4 @@
-"""One episode: who is asked when, what is rendered when, and when it ends."""
+"""One episode: queries, rendering, outcome and record."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, View
 
 
 class Scripted(StatelessPolicy):
-    """Answers with chunks of a fixed length, and remembers when it was asked."""
+    """Answers with chunks of a fixed length, and records the steps of its queries."""
 
     def __init__(self, chunk=None, sees=PolicyInput.OBSERVATION):
         self.chunk = np.zeros((8, 7)) if chunk is None else chunk
@@ -25,7 +25,7 @@ class Scripted(StatelessPolicy):
 
 
 class Counting:
-    """The null simulation, counting its calls, with a success signal of our choice."""
+    """The null simulation with a given success signal; counts calls."""
 
     def __init__(self, success=lambda step: False, terminated=lambda step: False):
         self.inner = open_simulation("null/Reach", View())

@@ -1,4 +1,4 @@
-"""Batches of what is asked at the same time, on a real event loop."""
+"""Batches of simultaneous queries, on a real event loop."""
 
 import asyncio
 import contextlib

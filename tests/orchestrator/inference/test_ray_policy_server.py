@@ -1,4 +1,4 @@
-"""Policies that compute in a process of their own, on a real Ray."""
+"""Policy servers on a real Ray."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""The server: what is played through it is what is played without it, and no message brings it down."""
+"""The server: served policies make the same rows, and no message stops the server."""
 
 import re
 import threading
@@ -83,7 +83,7 @@ def test_a_remote_policy_of_a_plain_server_is_the_same_policy():
 
 
 class Remembering:
-    """Answers with how often an episode has asked it: nothing without a memory."""
+    """Answers with the number of queries of the episode, which needs state."""
 
     spec = PolicySpec(PolicyInput.OBSERVATION, 4)
 
@@ -119,7 +119,7 @@ def policy_of(server, **options):
 
 
 def settle(server, left):
-    """Wait until the server has noticed who left."""
+    """Wait until the server has noticed disconnected clients."""
     for _ in range(200):
         if len(server.policy.asked) == left:
             return

@@ -1,4 +1,4 @@
-"""Comparisons that stop when they are decided: what is played, in which rounds, and what is guaranteed."""
+"""Comparisons that stop when they are decided: rounds, remaining work and error rates."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ RULE = AdaptiveEntry(round=10, most=60)
 
 
 def simulate(rates, seed=0, rule=RULE, seeds=SEEDS):
-    """Plays round after round; `rates` gives the success of a policy under a condition."""
+    """Play round after round; `rates` gives the success of a policy under a condition."""
     generator, outcomes, rounds = np.random.default_rng(seed), {}, []
     while (found := progression(CELLS, seeds, rule, SIDES, outcomes)).work:
         rounds.append({cell: list(lacking) for cell, lacking in found.work})
@@ -96,7 +96,7 @@ def test_errors_count_as_rows_but_not_as_evidence():
 
 
 def test_true_null_hypotheses_are_rejected_with_a_probability_of_at_most_alpha():
-    """400 runs of two perturbed conditions without a difference, looked at after every round of 5 seeds."""
+    """400 runs of two perturbed conditions without a difference, evaluated after every round of 5 seeds."""
     rule = AdaptiveEntry(round=5, most=200)
     wrong = [len(simulate(lambda p, c: 0.6, seed, rule, Seeds(start=0, count=40))[0].decided) for seed in range(400)]
     false = sum(wrong) / (400 * 3)  # noise@2, noise@4 and the control

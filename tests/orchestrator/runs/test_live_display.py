@@ -1,4 +1,4 @@
-"""What long work shows: live on a terminal, lines now and then elsewhere."""
+"""Progress displays: live on a terminal, periodic lines in other output."""
 
 from io import StringIO
 

@@ -1,4 +1,4 @@
-"""What of a suite can be planned here, and what a run says about the rest."""
+"""Plans of suites, and reasons for what cannot be planned."""
 
 import pytest
 

@@ -144,7 +144,7 @@ def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, m
 
 def test_the_elapsed_time_of_a_killed_session_is_kept(run, suite, monkeypatch):
     class Killed(BaseException):
-        """Nothing catches it, so nothing is finished."""
+        """Not caught by the run, which therefore cannot finish."""
 
     def die(self, results):
         time.sleep(0.2)
