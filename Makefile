@@ -16,7 +16,7 @@ help:
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
-	@echo "make chaos      fifty runs under faults drawn at random, compared with one that is left alone (about an hour)"
+	@echo "make chaos      fifty runs under random faults, compared with an undisturbed run (about an hour)"
 	@echo "make report     write the newest run's report again"
 	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
 	@echo "                PERCENT=1 make zoo: every step of it with a hundredth of the data and training (minutes)"

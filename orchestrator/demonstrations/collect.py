@@ -190,7 +190,7 @@ class _Observer(Observer[PlayedSeed]):
         """Show the reason."""
         self._display.log(f"{simulator}: {reason}")
 
-    def on_warning(self, simulator: str, message: str) -> None:
+    def on_warning(self, message: str) -> None:
         """Show the message."""
         self._display.log(message)
 

@@ -13,7 +13,7 @@ from robogauntlet.adapters.contract import AdapterError, Simulation
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.episodes.rollout import Watcher, rollout
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies.contract import Policy, PolicyError, check_fit
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.suites.episode import Episode, View
@@ -29,13 +29,7 @@ class EpisodeRunner:
         worker: str = "local",
         remote_policies: Mapping[str, Policy] | None = None,
     ) -> None:
-        """Create a runner.
-
-        Args:
-            sources: Policies by name; each is built when it is first needed.
-            worker: Name of the worker, for the records.
-            remote_policies: Policies that compute in another process, by name.
-        """
+        """Create a runner. A policy is built from its source when it is first needed, unless it computes remotely."""
         self._sources = sources
         self._worker = worker
         self._policies: dict[str, Policy] = dict(remote_policies or {})
@@ -79,15 +73,10 @@ class EpisodeRunner:
     def play_one(
         self, episode: Episode, watcher: Watcher | None = None, wrap: Callable[[Simulation], Simulation] | None = None
     ) -> EpisodeResult:
-        """Play one episode. After an unexpected exception it is tried once more in a new simulation.
+        """Play one episode in the simulation, or in what `wrap` returns for it; for `watcher` see `rollout`.
 
-        Args:
-            episode: The episode.
-            watcher: Called after every step.
-            wrap: Wraps the simulation for this episode.
-
-        Returns:
-            The record, which is an error record if the episode could not be played.
+        After an unexpected exception it is tried once more in a new simulation. The result is an error record if the
+        episode could not be played.
         """
         started, clock = time.time(), time.perf_counter()
         error = ""

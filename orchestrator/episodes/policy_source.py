@@ -5,11 +5,10 @@ On a cluster, Ray's object store carries the policies' files to nodes that lack 
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -76,13 +75,17 @@ def resolve_locally(source: PolicySource) -> PolicySource:
         folder = bundle_cache_dir(source.digest)
         options = {name: str(folder / path) for name, path in source.bundle.options.items()}
         copy = replace(source, options={**source.options, **options}, bundle=None)
-        with _locked(folder):
-            try:
-                _check(copy)
-            except PolicyError:  # not fetched yet, or partly deleted
-                shutil.rmtree(folder, ignore_errors=True)
-                _unpack(source.bundle, folder)
-                _check(copy)
+        try:
+            folder.parent.mkdir(mode=PRIVATE, exist_ok=True)
+            with FileLock(f"{folder}.lock"):  # other processes of this node may fetch the same files
+                try:
+                    _check(copy)
+                except PolicyError:  # not fetched yet, or partly deleted
+                    shutil.rmtree(folder, ignore_errors=True)
+                    _unpack(source.bundle, folder)
+                    _check(copy)
+        except OSError as error:
+            raise PolicyError(f"the policy's files cannot be copied to {folder}: {error.strerror}") from None
         return copy
     return source
 
@@ -129,35 +132,14 @@ def bundle_cache_dir(digest: str) -> Path:
 def _check(source: PolicySource) -> None:
     digest = policies.digest(source.kind, source.options)
     if digest != source.digest:
-        raise PolicyError(
-            f"policy '{source.kind}' has changed since the run was planned: "
-            f"expected content {source.digest}, got {digest}"
-        )
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep other processes of this node from fetching the same files; raises PolicyError."""
-    with contextlib.ExitStack() as stack:
-        try:
-            folder.parent.mkdir(mode=PRIVATE, exist_ok=True)
-            stack.enter_context(FileLock(f"{folder}.lock"))
-        except OSError as error:
-            raise _copy_error(folder, error) from None
-        yield
-
-
-def _copy_error(folder: Path, error: OSError) -> PolicyError:
-    return PolicyError(f"the policy's files cannot be copied to {folder}: {error.strerror}")
+        changed = f"policy '{source.kind}' has changed since the run was planned"
+        raise PolicyError(f"{changed}: expected content {source.digest}, got {digest}")
 
 
 def _unpack(bundle: PolicyBundle, folder: Path) -> None:
     """Write the bundle's files into a new folder, which appears when it is complete."""
-    try:
-        with new_folder(folder) as unfinished:
-            for place, fetch in bundle.files.items():
-                path = unfinished / place
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(fetch())
-    except OSError as error:
-        raise _copy_error(folder, error) from None
+    with new_folder(folder) as unfinished:
+        for place, fetch in bundle.files.items():
+            path = unfinished / place
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(fetch())

@@ -7,16 +7,14 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Simulation
+from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.perturbations.base import Perturbed
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages
 from robogauntlet.policies.contract import (
     Decision,
     Policy,
@@ -35,35 +33,18 @@ Watcher = Callable[[Simulation, int], None]
 
 
 class _Timed:
-    """Adds the duration of a block to a phase. A class, because a generator costs four times as much at each step."""
+    """Adds the duration of a block (s). A class, because a generator costs four times as much at each step."""
 
-    __slots__ = ("_phase", "_seconds", "_start")
+    __slots__ = ("_field", "_seconds", "_start")
 
-    def __init__(self, seconds: dict[str, float], phase: str) -> None:
-        self._seconds, self._phase = seconds, phase
+    def __init__(self, seconds: dict[str, float], field: str) -> None:
+        self._seconds, self._field = seconds, field
 
     def __enter__(self) -> None:
         self._start = time.perf_counter()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self._seconds[self._phase] += time.perf_counter() - self._start
-
-
-@dataclass
-class Phases:
-    """Seconds spent in each phase of an episode."""
-
-    seconds: dict[str, float] = field(
-        default_factory=lambda: dict.fromkeys(("reset", "physics", "render", "inference"), 0.0)
-    )
-
-    def timed(self, phase: str) -> _Timed:
-        """Add the duration of a `with` block to `phase`."""
-        return _Timed(self.seconds, phase)
-
-    def as_fields(self) -> dict[str, float]:
-        """The fields of an `EpisodeResult`."""
-        return {f"{phase}_s": seconds for phase, seconds in self.seconds.items()}
+        self._seconds[self._field] += time.perf_counter() - self._start
 
 
 def rollout(
@@ -99,11 +80,11 @@ def rollout(
         Exception: Whatever the simulator or the policy raises.
     """
     started, began = time.time(), time.perf_counter()
-    phases = Phases()
+    seconds = dict.fromkeys(("reset_s", "physics_s", "render_s", "inference_s"), 0.0)
     clean_simulation, simulation = simulation, perturbed(simulation, episode, references)
-    with phases.timed("reset"):
+    with _Timed(seconds, "reset_s"):
         simulation.reset(episode.seed)
-    with phases.timed("inference"):
+    with _Timed(seconds, "inference_s"):
         policy.reset([episode])
     if isinstance(simulation, Perturbed):
         simulation.check_start()
@@ -121,11 +102,11 @@ def rollout(
     if watcher:
         watcher(simulation, steps)
     while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
-        query = _observe(simulation, policy, episode, steps, phases)
+        query = _observe(simulation, policy, episode, steps, seconds)
         if isinstance(simulation, Perturbed) and query.observation is not None:
             simulation.check_instruction(query.observation.instruction)
         asked = time.perf_counter()
-        with phases.timed("inference"):
+        with _Timed(seconds, "inference_s"):
             decision = _ask(policy, query)
             chunk = check_chunk(decision.actions)
         answer_times.append(time.perf_counter() - asked)
@@ -139,7 +120,7 @@ def rollout(
         for action, row, too_far in zip(fitting, quantised, beyond, strict=True):
             actions.update(row.data)
             clipped += too_far
-            with phases.timed("physics"):
+            with _Timed(seconds, "physics_s"):
                 outcome = simulation.step(action)
             steps += 1
             reward += outcome.reward
@@ -151,10 +132,10 @@ def rollout(
             if held >= SUCCESS_HOLD or terminated:
                 break
             if eager:
-                with phases.timed("render"):
+                with _Timed(seconds, "render_s"):
                     clean_simulation.observe()
     policy.finish([episode])
-    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else None
+    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     return EpisodeResult.from_episode(
@@ -170,11 +151,11 @@ def rollout(
         final_state_hash=simulation.state_hash(),
         actions_hash=actions.hexdigest()[:16],
         **(routing_fields(routing) if routing else {}),
-        delivered=_rounded(delivered.value) if delivered and delivered.value is not None else None,
-        delivered_statistics=_statistics_text(delivered.statistics) if delivered and delivered.statistics else None,
+        delivered=None if delivered.value is None else round(delivered.value, 6),
+        delivered_statistics=_statistics_text(delivered.statistics) if delivered.statistics else None,
         started_at=started,
         wall_s=time.perf_counter() - began,
-        **phases.as_fields(),
+        **seconds,
     )
 
 
@@ -197,23 +178,19 @@ def _query_times(seconds: list[float]) -> dict[str, float]:
     return {name: ranked[round(place * last)] for name, place in places.items()} if ranked else {}
 
 
-def _rounded(value: float) -> float:
-    return round(value, 6)
-
-
 def _statistics_text(statistics: Mapping[str, float]) -> str:
     """JSON text, with null for numbers that are not finite."""
-    plain = {name: _rounded(value) if math.isfinite(value) else None for name, value in statistics.items()}
+    plain = {name: round(value, 6) if math.isfinite(value) else None for name, value in statistics.items()}
     return json.dumps(plain, sort_keys=True)
 
 
-def _observe(simulation: Simulation, policy: Policy, episode: Episode, step: int, phases: Phases) -> Query:
+def _observe(simulation: Simulation, policy: Policy, episode: Episode, step: int, seconds: dict[str, float]) -> Query:
     match policy.spec.sees:
         case PolicyInput.OBSERVATION:
-            with phases.timed("render"):
+            with _Timed(seconds, "render_s"):
                 return Query(episode, step, observation=simulation.observe())
         case PolicyInput.PRIVILEGED_STATE:
-            with phases.timed("physics"):
+            with _Timed(seconds, "physics_s"):
                 return Query(episode, step, privileged_state=simulation.privileged_state())
         case PolicyInput.NOTHING:
             return Query(episode, step)

@@ -43,7 +43,7 @@ class TrajectoryRecorder(SimulationWrapper):
         """Observe, execute and record."""
         outer = self._outer
         self._observations.append(outer.preview() if isinstance(outer, Perturbed) else self.simulation.observe())
-        commanded = outer.told if isinstance(outer, PerturbedActions) else None
+        commanded = outer.commanded if isinstance(outer, PerturbedActions) else None
         outcome = self.simulation.step(self._executed(action))
         self._actions.append(np.array(action if commanded is None else commanded))
         self._success.append(outcome.success)

@@ -15,12 +15,7 @@ class VideoRecorder:
     """A `rollout` watcher that writes an mp4 (H.264) of the third-person view, at most about `MAX_FRAMES` frames."""
 
     def __init__(self, path: Path, *, steps: int) -> None:
-        """Prepare to write a video.
-
-        Args:
-            path: The file, which appears when the `with` block ends without an exception.
-            steps: Expected length of the episode (control steps).
-        """
+        """Prepare a video of about this many control steps, which appears after a `with` block without exception."""
         self._path = path
         self._partial = path.with_name(f".{path.name}.partial.mp4")
         self._every = max(1, -(-steps // MAX_FRAMES))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -33,13 +34,9 @@ class Batcher(Generic[Question, Answer]):
         max_batch: int,
         wait_s: float,
     ) -> None:
-        """Create a batcher.
+        """Create a batcher that calls `answer` in `executor`, with one batch at a time.
 
-        Args:
-            answer: Called in `executor` with one batch at a time.
-            executor: Runs `answer`.
-            max_batch: Maximum number of questions in a batch of several calls.
-            wait_s: Maximum time that the first question of a batch waits for others.
+        A batch of several calls has at most `max_batch` questions, the first of which waits for others up to `wait_s`.
         """
         self._answer, self._executor, self._max_batch, self._wait_s = answer, executor, max_batch, wait_s
         self._waiting: deque[_Request[Question, Answer]] = deque()
@@ -70,14 +67,12 @@ class Batcher(Generic[Question, Answer]):
                     await self._answered([request])
 
     async def _gather(self) -> None:
-        deadline = asyncio.get_running_loop().time() + self._wait_s
-        while sum(len(request.questions) for request in self._waiting) < self._max_batch:
-            self._arrived.clear()
-            left = deadline - asyncio.get_running_loop().time()
-            try:
-                await asyncio.wait_for(self._arrived.wait(), max(0.0, left))
-            except TimeoutError:
-                return
+        """Wait until a batch is full or its first question has waited for `wait_s`."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(self._wait_s):
+                while sum(len(request.questions) for request in self._waiting) < self._max_batch:
+                    self._arrived.clear()
+                    await self._arrived.wait()
 
     def _next_batch(self) -> list[_Request[Question, Answer]]:
         batch = [self._waiting.popleft()]

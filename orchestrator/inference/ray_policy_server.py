@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -29,7 +28,6 @@ TIMES = 5
 """Queries over which a time is averaged."""
 MAX_CONCURRENCY = 10_000
 """Maximum number of queries that wait at one server."""
-PLACES = {"worker": "in the workers", "served": "in separate inference processes"}
 
 
 class ServerRestarted(Exception):
@@ -140,24 +138,6 @@ def start_servers(sources: Mapping[str, PolicySource], inference: Inference) -> 
     return [actor.remote(chosen, inference) for _ in range(inference.replicas if chosen else 0)]
 
 
-@dataclass(frozen=True)
-class AnswerTimes:
-    """Time that an episode waits for an answer (s), the mean over policies."""
-
-    worker_s: float
-    """In a worker that answers its own queries."""
-    served_s: float
-    """From a server, with all workers asking at the same time."""
-
-    @property
-    def place(self) -> Literal["worker", "served"]:
-        """Where answers are faster."""
-        return "served" if self.served_s < self.worker_s else "worker"
-
-    def __str__(self) -> str:
-        return f"{1000 * self.worker_s:.1f} ms an answer in the worker, {1000 * self.served_s:.1f} ms served"
-
-
 def choose_inference(
     sources: Mapping[str, PolicySource],
     cells: Sequence[Cell],
@@ -167,12 +147,8 @@ def choose_inference(
 ) -> Literal["worker", "served"]:
     """Where the policies of a run compute: as the suite says, or for `auto` where answers are faster.
 
-    Args:
-        sources: The policies. Ray must be running.
-        cells: Cells of the run.
-        inference: The suite's settings.
-        workers: Number of workers that query a server at the same time.
-        log: Prints a line for the user.
+    Ray must be running. `workers` is the number of workers that query a server at the same time, `log` prints a line
+    for the user.
 
     Raises:
         NoRoom: The suite requests more of a GPU than any node has.
@@ -183,22 +159,26 @@ def choose_inference(
     check_room("inference", {"num_gpus": inference.num_gpus})
     if inference.place == "served":
         return "served"
-    log("measuring where policies answer sooner")
+    log("measuring where policies answer faster")
     times = measure_answer_times(sources, cells, inference, workers)
     if times is None:
-        log("no policy looks at images")
+        log("no policy observes images")
         return "worker"
-    log(f"policies compute {PLACES[times.place]}: {times}")
-    return times.place
+    worker_s, served_s = times
+    served = served_s < worker_s
+    place = "in separate inference processes" if served else "in the workers"
+    log(f"policies compute {place}: {1000 * worker_s:.1f} ms per answer in the worker, {1000 * served_s:.1f} ms served")
+    return "served" if served else "worker"
 
 
 def measure_answer_times(
     sources: Mapping[str, PolicySource], cells: Sequence[Cell], inference: Inference, workers: int
-) -> AnswerTimes | None:
+) -> tuple[float, float] | None:
     """Query each policy with black images, in one query and in one per worker at once; see `choose_inference`.
 
     Returns:
-        The times, or None if no policy observes images.
+        Time that an episode waits for an answer in a worker, and for one from a server that all workers query at once
+        (s, the means over policies). None if no policy observes images.
 
     Raises:
         WorkerPoolError: A policy does not answer.
@@ -223,7 +203,7 @@ def measure_answer_times(
         raise WorkerPoolError(f"a policy does not answer: {last_line(error)}") from error
     finally:
         ray.kill(server)
-    return AnswerTimes(sum(single) / len(single), sum(batched) / len(batched))
+    return sum(single) / len(single), sum(batched) / len(batched)
 
 
 def _black_queries(cell: Cell, count: int) -> list[Query]:

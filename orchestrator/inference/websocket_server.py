@@ -86,12 +86,8 @@ class PolicyServer:
         self.greeting = greeting_of(served.policy, served.digest)
         self._metadata = pack(as_metadata(self.greeting) | {"policy": served.name})
         self._thread = ThreadPoolExecutor(1)
-        self.batcher = Batcher[Query, Decision](
-            served.policy.act,
-            self._thread,
-            max_batch=options.batch,
-            wait_s=options.wait_s if options.batch > 1 else 0.0,
-        )
+        wait_s = options.wait_s if options.batch > 1 else 0.0
+        self.batcher = Batcher[Query, Decision](served.policy.act, self._thread, max_batch=options.batch, wait_s=wait_s)
         self._players: dict[str, ServerConnection] = {}
         """Episode id to the connection that plays it."""
         self.unnamed: set[int] = set()
@@ -127,11 +123,9 @@ class PolicyServer:
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
         if self._options.token is not None:
-            scheme, _, shown = request.headers.get("Authorization", "").partition(" ")
-            wanted = self._options.token.encode()
-            if scheme not in ("Bearer", "Api-Key") or not hmac.compare_digest(
-                shown.encode(errors="surrogateescape"), wanted
-            ):
+            scheme, _, token = request.headers.get("Authorization", "").partition(" ")
+            same = hmac.compare_digest(token.encode(errors="surrogateescape"), self._options.token.encode())
+            if scheme not in ("Bearer", "Api-Key") or not same:
                 return connection.respond(http.HTTPStatus.UNAUTHORIZED, "expected the server's token\n")
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
@@ -173,11 +167,6 @@ class PolicyServer:
             del self._players[episode.id]
         if finished:
             await self._in_turn(self.served.policy.finish, finished)
-
-    async def ask(self, query: Query) -> Decision:
-        """Return the policy's answer."""
-        (decision,) = await self.batcher.ask([query])
-        return decision
 
     async def _in_turn(self, call: Any, episodes: Sequence[Episode]) -> None:
         await asyncio.get_running_loop().run_in_executor(self._thread, call, episodes)
@@ -229,7 +218,7 @@ class _Client:
             await server.begin(self._connection, episode)
             self._episodes[episode.id] = episode
         start = time.perf_counter()
-        decision = await server.ask(query)
+        (decision,) = await server.batcher.ask([query])
         chunk = check_chunk(decision.actions)
         if named is None:
             self._step += len(chunk)

@@ -1,4 +1,4 @@
-"""Perturbs what a policy sees and does, alike in every simulator, and measures what came of it."""
+"""Perturbs observations, actions and scenes by the same definitions in every simulator, and measures the effect."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from collections.abc import Mapping
 
 from robogauntlet.adapters.contract import Simulation, UnsupportedCondition
 from robogauntlet.orchestrator.perturbations.actions import ActionDelay, ActionNoise
-from robogauntlet.orchestrator.perturbations.arm import RobotStart
-from robogauntlet.orchestrator.perturbations.base import Perturbed, Unperturbed
+from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages, Unperturbed
 from robogauntlet.orchestrator.perturbations.cameras import CameraBump, CameraDistance, CameraOrbit, FieldOfView
 from robogauntlet.orchestrator.perturbations.images import Blind, Blur, FrozenFrames, SensorNoise
 from robogauntlet.orchestrator.perturbations.instructions import BlankInstruction, Instruction, WrongGoal
 from robogauntlet.orchestrator.perturbations.lights import ColourTemperature, Illuminance, LightDirection
-from robogauntlet.orchestrator.perturbations.objects import Dynamics, ObjectPosition
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.physics import Dynamics, ObjectPosition, RobotStart
 from robogauntlet.orchestrator.perturbations.table_and_distractors import Distractors, Table
 from robogauntlet.suites.axes import axis_of
 from robogauntlet.suites.episode import Episode
@@ -45,14 +43,14 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
 
 
 def perturbed(simulation: Simulation, episode: Episode, references: ReferenceImages | None = None) -> Simulation:
-    """The simulation as this episode's condition has it: itself, or with something between it and the policy.
+    """The simulation under the episode's condition: itself if clean, else in a wrapper.
 
-    Draws depend on the pair alone, so that two policies meet the same disturbance.
+    Random draws depend on the pair alone, so two policies meet the same disturbance.
 
     Args:
-        simulation: In the clean world.
-        episode: Says what to change, and how much.
-        references: ImagePairs that were kept of this simulation's task.
+        simulation: The clean simulation.
+        episode: Its condition says what to change, and how much.
+        references: Cached images of this simulation's task.
 
     Raises:
         UnsupportedCondition: There is no such axis or severity.

@@ -7,26 +7,26 @@ import math
 import numpy as np
 
 from robogauntlet.adapters.contract import ACTION_NAMES, Delivered, FloatArray, StepOutcome
-from robogauntlet.orchestrator.perturbations.base import Perturbed
-from robogauntlet.orchestrator.perturbations.operators import delay_steps, generator_for, step_deviation
+from robogauntlet.orchestrator.perturbations.base import Perturbed, generator_for
 
 OPEN_GRIPPER = -1.0
 
 
 class PerturbedActions(Perturbed):
-    """Steps are counted from the reset."""
+    """Actions are changed between policy and simulation."""
 
     def reset(self, seed: int) -> None:
         """Start the episode."""
         super().reset(seed)
         self._steps = 0
-        self.told: FloatArray | None = None
-        """The last action that the policy told."""
+        """Steps since the reset."""
+        self.commanded: FloatArray | None = None
+        """The policy's last action."""
 
     def step(self, action: FloatArray) -> StepOutcome:
-        """Execute what becomes of the action."""
-        self.told = np.array(action, dtype=np.float64)
-        executed = self._executed(self.told.copy())
+        """Execute the changed action."""
+        self.commanded = np.array(action, dtype=np.float64)
+        executed = self._executed(self.commanded.copy())
         self._steps += 1
         return self.simulation.step(executed)
 
@@ -52,8 +52,8 @@ class ActionNoise(PerturbedActions):
         self._squares += float(np.square(noisy[:3] - action[:3]).sum())
         return noisy
 
-    def delivered(self) -> Delivered | None:
-        """The deviation of what was executed from what was commanded, clipping included."""
+    def delivered(self) -> Delivered:
+        """The deviation of the executed actions from the commanded ones, clipping included."""
         if not self._steps:
             return Delivered(None)
         per_step = math.sqrt(self._squares / (3 * self._steps))
@@ -64,16 +64,26 @@ class ActionDelay(PerturbedActions):
     """Actions that arrive late."""
 
     def reset(self, seed: int) -> None:
-        """Start the episode, with nothing on its way."""
+        """Start the episode; the robot stays until the first action arrives."""
         super().reset(seed)
         still = np.zeros(len(ACTION_NAMES))
         still[ACTION_NAMES.index("gripper")] = 0.0 if "gripper" in self.action_spec.ignored else OPEN_GRIPPER
-        self._underway = [still] * delay_steps(self.level, self.action_spec.control_hz)
+        self._delayed = [still] * delay_steps(self.level, self.action_spec.control_hz)
 
     def _executed(self, action: FloatArray) -> FloatArray:
-        self._underway.append(action)
-        return self._underway.pop(0)
+        self._delayed.append(action)
+        return self._delayed.pop(0)
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self) -> Delivered:
         """The delay in whole control steps."""
-        return Delivered(self.checked(1000 * len(self._underway) / self.action_spec.control_hz))
+        return Delivered(self._checked(1000 * len(self._delayed) / self.action_spec.control_hz))
+
+
+def delay_steps(delay_ms: float, control_hz: float) -> int:
+    """The delay in control steps, rounded, at least one."""
+    return max(1, round(delay_ms / 1000 * control_hz))
+
+
+def step_deviation(spread: float, control_hz: float) -> float:
+    """Deviation (m) of each control step's noise, so that the sum over a second has the deviation `spread` (cm)."""
+    return spread / 100 / math.sqrt(control_hz)

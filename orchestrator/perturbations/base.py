@@ -1,9 +1,9 @@
-"""What every perturbation does alike: the clean world, and what was measured held against what was asked for."""
+"""Base classes of perturbations. They change the clean simulation and check what was delivered."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -11,16 +11,46 @@ import numpy as np
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.adapters.contract import Delivered, Image, NotDelivered, Observation, Simulation, UnsupportedCondition
 from robogauntlet.adapters.wrapper import SimulationWrapper
-from robogauntlet.orchestrator.perturbations.operators import generator_for
-from robogauntlet.orchestrator.perturbations.reference_images import Images, ReferenceImages
 from robogauntlet.suites.axes import Axis, Changes
 from robogauntlet.suites.episode import CLEAN, Episode
 
-Part = TypeVar("Part")
+Control = TypeVar("Control")
+Images = Mapping[str, Image]
+"""Camera to its image, each of shape (h, w, 3)."""
+ImagePairs = Mapping[str, tuple[Image, Image]]
+"""Camera to its first image in the clean and in the perturbed episode."""
+MAX_REFERENCES = 512
+"""Images that are kept: 28 MB with two cameras of 96 px."""
+
+
+def generator_for(key: str, *numbers: int) -> np.random.Generator:
+    """A generator that depends only on a hash (hexadecimal digits) and numbers, not on earlier draws."""
+    return np.random.default_rng([int(key, 16), *numbers])
+
+
+class ReferenceImages:
+    """A cache of the first images of a seed's episode, in the clean scene or in one that is painted to measure it.
+
+    Many conditions and policies are compared with the same images. Equal seeds give images that are equal to the bit,
+    so the cache changes no result, and saves one rendering per episode.
+    """
+
+    def __init__(self, size: int = MAX_REFERENCES) -> None:
+        self._size = size
+        self._images: dict[tuple[int, str], Images] = {}
+        """The most recently used last."""
+
+    def get(self, seed: int, scene: str, render: Callable[[], Images]) -> Images:
+        """The images of a seed's scene, rendered if they are not in the cache."""
+        images = self._images.pop((seed, scene), None) or render()
+        self._images[seed, scene] = images
+        if len(self._images) > self._size:
+            del self._images[next(iter(self._images))]
+        return images
 
 
 class Perturbed(SimulationWrapper):
-    """A simulation in the clean world, with something between it and the policy."""
+    """A wrapper of the clean simulation that applies one condition."""
 
     def __init__(
         self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceImages | None = None
@@ -32,13 +62,13 @@ class Perturbed(SimulationWrapper):
         self.secondary_level = axis.secondary_levels[episode.condition.severity - 1] if axis.secondary_levels else 0.0
 
     def reset(self, seed: int) -> None:
-        """Start the clean episode of the seed; a subclass then changes what it changes."""
+        """Start the clean episode of the seed; subclasses then perturb it."""
         self.simulation.reset(seed)
         self._clean_start = self.simulation.state_hash()
         self.generator = generator_for(self.episode.pair_id, 0)
 
     def preview(self) -> Observation:
-        """What a look would show now, without counting as one: the next look shows what it would have shown anyway."""
+        """The observation that the policy would get now. Later observations are the same as without this call."""
         twin = copy.copy(self)
         for name, value in vars(self).items():
             if isinstance(value, dict | set):
@@ -46,126 +76,108 @@ class Perturbed(SimulationWrapper):
         return twin.observe()
 
     def check_start(self) -> None:
-        """Refuse a start that differs from the clean episode's in more than the axis changes, or not at all.
+        """Check that the physical state differs from that of the clean episode only if the axis changes it.
 
         Raises:
-            NotDelivered: It does.
+            NotDelivered: It differs and must not, or the other way round.
         """
         same = self.simulation.state_hash() == self._clean_start
         if same and not self.axis.changes.starts_clean:
-            raise NotDelivered(f"{self.episode.condition}: expected another physical state than the clean one, got it")
+            raise self._not_delivered("expected another physical state than the clean one, got it")
         if not same and self.axis.changes.starts_clean:
-            raise NotDelivered(f"{self.episode.condition}: expected the clean episode's physical state, got another")
+            raise self._not_delivered("expected the clean episode's physical state, got another")
 
-    def check_instruction(self, told: str) -> None:
-        """Refuse other words than the task's own on axes that change something else.
+    def check_instruction(self, instruction: str) -> None:
+        """Check that only an axis of the instruction changes the instruction.
 
         Raises:
-            NotDelivered: They are others.
+            NotDelivered: Another axis has changed it.
         """
-        if self.axis.changes is not Changes.INSTRUCTION and told != task_descriptions()[self.episode.task].instruction:
-            raise NotDelivered(f"{self.episode.condition}: expected the task's own instruction, got '{told}'")
+        own = task_descriptions()[self.episode.task].instruction
+        if self.axis.changes is not Changes.INSTRUCTION and instruction != own:
+            raise self._not_delivered(f"expected the task's own instruction, got '{instruction}'")
 
-    def delivered(self) -> Delivered | None:
-        """What was measured, see the axis."""
+    def delivered(self) -> Delivered:
+        """What was measured in this episode.
+
+        Raises:
+            NotDelivered: The axis' tolerance is exceeded.
+        """
         raise NotImplementedError
 
-    def offered(self, control: Part | None, what: str) -> Part:
-        """An control that the simulation must have.
+    def _not_delivered(self, message: str) -> NotDelivered:
+        return NotDelivered(f"{self.episode.condition}: {message}")
 
-        Raises:
-            UnsupportedCondition: It has not; `what` completes "this simulation does not let".
-        """
+    def _required(self, control: Control | None, what: str) -> Control:
+        """A scene control, or UnsupportedCondition: `what` completes "this simulation does not let"."""
         if control is None:
             raise UnsupportedCondition(f"{self.episode.condition}: this simulation does not let {what}")
         return control
 
-    def checked(self, value: float) -> float:
-        """Refuse what is farther from the level than the axis allows.
-
-        Raises:
-            NotDelivered: It is.
-        """
+    def _checked(self, value: float) -> float:
+        """The value, or NotDelivered if its distance from the level exceeds the axis' tolerance."""
         if not abs(value - self.level) <= self.axis.tolerance:
-            raise NotDelivered(
-                f"{self.episode.condition}: expected {self.level:g} {self.axis.unit}, delivered {value:.2f}"
-            )
+            raise self._not_delivered(f"expected {self.level:g} {self.axis.unit}, delivered {value:.2f}")
         return value
 
 
 class Unperturbed(Perturbed):
     """The clean episode under another name."""
 
-    def delivered(self) -> Delivered | None:
-        """That nothing was changed."""
+    def delivered(self) -> Delivered:
+        """The level, as nothing is changed."""
         return Delivered(self.level)
 
 
-ImagePairs = Mapping[str, tuple[Image, Image]]
-"""Camera to what it sees at the start of the clean episode and of this one."""
-
-
 class PerturbedScene(Perturbed):
-    """A scene that looks different and is the same to physics.
+    """A scene with another appearance and the same physics.
 
-    What the first look shows is compared with what it would show in the clean episode, which costs one more rendering
-    unless a reference was kept. Nothing is rendered for a policy that does not look.
+    The first images are compared with those of the clean episode. That costs one more rendering, unless they are among
+    the references. Nothing is rendered for a policy that does not observe.
     """
 
     def reset(self, seed: int) -> None:
-        """Start the clean episode; a subclass then changes the scene."""
+        """Start the clean episode; subclasses then change the scene."""
         super().reset(seed)
-        self._found: Delivered | None = None
-
-    def show_clean(self) -> None:
-        """Show the scene as in the clean episode."""
-        raise NotImplementedError
-
-    def show_perturbed(self) -> None:
-        """Show the perturbed scene again."""
-        raise NotImplementedError
-
-    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
-        """What was delivered, in the unit of the axis, and other numbers by name.
-
-        Raises:
-            NotDelivered: It is not what was asked for.
-        """
-        raise NotImplementedError
+        self._delivered: Delivered | None = None
 
     def observe(self) -> Observation:
-        """What the cameras see.
+        """The observation in the perturbed scene.
 
         Raises:
-            NotDelivered: The first look shows something else than was asked for.
+            NotDelivered: The first images do not show the requested level.
         """
-        if self._found is not None:
+        if self._delivered is not None:
             return self.simulation.observe()
         clean = self.references.get(self.episode.seed, CLEAN, self.clean_images)
-        seen = self.first_observation(clean)
-        looks = {camera: (clean[camera], image) for camera, image in seen.images.items()}
-        if not self.changed(looks):
-            raise NotDelivered(
-                f"{self.episode.condition}: expected other images than in the clean episode, got the same"
-            )
-        self._found = Delivered(*self.measured(looks))
-        return seen
-
-    def first_observation(self, clean: Images) -> Observation:
-        """The first that the policy sees, beside what the clean episode shows."""
-        return self.simulation.observe()
+        observation = self._first_observation(clean)
+        pairs = {camera: (clean[camera], image) for camera, image in observation.images.items()}
+        if not self._changed_share(pairs):
+            raise self._not_delivered("expected other images than in the clean episode, got the same")
+        self._delivered = Delivered(*self._measured(pairs))
+        return observation
 
     def clean_images(self) -> Images:
-        """What the clean episode shows first; the scene is perturbed before and after."""
-        self.show_clean()
+        """The first images of the clean episode. The scene is perturbed before and after the call."""
+        self._show(perturbed=False)
         images = self.simulation.observe().images
-        self.show_perturbed()
+        self._show(perturbed=True)
         return images
 
-    def changed(self, looks: ImagePairs) -> float:
-        """Share of the pixels that are not as in the clean episode."""
-        return float(np.mean([(clean != seen).any(axis=2).mean() for clean, seen in looks.values()]))
+    def delivered(self) -> Delivered:
+        """The measurement in the first images; without a value if the policy did not observe."""
+        return self._delivered or Delivered(None)
 
-    def delivered(self) -> Delivered | None:
-        """What the first look showed; nothing if there was none."""
-        return self._found or Delivered(None)
+    def _show(self, *, perturbed: bool) -> None:
+        """Show the perturbed or the clean scene."""
+
+    def _first_observation(self, clean: Images) -> Observation:
+        return self.simulation.observe()
+
+    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
+        """The delivered value in the unit of the axis, and statistics; raises NotDelivered."""
+        raise NotImplementedError
+
+    def _changed_share(self, pairs: ImagePairs) -> float:
+        """Share of the pixels that differ from the clean episode."""
+        return float(np.mean([(clean != seen).any(axis=2).mean() for clean, seen in pairs.values()]))

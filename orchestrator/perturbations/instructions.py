@@ -1,59 +1,56 @@
-"""The goal in other words."""
+"""Perturbed instructions: paraphrases, none, another goal."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from robogauntlet.adapters.contract import Delivered, NotDelivered, Observation, UnsupportedCondition
+from robogauntlet.adapters.contract import Delivered, Observation, UnsupportedCondition
 from robogauntlet.orchestrator.perturbations.base import Perturbed
 from robogauntlet.suites.axes import why_unsupported
 from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 
 class Instruction(Perturbed):
-    """The goal in other words."""
+    """A paraphrase of the instruction."""
 
     def reset(self, seed: int) -> None:
         """Start the episode."""
         super().reset(seed)
-        self._told: set[tuple[str, str]] = set()
-
-    def words(self, instruction: str) -> str:
-        """What is said in place of the task's own instruction."""
-        return PARAPHRASES[instruction][self.episode.condition.severity - 1]
+        self._given: set[tuple[str, str]] = set()
+        """The task's own instructions, each with the one that the policy got."""
 
     def observe(self) -> Observation:
-        """What the cameras see, with other words.
+        """The observation with another instruction.
 
         Raises:
-            UnsupportedCondition: There are none for this instruction.
+            UnsupportedCondition: There is no other for the task's instruction.
         """
-        seen = self.simulation.observe()
-        reason = why_unsupported(self.axis, seen.instruction)
-        if reason:
+        observation = self.simulation.observe()
+        if reason := why_unsupported(self.axis, observation.instruction):
             raise UnsupportedCondition(f"{self.episode.condition}: {reason}")
-        told = self.words(seen.instruction)
-        self._told.add((seen.instruction, told))
-        return replace(seen, instruction=told)
+        instruction = self._changed(observation.instruction)
+        self._given.add((observation.instruction, instruction))
+        return replace(observation, instruction=instruction)
 
-    def delivered(self) -> Delivered | None:
-        """The kind of rewording, if the words were others than the task's own."""
-        if any(own == told for own, told in self._told):
-            raise NotDelivered(f"{self.episode.condition}: expected other words than the task's own, got the same")
-        return Delivered(self.level if self._told else None)
+    def delivered(self) -> Delivered:
+        """The level, if the instruction differed from the task's own."""
+        if any(own == given for own, given in self._given):
+            raise self._not_delivered("expected other words than the task's own, got the same")
+        return Delivered(self.level if self._given else None)
+
+    def _changed(self, instruction: str) -> str:
+        return PARAPHRASES[instruction][self.episode.condition.severity - 1]
 
 
 class BlankInstruction(Instruction):
-    """No instruction."""
+    """An empty instruction."""
 
-    def words(self, instruction: str) -> str:
-        """Nothing."""
+    def _changed(self, instruction: str) -> str:
         return ""
 
 
 class WrongGoal(Instruction):
-    """Another goal in the same scene."""
+    """The instruction of another goal in the same scene."""
 
-    def words(self, instruction: str) -> str:
-        """The other goal."""
+    def _changed(self, instruction: str) -> str:
         return OTHER_GOALS[instruction]

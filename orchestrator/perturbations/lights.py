@@ -7,15 +7,15 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.contract import FloatArray, NotDelivered
+from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.photometry import channel_gains, stops, temperature_gains, temperature_of
-from robogauntlet.adapters.scene_control import Light, Lights, unit
+from robogauntlet.adapters.scene_control import Light, unit
 from robogauntlet.orchestrator.perturbations.base import ImagePairs, PerturbedScene
 
-LEAST_LIT = 0.01
+MIN_LIT = 0.01
 """Share of the pixels that must show a change of light for it to be measured."""
-LOWEST = math.radians(10.0)
-"""The least height of the key light above the horizon."""
+MIN_ELEVATION = math.radians(10.0)
+"""Smallest elevation of the key light above the horizon (rad)."""
 DRAWS = 1000
 
 
@@ -29,90 +29,72 @@ class PerturbedLight(PerturbedScene):
             UnsupportedCondition: This simulation's light cannot be changed.
         """
         super().reset(seed)
-        self._lights: Lights = self.offered(self.scene_controls.lights, "its light be changed")
+        self._lights = self._required(self.scene_controls.lights, "its light be changed")
         self._own = self._lights.light()
-        self._other = self.other(self._own)
-        self._lights.set_light(self._other)
+        self._other = self._changed(self._own)
+        self._show(perturbed=True)
 
-    def other(self, own: Light) -> Light:
-        """The other light."""
+    def _show(self, *, perturbed: bool) -> None:
+        self._lights.set_light(self._other if perturbed else self._own)
+
+    def _changed(self, own: Light) -> Light:
         raise NotImplementedError
 
-    def show_clean(self) -> None:
-        """Give the scene its own light."""
-        self._lights.set_light(self._own)
 
-    def show_perturbed(self) -> None:
-        """And the other again."""
-        self._lights.set_light(self._other)
-
-
-class Relit(PerturbedLight):
+class PerturbedGain(PerturbedLight):
     """Lamps of another strength or colour."""
 
-    def other(self, own: Light) -> Light:
-        """The same lamps with another gain."""
-        return Light(own.gain * self.gain(), own.direction)
-
-    def gain(self) -> FloatArray:
+    def _gain(self) -> FloatArray:
         """Factor (3,) of the linear light."""
         raise NotImplementedError
 
-    def value(self, gains: FloatArray) -> float:
-        """What factors of the linear light (3,) amount to, in the unit of the axis."""
+    def _level_of(self, gains: FloatArray) -> float:
+        """The level of factors (3,) of the linear light, in the unit of the axis."""
         raise NotImplementedError
 
-    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
-        """From the pixels of all cameras that tell of the light."""
-        gains, lit = channel_gains([looks[camera] for camera in sorted(looks)])
-        if lit < LEAST_LIT:
-            raise NotDelivered(
-                f"{self.episode.condition}: expected other light, {100 * (1 - lit):.1f} % stays the same"
-            )
+    def _changed(self, own: Light) -> Light:
+        return Light(own.gain * self._gain(), own.direction)
+
+    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
+        gains, lit = channel_gains([pairs[camera] for camera in sorted(pairs)])
+        if lit < MIN_LIT:
+            raise self._not_delivered(f"expected other light, {100 * (1 - lit):.1f} % stays the same")
         named = dict(zip(("red", "green", "blue"), gains.tolist(), strict=True))
-        return self.checked(self.value(gains)), named | {"lit": lit}
+        return self._checked(self._level_of(gains)), named | {"lit": lit}
 
 
-class Illuminance(Relit):
-    """Less light."""
+class Illuminance(PerturbedGain):
+    """Less light, by the same factor for all colours."""
 
-    def gain(self) -> FloatArray:
-        """The same for all colours."""
+    def _gain(self) -> FloatArray:
         return np.full(3, 2.0**-self.level)
 
-    def value(self, gains: FloatArray) -> float:
-        """Stops."""
+    def _level_of(self, gains: FloatArray) -> float:
         return -stops(gains)
 
 
-class ColourTemperature(Relit):
-    """Warmer light."""
+class ColourTemperature(PerturbedGain):
+    """Warmer light: that of a black body, with equal luminance."""
 
-    def gain(self) -> FloatArray:
-        """A black body's, at equal luminance."""
+    def _gain(self) -> FloatArray:
         return temperature_gains(self.level)
 
-    def value(self, gains: FloatArray) -> float:
-        """Kelvin."""
+    def _level_of(self, gains: FloatArray) -> float:
         return temperature_of(gains)
 
 
 class LightDirection(PerturbedLight):
-    """Light from elsewhere."""
+    """Light from another direction: the first of many draws that is high enough; measured by the angle (deg)."""
 
-    def other(self, own: Light) -> Light:
-        """The first of many drawn directions that is high enough."""
+    def _changed(self, own: Light) -> Light:
         for _ in range(DRAWS):
             sideways = unit(np.cross(own.direction, self.generator.standard_normal(3)))
             turned = Rotation.from_rotvec(math.radians(self.level) * sideways).apply(own.direction)
-            if turned[2] >= math.sin(LOWEST):
+            if turned[2] >= math.sin(MIN_ELEVATION):
                 return Light(own.gain, turned)
-        raise NotDelivered(f"{self.episode.condition}: expected a direction above the horizon, found none")
+        raise self._not_delivered("expected a direction above the horizon, found none")
 
-    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
-        """The angle between the directions (deg), and the share of the pixels that changed."""
-        found = self._lights.light().direction
-        angle = math.degrees(
-            math.atan2(np.linalg.norm(np.cross(found, self._own.direction)), found @ self._own.direction)
-        )
-        return self.checked(angle), {"lit": self.changed(looks)}
+    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
+        own, now = self._own.direction, self._lights.light().direction
+        angle = math.degrees(math.atan2(np.linalg.norm(np.cross(now, own)), now @ own))
+        return self._checked(angle), {"lit": self._changed_share(pairs)}

@@ -1,4 +1,4 @@
-"""Things to be seen on the table, and a table that looks different."""
+"""Distractors on the table, and a table of another colour and pattern."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ import math
 import numpy as np
 
 from robogauntlet.adapters.camera_geometry import aim_point
-from robogauntlet.adapters.contract import FloatArray, NotDelivered, Observation
+from robogauntlet.adapters.contract import FloatArray, Observation
 from robogauntlet.adapters.photometry import difference, encoded, lab, light_of_lab, linear
-from robogauntlet.adapters.scene_control import Form, Prop, TableControl
-from robogauntlet.orchestrator.perturbations.base import ImagePairs, PerturbedScene
+from robogauntlet.adapters.scene_control import Form, Prop
+from robogauntlet.orchestrator.perturbations.base import ImagePairs, Images, PerturbedScene
 from robogauntlet.orchestrator.perturbations.cameras import THIRD_PERSON
-from robogauntlet.orchestrator.perturbations.reference_images import Images
-from robogauntlet.orchestrator.perturbations.textures import PATTERNS, painted, pattern
 
-TASKS_COLOURS = ((0.85, 0.1, 0.1), (0.1, 0.65, 0.15), (0.1, 0.2, 0.85))
-"""Red, green and blue, like the tasks' own things."""
+TASK_COLOURS = ((0.85, 0.1, 0.1), (0.1, 0.65, 0.15), (0.1, 0.2, 0.85))
+"""Red, green and blue, like the tasks' own objects."""
 OTHER_COLOURS = (
     (0.95, 0.8, 0.1),
     (0.95, 0.5, 0.1),
@@ -27,64 +25,68 @@ OTHER_COLOURS = (
 )
 SIZES = (0.03, 0.05)
 """Smallest and largest prop (m)."""
-CLEAR = 0.05
-"""Least distance of a prop from the task's things and the way between them, all taken as round (m)."""
-THING = 0.03
-"""Radius of a task's thing (m)."""
+CLEARANCE = 0.05
+"""Smallest distance of a prop from the task's objects and the lines between them, all taken as round (m)."""
+OBJECT_RADIUS = 0.03
+"""Radius of a task's object (m)."""
 WINDOW = np.array([0.22, 0.28])
-"""Props stand within this of what the third-person camera is aimed at (m): x, y."""
+"""Largest distance of a prop from the aim point of the third-person camera (m): x, y."""
 DRAWS = 400
 WIDENING = 1.25
-"""Of the window after so many draws without a free place."""
-NEAREST = 0.2
-"""Least distance of a prop from the robot's base, forwards (m)."""
+"""Factor of the window after `DRAWS` draws."""
+MIN_X = 0.2
+"""Smallest distance of a prop from the robot's base, forwards (m)."""
 
-VISIBLE = 0.1
-"""Linear light by which white paint must differ from black for a pixel to be the table's."""
-LEAST_TABLE = 0.03
-"""Share of the image that the table must have."""
+MIN_CONTRAST = 0.1
+"""Difference of linear light between white and black paint from which a pixel counts as the table's."""
+MIN_TABLE = 0.03
+"""Smallest share of the image that the table must fill."""
 MARGIN = 0.005
-"""Linear light that is kept from black and white paint."""
+"""Distance of a paint from black and white, in linear light."""
+TEXELS = 64
+"""Texels along each side of a pattern."""
+SQUARES = 12
+"""Squares along each side of a chequered pattern."""
+BLOTCH = 2.5
+"""Deviation of the blur that makes blotches of noise (texels)."""
+CONTRAST = 0.7
+"""Contrast of a pattern, as a share of the largest that its mean colour allows."""
+PATTERNS = ("plain", "plain", "gradient", "chequered", "blotches")
+"""The pattern at severity 1 to 5."""
 
 
-class Staged(PerturbedScene):
-    """A stage that must be there."""
+class PerturbedTable(PerturbedScene):
+    """A table that can be painted and have props on it."""
 
     def reset(self, seed: int) -> None:
         """Start the clean episode.
 
         Raises:
-            UnsupportedCondition: This simulation has no stage.
+            UnsupportedCondition: This simulation's table cannot be changed.
         """
         super().reset(seed)
-        self._stage: TableControl = self.offered(self.scene_controls.stage, "its table be changed")
+        self._stage = self._required(self.scene_controls.stage, "its table be changed")
 
 
-class Distractors(Staged):
-    """Distractors."""
+class Distractors(PerturbedTable):
+    """Props on the table that cannot be touched."""
 
     def reset(self, seed: int) -> None:
-        """Start the clean episode, then put things on the table."""
+        """Start the clean episode, then put props on the table."""
         super().reset(seed)
-        self._props = self._drawn()
-        self._stage.show(self._props)
+        self._props = self._drawn_props()
+        self._show(perturbed=True)
 
-    def show_clean(self) -> None:
-        """Take them away."""
-        self._stage.show(())
+    def _show(self, *, perturbed: bool) -> None:
+        self._stage.show(self._props if perturbed else ())
 
-    def show_perturbed(self) -> None:
-        """Put them back."""
-        self._stage.show(self._props)
+    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
+        return self._checked(len(self._stage.shown())), {"covered": self._changed_share(pairs)}
 
-    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
-        """How many there are, and the share of the pixels that they cover."""
-        return self.checked(len(self._stage.shown())), {"covered": self.changed(looks)}
-
-    def _drawn(self) -> list[Prop]:
+    def _drawn_props(self) -> list[Prop]:
         state = self.simulation.privileged_state()
-        things = [where[:2] for name, where in state.items() if name.endswith("_position")]
-        cameras = self.offered(self.scene_controls.cameras, "cameras be read")
+        objects = [where[:2] for name, where in state.items() if name.endswith("_position")]
+        cameras = self._required(self.scene_controls.cameras, "cameras be read")
         aim = aim_point(cameras.viewpoint(THIRD_PERSON), self._stage.table_height)[:2]
         generator, window = self.generator, WINDOW
         props: list[Prop] = []
@@ -96,101 +98,120 @@ class Distractors(Staged):
             draws += 1
             if draws % DRAWS == 0:
                 window = window * WIDENING
-            if place[0] < NEAREST or not _is_free(place, size, things, props):
+            if place[0] < MIN_X or not _is_free(place, size, objects, props):
                 continue
-            colours = TASKS_COLOURS if len(props) % 2 == 0 else OTHER_COLOURS
+            colours = TASK_COLOURS if len(props) % 2 == 0 else OTHER_COLOURS
             colour = colours[generator.integers(len(colours))]
             props.append(Prop(form, np.array([*place, self._stage.table_height + size / 2]), size, yaw, colour))
         return props
 
 
-def _is_free(place: FloatArray, size: float, things: list[FloatArray], props: list[Prop]) -> bool:
-    """Whether a prop of that size may stand there: the task's things are visited one after the other."""
+def _is_free(place: FloatArray, size: float, objects: list[FloatArray], props: list[Prop]) -> bool:
+    """Whether a prop of that size fits there. The lines between objects stay free, as tasks visit one after another."""
     radius = size / math.sqrt(2)
-    ways = zip(things, things[1:] or things, strict=False)
-    if any(from_segment(place, start, end) < CLEAR + radius + THING for start, end in ways):
+    lines = zip(objects, objects[1:] or objects, strict=False)
+    if any(distance_to_segment(place, start, end) < CLEARANCE + radius + OBJECT_RADIUS for start, end in lines):
         return False
-    return all(np.linalg.norm(place - p.position[:2]) >= radius + p.size / math.sqrt(2) + CLEAR / 2 for p in props)
+    return all(np.linalg.norm(place - p.position[:2]) >= radius + p.size / math.sqrt(2) + CLEARANCE / 2 for p in props)
 
 
-def from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
-    """Distance of a point from the straight way between two others."""
+def distance_to_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> float:
+    """Distance of a point (2,) from the line segment between two others."""
     way = end - start
     along = float(np.clip((point - start) @ way / max(float(way @ way), 1e-12), 0.0, 1.0))
     return float(np.linalg.norm(point - start - along * way))
 
 
-class Table(Staged):
-    """A table of another colour.
+class Table(PerturbedTable):
+    """A table of another colour, from severity 3 with a pattern.
 
-    How much of the light that falls on the table reaches the camera is found by painting it black and white, once for a
-    seed; so is where the table is in the image. The colour is then chosen in the image, and set right where the
-    renderer differs.
+    Images with black and with white paint show where the table is and how much of its light reaches the camera; they
+    are rendered once per seed. The colour is chosen in the image, and corrected if the renderer delivers another.
     """
 
-    corrections = 4
-    """Times that the colour is set anew because it is off by more than half of what is allowed."""
+    max_paintings = 4
+    """Number of paintings after which the colour is accepted, or refused by the tolerance."""
 
-    def show_clean(self) -> None:
-        """Nothing is painted before the first look."""
-
-    def show_perturbed(self) -> None:
-        """Nor is it painted until the clean look is known."""
-
-    def first_observation(self, clean: Images) -> Observation:
-        """Paint the table, and look.
-
-        Raises:
-            NotDelivered: It cannot be seen, or no paint has a colour that far from its own.
-        """
+    def _first_observation(self, clean: Images) -> Observation:
+        """Paint the table and observe; raises NotDelivered if it is not visible or no paint has such a colour."""
         own, black, white = _light(clean), self._plain("black", 0.0), self._plain("white", 1.0)
-        self._table = ((white - black) > VISIBLE).all(axis=2)
-        if self._table.mean() < LEAST_TABLE:
-            raise NotDelivered(f"{self.episode.condition}: expected a table in the third-person image, found none")
+        self._table = ((white - black) > MIN_CONTRAST).all(axis=2)
+        if self._table.mean() < MIN_TABLE:
+            raise self._not_delivered("expected a table in the third-person image, found none")
         self._own = self._mean(own)
         dark, light = self._mean(black), self._mean(white)
         values = pattern(PATTERNS[self.episode.condition.severity - 1], self.generator)
         target = wanted = self._target(dark, light)
-        for _ in range(self.corrections):
+        for _ in range(self.max_paintings):
             self._paint(painted(np.clip((target - dark) / (light - dark), 0.0, 1.0), values))
-            seen = self.simulation.observe()
-            found = self._mean(_light(seen.images))
-            self._distance = difference(found, self._own)
+            observation = self.simulation.observe()
+            colour = self._mean(_light(observation.images))
+            self._distance = difference(colour, self._own)
             if abs(self._distance - self.level) <= self.axis.tolerance / 2:
                 break
-            target = np.clip(light_of_lab(lab(target) + lab(wanted) - lab(found)), dark, light)
-        return seen
+            target = np.clip(light_of_lab(lab(target) + lab(wanted) - lab(colour)), dark, light)
+        return observation
 
-    def measured(self, looks: ImagePairs) -> tuple[float, dict[str, float]]:
-        """The distance of the mean colours of the table, and its share of the image."""
-        return self.checked(self._distance), {"table": float(self._table.mean())}
+    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
+        return self._checked(self._distance), {"table": float(self._table.mean())}
 
     def _target(self, dark: FloatArray, light: FloatArray) -> FloatArray:
-        """A colour, as seen, at the level's distance from the table's own, that some paint has."""
+        """A colour in the image that some paint has, at the level's distance from the table's own."""
         own = lab(self._own)
         for _ in range(DRAWS):
             direction = self.generator.standard_normal(3)
             colour = light_of_lab(own + self.level * direction / np.linalg.norm(direction))
             if (colour >= dark + MARGIN).all() and (colour <= light - MARGIN).all():
                 return colour
-        raise NotDelivered(f"{self.episode.condition}: no paint is {self.level:g} from the table's own colour")
+        raise self._not_delivered(f"no paint is {self.level:g} from the table's own colour")
 
     def _paint(self, reflectance: FloatArray) -> None:
         self._stage.paint_table(np.rint(encoded(reflectance)).astype(np.uint8))
 
     def _plain(self, name: str, reflectance: float) -> FloatArray:
-        """Linear light of the third-person image, the table painted in one grey."""
+        """Linear light of the third-person image with the table in one grey."""
 
-        def draw() -> Images:
+        def render() -> Images:
             self._paint(np.full((1, 1, 3), reflectance))
             return self.simulation.observe().images
 
-        return _light(self.references.get(self.episode.seed, f"{name} table", draw))
+        return _light(self.references.get(self.episode.seed, f"{name} table", render))
 
     def _mean(self, light: FloatArray) -> FloatArray:
+        """The table's mean colour."""
         return np.asarray(light[self._table].mean(axis=0))
 
 
 def _light(images: Images) -> FloatArray:
     """Linear light of the third-person image."""
     return linear(images[THIRD_PERSON])
+
+
+def pattern(name: str, generator: np.random.Generator) -> FloatArray:
+    """A pattern (TEXELS, TEXELS, 3) with values from -1 to 1 and mean 0 in each channel.
+
+    Args:
+        name: One of `PATTERNS`.
+        generator: Draws the gradient's direction and the blotches.
+    """
+    rows, columns = np.indices((TEXELS, TEXELS))
+    if name == "plain":
+        values = np.zeros((TEXELS, TEXELS, 1))
+    elif name == "gradient":
+        angle = generator.uniform(0.0, 2 * math.pi)
+        values = (rows * math.sin(angle) + columns * math.cos(angle))[..., None]
+    elif name == "chequered":
+        values = np.where((rows * SQUARES // TEXELS + columns * SQUARES // TEXELS) % 2, 1.0, -1.0)[..., None]
+    else:
+        from scipy.ndimage import gaussian_filter
+
+        noise = generator.standard_normal((TEXELS, TEXELS, 3))
+        values = np.sign(gaussian_filter(noise, (BLOTCH, BLOTCH, 0), mode="wrap"))
+    values = values - values.mean(axis=(0, 1))
+    return np.broadcast_to(values / max(1.0, float(np.abs(values).max())), (TEXELS, TEXELS, 3))
+
+
+def painted(colour: FloatArray, values: FloatArray) -> FloatArray:
+    """Reflectances (n, n, 3) from 0 to 1: a mean colour (3,) and a pattern of values from -1 to 1."""
+    room = CONTRAST * np.minimum(colour, 1.0 - colour)
+    return np.asarray(colour + room * values, dtype=np.float64)

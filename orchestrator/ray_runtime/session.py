@@ -46,10 +46,7 @@ class NoRoom(Exception):
 
 
 def check_address(address: str) -> None:
-    """Check an address quickly, where Ray itself would wait for minutes.
-
-    Args:
-        address: `HOST:PORT` of a cluster's head, or `auto` for a cluster on this machine.
+    """Check `HOST:PORT` of a cluster's head, or `auto`, quickly, where Ray itself would wait for minutes.
 
     Raises:
         NoCluster: The address is invalid or does not answer.
@@ -84,18 +81,11 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         return
     logging.getLogger("ray").setLevel(logging.ERROR)
     on_terminate = signal.getsignal(signal.SIGTERM)
+    options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
-        ray.init(
-            "local",
-            num_cpus=cores,
-            include_dashboard=False,
-            log_to_driver=False,
-            logging_level=logging.ERROR,
-            _system_config=_PAST_THE_OBJECT_STORE,
-        )
-    else:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+        options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _PAST_THE_OBJECT_STORE}
+    ray.init(address or "local", **options)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     _silence_raylet()
@@ -115,11 +105,9 @@ def room_for_workers() -> int:
 
 
 def check_room(key: str, options: Mapping[str, float]) -> None:
-    """Refuse a request for resources that no node has, for which Ray would wait forever.
+    """Refuse options of a Ray actor that no node satisfies, for which Ray would wait forever.
 
-    Args:
-        key: The suite's key for the resources.
-        options: Options of the Ray actor: `num_cpus`, `num_gpus`, `memory` (bytes).
+    The options are `num_cpus`, `num_gpus` and `memory` (bytes); the message names them by the suite's `key`.
 
     Raises:
         NoRoom: No node has these resources.

@@ -62,7 +62,27 @@ def run_per_simulator(
             continue
         actors[name] = actor.options(num_cpus=1, runtime_env=environments.ray_runtime_env(simulator)).remote()
         streams[actors[name].run.remote(generator, its_arguments)] = name
-    yield from _results(streams, actors, silence_s)
+    checked = time.monotonic()
+    last_result = dict.fromkeys(streams, checked)
+    while streams:
+        ready, _ = ray.wait(list(streams), num_returns=1, timeout=CHECK_S, fetch_local=False)
+        if time.monotonic() - checked >= CHECK_S:  # workers may still answer for some time after Ray has died
+            check_alive()
+            checked = time.monotonic()
+        if not ready:
+            for stalled in [stream for stream in streams if time.monotonic() - last_result[stream] > silence_s]:
+                ray.kill(actors[streams[stalled]])
+                yield streams.pop(stalled), ProcessEnded(f"no result within {silence_s:g} s")
+            continue
+        stream: Any = ready[0]
+        last_result[stream] = time.monotonic()
+        try:
+            yield streams[stream], ray.get(next(stream))
+        except StopIteration:
+            del streams[stream]
+        except RayError as error:
+            check_alive()
+            yield streams.pop(stream), ProcessEnded(last_line(error))
 
 
 def run_in_simulator_environment(
@@ -101,29 +121,3 @@ class _Process:
     @ray.method(num_returns="streaming")
     def run(self, generator: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]) -> Iterator[Any]:
         yield from generator(*arguments)
-
-
-def _results(
-    streams: dict[Any, str], actors: Mapping[str, Any], silence_s: float
-) -> Iterator[tuple[str, Any | ProcessEnded]]:
-    checked = time.monotonic()
-    last_result = dict.fromkeys(streams, checked)
-    while streams:
-        ready, _ = ray.wait(list(streams), num_returns=1, timeout=CHECK_S, fetch_local=False)
-        if time.monotonic() - checked >= CHECK_S:  # workers may still answer for some time after Ray has died
-            check_alive()
-            checked = time.monotonic()
-        if not ready:
-            for stalled in [stream for stream in streams if time.monotonic() - last_result[stream] > silence_s]:
-                ray.kill(actors[streams[stalled]])
-                yield streams.pop(stalled), ProcessEnded(f"no result within {silence_s:g} s")
-            continue
-        stream: Any = ready[0]
-        last_result[stream] = time.monotonic()
-        try:
-            yield streams[stream], ray.get(next(stream))
-        except StopIteration:
-            del streams[stream]
-        except RayError as error:
-            check_alive()
-            yield streams.pop(stream), ProcessEnded(last_line(error))

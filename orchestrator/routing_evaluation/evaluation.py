@@ -6,25 +6,26 @@ The metrics are those of a run's report: answers become the columns that `roboga
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import pandas as pd
 import torch
 
 from robogauntlet.orchestrator.episodes.rollout import routing_fields
-from robogauntlet.orchestrator.routing_evaluation.first_observations import collect_first_observations
+from robogauntlet.orchestrator.routing_evaluation.first_observations import Listener, collect_first_observations
 from robogauntlet.policies.contract import check_routing
-from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
+from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.policies.single_policy import device_here
-from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet, first_observations
+from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
 from robogauntlet.policies.mergevla.routing.evaluation import (
     LeaveOneOutScores,
     RoutedObservation,
-    RouterAnswers,
     all_routers,
     evaluate_routers,
     unknown_tasks,
@@ -32,9 +33,6 @@ from robogauntlet.policies.mergevla.routing.evaluation import (
 from robogauntlet.policies.training.dataset import datasets_of
 from robogauntlet.results.analysis.routing import Detection, Router, detection, router_of
 from robogauntlet.suites.episode import RenderProfile, View
-
-Listener = Callable[[str, int, int], None]
-"""Called with the activity, the number of finished steps and the total."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +103,10 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
     """
     torch.set_num_threads(1)
     checkpoint = load_merged(request.checkpoint)
-    metadata, routers = checkpoint.metadata, all_routers(checkpoint.fitted)
-    training_set = _training_set(checkpoint, request.demonstrations)  # first, because it finds mistakes early
+    metadata, routers, training_set = checkpoint.metadata, all_routers(checkpoint.fitted), None
+    if request.demonstrations:  # first, because it finds mistakes early
+        datasets = datasets_of(request.demonstrations, metadata.experts)
+        training_set = first_observations(datasets, checkpoint.parts.architecture.cameras)
     view = View(metadata.architecture.cameras, metadata.architecture.image_size, RenderProfile.FAST)
     with ExitStack() as stack:
         folder = request.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -114,24 +114,20 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
     observations = {task: cache.observations(request.seeds) for task, cache in collected.by_task.items()}
     model = MergedModel(checkpoint.parts, device=device_here())
     evaluation = evaluate_routers(
-        routers,
-        model,
-        [observation for of_task in observations.values() for observation in of_task],
-        listener=lambda done, wanted: listener("routing", done, wanted),
+        routers, model, list(chain(*observations.values())), listener=partial(listener, "routing")
     )
-    unknown: tuple[UnknownResult, ...] = ()
+    routed = []
+    for router in evaluation.routers:
+        quality = quality_of(router.answers)
+        latency_in_passes = quality.latency.median_s / evaluation.pass_s
+        routed.append(RouterResult(router.router, router.sees_instruction, router.passes, quality, latency_in_passes))
+    unknown = []
     if training_set:
-        left_out = unknown_tasks(
-            model, training_set, observations, listener=lambda *done: listener("leaving tasks out", *done)
-        )
-        unknown = tuple(
-            UnknownResult(
-                result.router,
-                result.sees_instruction,
-                {task: detection_of(scores) for task, scores in result.by_task.items()},
-            )
-            for result in left_out
-        )
+        for left_out in unknown_tasks(
+            model, training_set, observations, listener=partial(listener, "leaving tasks out")
+        ):
+            by_task = {task: detection_of(scores) for task, scores in left_out.by_task.items()}
+            unknown.append(UnknownResult(left_out.router, left_out.sees_instruction, by_task))
     return RoutingStudy(
         request=request,
         digest=metadata.digest,
@@ -140,8 +136,8 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
         skipped=collected.skipped,
         unfitted=not checkpoint.fitted,
         pass_s=evaluation.pass_s,
-        routers=tuple(_result(judged, evaluation.pass_s) for judged in evaluation.routers),
-        unknown=unknown,
+        routers=tuple(routed),
+        unknown=tuple(unknown),
     )
 
 
@@ -165,15 +161,3 @@ def detection_of(scores: LeaveOneOutScores) -> Detection:
     result = detection(known, unknown)
     assert result is not None
     return result
-
-
-def _result(judged: RouterAnswers, pass_s: float) -> RouterResult:
-    quality = quality_of(judged.answers)
-    latency_in_passes = quality.latency.median_s / pass_s
-    return RouterResult(judged.router, judged.sees_instruction, judged.passes, quality, latency_in_passes)
-
-
-def _training_set(checkpoint: MergedCheckpoint, folders: Sequence[Path]) -> RouterTrainingSet | None:
-    if not folders:
-        return None
-    return first_observations(datasets_of(folders, checkpoint.metadata.experts), checkpoint.parts.architecture.cameras)

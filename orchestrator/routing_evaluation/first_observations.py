@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from robogauntlet.adapters import catalog
@@ -22,7 +23,7 @@ from robogauntlet.suites.episode import View
 SILENCE_S = 420.0
 """Time without a new observation after which a simulator's process is killed (s)."""
 Listener = Callable[[str, int, int], None]
-"""Called with the activity, the number of observed episodes and their total."""
+"""Called with the activity, the number of finished steps and the total."""
 
 
 class FirstObservationError(Exception):
@@ -48,7 +49,7 @@ def collect_first_observations(
 
     Args:
         tasks: `simulator/task`.
-        view: The cameras and image size to render.
+        view: Cameras and image size.
         seeds: Seeds of the episodes.
         folder: The cache, with a file per task.
         listener: See `Listener`.
@@ -76,36 +77,21 @@ def collect_first_observations(
     skipped = {name: reason for name, reason in reasons.items() if reason}
     observed = {name: its_tasks for name, its_tasks in missing.items() if name not in skipped}
     if observed:
-        _observe(observed, view, seeds, folder.resolve(), environments, listener)
-        by_task |= {
-            task: load_observations(file_of(folder, task)) for its_tasks in observed.values() for task in its_tasks
-        }
+        arguments = {name: (its_tasks, view, seeds, folder.resolve()) for name, its_tasks in observed.items()}
+        total = sum(map(len, observed.values())) * len(seeds)
+        try:
+            with ray_session(address=None, workers=len(observed)):
+                results = run_per_simulator(_save_observations, arguments, environments, silence_s=SILENCE_S)
+                for done, (simulator, result) in enumerate(results, 1):
+                    if isinstance(result, ProcessEnded):
+                        raise FirstObservationError(f"{simulator}: {result.reason}")
+                    listener("first observations", done, total)
+        except RayLost as error:
+            raise FirstObservationError(str(error)) from None
+    by_task |= {task: load_observations(file_of(folder, task)) for task in chain(*observed.values())}
     if not by_task:
         raise FirstObservationError("\n".join(f"{name}: {reason}" for name, reason in skipped.items()))
     return FirstObservations({task: by_task[task] for task in tasks if task in by_task}, skipped)
-
-
-def _observe(
-    tasks: dict[str, list[str]],
-    view: View,
-    seeds: Sequence[int],
-    folder: Path,
-    environments: EnvironmentResolver,
-    listener: Listener,
-) -> None:
-    arguments = {name: (its_tasks, view, seeds, folder) for name, its_tasks in tasks.items()}
-    done, total = 0, sum(map(len, tasks.values())) * len(seeds)
-    try:
-        with ray_session(address=None, workers=len(tasks)):
-            for simulator, result in run_per_simulator(
-                _save_observations, arguments, environments, silence_s=SILENCE_S
-            ):
-                if isinstance(result, ProcessEnded):
-                    raise FirstObservationError(f"{simulator}: {result.reason}")
-                done += 1
-                listener("first observations", done, total)
-    except RayLost as error:
-        raise FirstObservationError(str(error)) from None
 
 
 def _save_observations(tasks: Sequence[str], view: View, seeds: Sequence[int], folder: Path) -> Iterator[None]:

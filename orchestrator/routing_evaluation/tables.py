@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import asdict
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -26,22 +26,14 @@ def router_table(study: RoutingStudy) -> TextTable:
 
 
 def split(table: TextTable, columns: int) -> tuple[TextTable, TextTable]:
-    """Split the router table into one without and one with the columns of tasks that share a scene.
+    """Split the router table into one without and one with only the columns of tasks that share a scene."""
 
-    Args:
-        table: From `router_table`.
-        columns: The number of these columns.
-    """
-    after = 3 + columns
-    without = TextTable(
-        (*table.header[:3], *table.header[after:]), tuple((*row[:3], *row[after:]) for row in table.rows), table.labels
-    )
-    alone = TextTable(
-        (*table.header[:2], *table.header[3:after]),
-        tuple((*row[:2], *row[3:after]) for row in table.rows),
-        table.labels,
-    )
-    return without, alone
+    def chosen(places: Sequence[int]) -> TextTable:
+        header, *rows = (tuple(row[place] for place in places) for row in (table.header, *table.rows))
+        return TextTable(header, tuple(rows), table.labels)
+
+    end = 3 + columns
+    return chosen([0, 1, 2, *range(end, len(table.header))]), chosen([0, 1, *range(3, end)])
 
 
 def confusions(confusion: Confusion) -> list[str]:
@@ -59,7 +51,8 @@ def confusions(confusion: Confusion) -> list[str]:
 def unknown_table(unknown: UnknownResult) -> TextTable:
     """A row per left-out task, and their means."""
     header = ("left out", "AUROC", "FPR at 95 %", "rejected", "false alarms")
-    lines = {task: _shares(found) for task, found in unknown.by_task.items()} | {"mean": _means(unknown.by_task)}
+    lines = {task: _shares(detection) for task, detection in unknown.by_task.items()}
+    lines["mean"] = tuple(map(fmean, zip(*lines.values(), strict=True)))
     rows = ((name, f"{auroc:.3f}", *map(percent, shares)) for name, (auroc, *shares) in lines.items())
     return TextTable(header, tuple(rows), 1)
 
@@ -94,12 +87,8 @@ def _router_row(result: RouterResult) -> tuple[str, ...]:
     )
 
 
-def _shares(found: Detection) -> tuple[float, ...]:
-    assert found.rejected is not None
-    assert found.false_alarms is not None
-    rejected, false_alarms = (rate.successes / rate.trials for rate in (found.rejected, found.false_alarms))
-    return found.auroc, found.false_positives, rejected, false_alarms
-
-
-def _means(by_task: Mapping[str, Detection]) -> tuple[float, ...]:
-    return tuple(map(fmean, zip(*map(_shares, by_task.values()), strict=True)))
+def _shares(detection: Detection) -> tuple[float, ...]:
+    assert detection.rejected is not None
+    assert detection.false_alarms is not None
+    rejected, false_alarms = (rate.successes / rate.trials for rate in (detection.rejected, detection.false_alarms))
+    return detection.auroc, detection.false_positives, rejected, false_alarms

@@ -51,15 +51,7 @@ def key_of(cell: Cell) -> Key:
 def progression(
     cells: Sequence[Cell], seeds: Seeds, rule: AdaptiveEntry, sides: CompareEntry, outcomes: Outcomes
 ) -> Progression:
-    """Replay the complete rounds, and determine the remaining work of the next one.
-
-    Args:
-        cells: All cells of the suite.
-        seeds: The first seed, and the number of seeds per condition without stopping.
-        rule: When to stop.
-        sides: The policies to compare.
-        outcomes: Outcomes of the played episodes.
-    """
+    """Replay the complete rounds of a suite's cells, and determine the remaining work of the next one."""
     state = Progression(planned=dict.fromkeys(cells, 0))
     budget = len(cells) * seeds.count
     undecided = list(dict.fromkeys(cell.condition for cell in cells))
@@ -74,7 +66,10 @@ def progression(
             state.planned[cell] += size
         budget -= size * len(active)
         missing = [(cell, [s for s in block if s not in outcomes.get(key_of(cell), {})]) for cell in active]
-        state.work = _shuffled([(cell, lacking) for cell, lacking in missing if lacking], first)
+        work = [(cell, lacking) for cell, lacking in missing if lacking]
+        # The random order depends on the round alone. It keeps an early end from favouring some tasks.
+        order = np.random.default_rng(int(content_hash(["round", first]), 16)).permutation(len(work))
+        state.work = [work[place] for place in order]
         if state.work:
             break
         for condition in [condition for condition in undecided if condition != Condition()]:
@@ -92,27 +87,21 @@ def _played(undecided: Sequence[Condition], *, extra: bool) -> Sequence[Conditio
     return wanted if any(condition != Condition() for condition in wanted) else ()
 
 
-def _shuffled(work: Work, first: int) -> Work:
-    """Work in a random order that depends on the round alone, so that an early end favours no task."""
-    order = np.random.default_rng(int(content_hash(["round", first]), 16)).permutation(len(work))
-    return [work[place] for place in order]
-
-
 def _decisions(
     cells: Sequence[Cell],
     condition: Condition,
     sides: CompareEntry,
     rule: AdaptiveEntry,
     outcomes: Outcomes,
-    judged: range,
+    seeds: range,
 ) -> list[Decided] | None:
-    """A decision per other policy, or None unless the judged seeds decide all comparisons with the baseline."""
+    """A decision per other policy, or None unless these seeds decide all comparisons with the baseline."""
     cell_of = {(cell.policy, cell.task): cell for cell in cells if cell.condition == condition}
     tasks = [task for policy, task in cell_of if policy == sides.baseline]
     decisions = []
     for other in sides.others:
         compared = [(cell_of[sides.baseline, task], cell_of[other, task]) for task in tasks if (other, task) in cell_of]
-        pairs = _pairs(compared, outcomes, judged)
+        pairs = _pairs(compared, outcomes, seeds)
         if not is_decided(pairs, rule.alpha):
             return None
         decisions.append(
@@ -121,19 +110,19 @@ def _decisions(
                 axis=condition.axis,
                 severity=condition.severity,
                 pairs=pairs.trials,
-                seeds=len(judged),
+                seeds=len(seeds),
                 evidence=paired_evidence(pairs),
             )
         )
     return decisions
 
 
-def _pairs(cells: Sequence[tuple[Cell, Cell]], outcomes: Outcomes, judged: range) -> Pairs:
+def _pairs(cells: Sequence[tuple[Cell, Cell]], outcomes: Outcomes, seeds: range) -> Pairs:
     counts = [0, 0, 0, 0]
     verdicts = (str(Status.SUCCESS), str(Status.FAILURE))
     for first, second in cells:
         ours, theirs = outcomes.get(key_of(first), {}), outcomes.get(key_of(second), {})
-        for seed in judged:
+        for seed in seeds:
             if ours.get(seed) in verdicts and theirs.get(seed) in verdicts:
                 counts[2 * (ours[seed] != verdicts[0]) + (theirs[seed] != verdicts[0])] += 1
     return Pairs(*counts)

@@ -19,48 +19,29 @@ LIVE_STATUS_S = 1.0
 class HistoryWriter:
     """Writes one run into the stores. The run goes on if the history cannot be written."""
 
-    def __init__(self, folder: Path, store: Store, history: History | None, schedule: str | None = None) -> None:
+    def __init__(self, folder: Path, store: Store, url: str | None, schedule: str | None) -> None:
+        """Open the history at `url`, if any, besides the store with the run's rows."""
         self._folder, self._schedule = folder, schedule
         self._run_history = History(store.database)
-        self._history = history
+        self._history: History | None = None
         self._live_status_at = 0.0
         self.warnings: list[str] = []
-
-    @classmethod
-    def open(cls, folder: Path, store: Store, url: str | None, schedule: str | None = None) -> HistoryWriter:
-        """Open the history.
-
-        Args:
-            folder: The run folder.
-            store: The store with the run's rows.
-            url: URL of the history, or None for no history.
-            schedule: The schedule that started the run, if any.
-        """
-        history, warning = None, None
         if url is not None:
             try:
                 same = without_password(url) == store.database.where
-                history = History(store.database) if same else History.open(url)
+                self._history = self._run_history if same else History.open(url)
             except StoreError as error:
-                warning = f"this run is not recorded in the history: {error}"
-        writer = cls(folder, store, history, schedule)
-        if warning:
-            writer.warnings.append(warning)
-        return writer
+                self.warnings.append(f"this run is not recorded in the history: {error}")
 
     def record(self, document: RunDocument, *, counted: bool = True) -> None:
-        """Write the run's document and the counts of its cells.
-
-        Args:
-            document: The run.
-            counted: Whether to count its rows, which takes a second or two per million.
+        """Write the run's document and, if `counted`, the counts of its cells: a second or two per million rows.
 
         Raises:
             StoreError: The store with the rows cannot be written.
         """
         counts = self._run_history.count_cells(document.run_id) if counted else None
         self._run_history.record(document, self._folder, counts, self._schedule)
-        if self._history is not None and self._history.database is not self._run_history.database:
+        if self._history not in (None, self._run_history):
             try:
                 self._history.record(document, self._folder, counts, self._schedule)
             except StoreError as error:
@@ -78,7 +59,7 @@ class HistoryWriter:
 
     def close(self) -> None:
         """Close the connections."""
-        if self._history is not None and self._history.database is not self._run_history.database:
+        if self._history not in (None, self._run_history):
             self._history.close()
 
     def _drop_history(self, error: StoreError) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from rich.console import Console, RenderableType
 from rich.live import Live
@@ -29,12 +28,10 @@ class Display:
             self._live.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         live, self._live = self._live, None
         if live is not None:
-            live.__exit__(kind, error, trace)
+            live.__exit__(*error)
 
     def log(self, message: str) -> None:
         """Print a line for the user."""

@@ -14,7 +14,7 @@ from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, key_of, progression
+from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, check_fit
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
@@ -65,11 +65,7 @@ class Plan:
         return len(self.cells) * self.suite.seeds.count
 
     def planned_cells(self, seeds: Mapping[Cell, int] | None = None) -> tuple[PlannedCell, ...]:
-        """The plan as the run document holds it.
-
-        Args:
-            seeds: Number of planned seeds of each cell; by default that of the suite.
-        """
+        """The plan as the run document holds it, with each cell's number of seeds, by default that of the suite."""
         return tuple(
             PlannedCell(
                 simulator=cell.simulator,
@@ -146,12 +142,19 @@ def make_plan(
     if require_installed:
         problems += [f"policy '{name}': {reason}" for name, reason in not_installed.items()]
     unsupported = _unsupported_axes(suite)
-    problems += [*_axes_without_a_task(suite, unsupported), *_missing_cameras(suite)]
+    unsupported_tasks = Counter(gap.axis for gap in unsupported)
+    problems += [
+        f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
+        for gap in unsupported
+        if unsupported_tasks[gap.axis] == len(suite.tasks)
+    ]
+    problems += _missing_cameras(suite)
     if problems:
         raise SuiteError([Problem(str(path), None, problem) for problem in problems])
     digests = {name: str(source.digest) for name, source in sources.items()}
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
+    simulator_names = dict.fromkeys(cell.simulator for cell in cells)
     return Plan(
         suite=suite,
         path=path,
@@ -159,9 +162,7 @@ def make_plan(
         suite_hash=suite.content_hash(digests, names),
         cells=cells,
         sources=sources,
-        unavailable=_unavailable_simulators(
-            dict.fromkeys(cell.simulator for cell in cells), environments, only, require_one=require_installed
-        ),
+        unavailable=_unavailable_simulators(simulator_names, environments, only, require_one=require_installed),
         not_installed=not_installed,
         unsupported=unsupported,
         environments=environments,
@@ -171,12 +172,7 @@ def make_plan(
 def _resolve_policies(
     suite: Suite, environments: EnvironmentResolver
 ) -> tuple[dict[str, PolicySource], dict[str, str], list[str]]:
-    """Find what each policy is built from.
-
-    Returns:
-        The sources by the policies' names; the policies that are not installed, each with the reason; a line for each
-        policy that cannot be used.
-    """
+    """The policies' sources; those that are not installed, with the reasons; a line for each that cannot be used."""
     sources: dict[str, PolicySource] = {}
     not_installed: dict[str, str] = {}
     problems: list[str] = []
@@ -234,14 +230,6 @@ def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
     )
 
 
-def _axes_without_a_task(suite: Suite, unsupported: Sequence[Unsupported]) -> Iterator[str]:
-    """For axes that no task of the suite supports, a line per task."""
-    tasks = Counter(gap.axis for gap in unsupported)
-    for gap in unsupported:
-        if tasks[gap.axis] == len(suite.tasks):
-            yield f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
-
-
 def _missing_cameras(suite: Suite) -> Iterator[str]:
     """A line for each task that lacks a camera of the suite."""
     cards = simulators.task_descriptions()
@@ -260,39 +248,28 @@ def _unavailable_simulators(
         PlanError: A required simulator is not in the suite or cannot run; with `require_one`, none can run.
     """
     unavailable = {name: reason for name in names if (reason := environments.missing_reason(simulators.find(name)))}
-    unknown = [
-        f"{name}: the suite does not use this simulator{did_you_mean(name, names)}"
-        for name in required
-        if name not in names
-    ]
+    unused = [name for name in required if name not in names]
     none_can_run = len(unavailable) == len(names)
     broken = unavailable if require_one and none_can_run else [name for name in required if name in unavailable]
-    problems = [*unknown, *(f"{name}: {unavailable[name]}" for name in broken)]
+    problems = [f"{name}: the suite does not use this simulator{did_you_mean(name, names)}" for name in unused]
+    problems += [f"{name}: {unavailable[name]}" for name in broken]
     if problems:
         raise PlanError("\n".join(problems))
     return unavailable
 
 
 def remaining_work(plan: Plan, outcomes: Outcomes, skipped: Collection[str] = ()) -> Progression:
-    """The remaining work of a plan; for an adaptive suite, of the current round.
-
-    Args:
-        plan: The plan.
-        outcomes: Outcomes of the played episodes.
-        skipped: Simulators that cannot run here, besides the plan's unavailable ones.
-    """
+    """The remaining work of a plan; for an adaptive suite, of the current round. `skipped` are further simulators."""
     suite, sides = plan.suite, plan.suite.comparison
     cells = [cell for cell in plan.cells if cell.simulator not in {*plan.unavailable, *skipped}]
     if suite.adaptive is not None and sides is not None:
         return progression(cells, suite.seeds, suite.adaptive, sides, outcomes)
-    missing = ((cell, _missing_seeds(cell, suite, outcomes)) for cell in cells)
-    work = [(cell, seeds) for cell, seeds in missing if seeds]
+    work: Work = []
+    for cell in cells:
+        played = outcomes.get(key_of(cell), {})
+        if missing := array("q", (seed for seed in suite.seeds if seed not in played)):
+            work.append((cell, missing))
     return Progression(work, planned=dict.fromkeys(plan.cells, suite.seeds.count))
-
-
-def _missing_seeds(cell: Cell, suite: Suite, outcomes: Outcomes) -> Sequence[int]:
-    played = outcomes.get(key_of(cell), {})
-    return array("q", (seed for seed in suite.seeds if seed not in played))
 
 
 def why_unadjusted(axis: Axis, task: str) -> str | None:

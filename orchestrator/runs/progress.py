@@ -6,7 +6,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
+from typing import Any
 
 from rich.console import Console
 from rich.progress_bar import ProgressBar
@@ -59,11 +59,9 @@ class Progress(Display):
 
     def begin(self, plan: Plan, counts: Mapping[tuple[str, str], int]) -> None:
         """Set up the bars, with the number of existing rows by (simulator, status)."""
-        per_simulator = {name: 0 for name in plan.simulators if name not in plan.unavailable}
-        for cell in plan.cells:
-            if cell.simulator in per_simulator:
-                per_simulator[cell.simulator] += plan.suite.seeds.count
-        self._simulators = {name: _SimulatorProgress(planned) for name, planned in per_simulator.items()}
+        cells, seeds = Counter(cell.simulator for cell in plan.cells), plan.suite.seeds.count
+        available = [name for name in plan.simulators if name not in plan.unavailable]
+        self._simulators = {name: _SimulatorProgress(cells[name] * seeds) for name in available}
         for (name, status), count in counts.items():
             if name in self._simulators:
                 setattr(self._simulators[name], status, count)
@@ -71,11 +69,9 @@ class Progress(Display):
         if already:
             self.log(f"continuing: {already} of {plan.episodes} episodes are done already")
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         self.draw(self._table, self._lines, at_once=True)
-        super().__exit__(kind, error, trace)
+        super().__exit__(*error)
 
     def on_started(self, simulator: str, readiness: Readiness) -> None:
         """A worker has opened its simulator."""
@@ -136,10 +132,10 @@ class Progress(Display):
 
     def _figures(self, progress: _SimulatorProgress) -> list[str]:
         now = self._now()
-        judged = progress.success + progress.failure
+        valid = progress.success + progress.failure
         pace, left = progress.per_minute(now), progress.left_s(now)
         return [
-            f"success {100 * progress.success / judged:.0f} %" if judged else "",
+            f"success {100 * progress.success / valid:.0f} %" if valid else "",
             f"{pace:.0f} episodes/min" if pace and progress.done < progress.planned else "",
             f"{format_duration(left)} left" if left and progress.done < progress.planned else "",
             f"{progress.error} errors" if progress.error else "",

@@ -25,16 +25,8 @@ def check_regression(
 ) -> Comparison | None:
     """Compare a run with its baseline, the last good run of its suite; None if there is no baseline.
 
-    The verdict is written into the history, unless only some policies are compared.
-
-    Args:
-        history: The history with the run and earlier ones.
-        document: The run.
-        folder: The run folder.
-        alpha: See `robogauntlet.results.api.compare`.
-        margin: See `robogauntlet.results.api.compare`.
-        only: Names of policies; empty for all.
-        allowed: Differences that do not prevent the comparison.
+    The verdict is written into the history, unless only some policies are compared. For the options see
+    `robogauntlet.results.api.compare`.
 
     Raises:
         RunError: The rows cannot be reached from here.

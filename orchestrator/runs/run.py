@@ -80,20 +80,7 @@ def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) 
         StoreError: The store cannot be opened.
     """
     with lock_folder(folder, for_run=True), contextlib.ExitStack() as stack:
-        resumed = (folder / RUN_FILE).exists()
-        document = create_or_resume(plan, folder, options.store)
-        store = _open_store(folder, document, options.store, resumed=resumed)
-        stack.callback(store.close)
-        try:
-            write_run(folder, document)
-        except OSError as error:
-            raise FolderError(f"{folder}: {describe_os_error(error)}") from None
-        history_writer = HistoryWriter.open(folder, store, options.history or options.store, options.schedule)
-        stack.callback(history_writer.close)
-        history_writer.record(document, counted=False)
-        if options.retry_errors:
-            store.forget_errors()
-        session = RunSession(plan, folder, options, progress, document, store, history_writer)
+        session = RunSession(plan, folder, options, progress, stack)
         session.play()
         return session.finish()
 
@@ -102,18 +89,27 @@ class RunSession:
     """One process's work on a run."""
 
     def __init__(
-        self,
-        plan: Plan,
-        folder: Path,
-        options: RunOptions,
-        progress: Progress,
-        document: RunDocument,
-        store: Store,
-        history_writer: HistoryWriter,
+        self, plan: Plan, folder: Path, options: RunOptions, progress: Progress, stack: contextlib.ExitStack
     ) -> None:
-        self._plan, self._folder, self._options = plan, folder, options
-        self._progress, self._document, self._store, self._history_writer = progress, document, store, history_writer
-        self._observer = RunObserver(document, plan.unavailable, progress, history_writer, self._save_elapsed)
+        """Create or resume the run; `stack` closes its stores."""
+        self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
+        resumed, url = (folder / RUN_FILE).exists(), options.store
+        self._document = document = create_or_resume(plan, folder, url)
+        if resumed and url is not None and without_password(url) != document.store_url:
+            self._store = Store.open_begun(folder, document, url)  # another store, which must contain the run's rows
+        else:
+            self._store = Store.open(store_url(folder, document, url), document.run_id)
+        stack.callback(self._store.close)
+        try:
+            write_run(folder, document)
+        except OSError as error:
+            raise FolderError(f"{folder}: {describe_os_error(error)}") from None
+        self._history_writer = HistoryWriter(folder, self._store, options.history or url, options.schedule)
+        stack.callback(self._history_writer.close)
+        self._history_writer.record(document, counted=False)
+        if options.retry_errors:
+            self._store.forget_errors()
+        self._observer = RunObserver(document, plan.unavailable, progress, self._history_writer, self._save_elapsed)
         self._status = RunStatus.COMPLETE
         self._reason: str | None = None
         self._began = self._saved = time.monotonic()
@@ -143,7 +139,7 @@ class RunSession:
             except RayLost as error:
                 if not starts_left:
                     raise
-                self._observer.warn(f"{error}; it was started again")
+                self._observer.on_warning(f"{error}; it was started again")
 
     def _play(self, work: list[tuple[Cell, Sequence[int]]]) -> None:
         """Play this work and all further rounds of an adaptive suite, then record media. Raises as `Scheduler.run`."""
@@ -194,12 +190,10 @@ class RunSession:
             return
         plan, observer, seed = self._plan, self._observer, self._plan.suite.seeds.start
         baselines = (plan.suite.oracle_gate, *plan.suite.no_skill_baselines)
-        skipped = observer.skipped_simulators
+        evaluated, skipped = [name for name in plan.sources if name not in baselines], observer.skipped_simulators
         snapshots = condition_snapshots((cell for cell in plan.cells if cell.simulator not in skipped), seed)
         try:
-            pending = pending_media(
-                self._folder, self._store.results, [name for name in plan.sources if name not in baselines], snapshots
-            )
+            pending = pending_media(self._folder, self._store.results, evaluated, snapshots)
             pending = [item for item in pending if item.simulator not in skipped]
             if not pending:
                 return
@@ -247,10 +241,8 @@ class RunSession:
             self._history_writer.record(self._document)
             report = write_report(self._folder, store_url=self._options.store)
         except (OSError, StoreError) as error:
-            warnings.append(
-                f"the report could not be written: {describe_os_error(error)}; "
-                f"write it later: robogauntlet report {self._folder}"
-            )
+            remedy = f"write it later: robogauntlet report {self._folder}"
+            warnings.append(f"the report could not be written: {describe_os_error(error)}; {remedy}")
         return RunOutcome(self._folder, self._document, done, report, warnings + self._history_writer.warnings)
 
     def _update(self, **values: object) -> None:
@@ -266,10 +258,3 @@ class RunSession:
             self._saved = time.monotonic()
             with contextlib.suppress(OSError):  # the store will notice a full disk
                 write_run(self._folder, self._document.model_copy(update={"elapsed_s": self._elapsed_s()}))
-
-
-def _open_store(folder: Path, document: RunDocument, url: str | None, *, resumed: bool) -> Store:
-    """Open the store of a run. If a resumed run gets another store, that must contain its rows."""
-    if resumed and url is not None and without_password(url) != document.store_url:
-        return Store.open_begun(folder, document, url)
-    return Store.open(store_url(folder, document, url), document.run_id)

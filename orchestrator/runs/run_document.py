@@ -2,48 +2,45 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
 import time
 import uuid
+from importlib import metadata
 from pathlib import Path
 
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.environments.environment import EnvironmentUser, environment_users
-from robogauntlet.orchestrator.runs import provenance
 from robogauntlet.orchestrator.runs.plan import Plan, PlanError, check_same
 from robogauntlet.results.analysis.comparison import OWN
-from robogauntlet.results.run_document import RUN_FILE, Provenance, RunDocument, RunStatus, read_run
+from robogauntlet.results.run_document import EVERYWHERE, RUN_FILE, Provenance, RunDocument, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
 
 
 def create_or_resume(plan: Plan, folder: Path, store: str | None) -> RunDocument:
-    """Return the document of a new run, or of the run in `folder`, which is continued.
-
-    Args:
-        plan: The plan.
-        folder: The run folder.
-        store: URL of the store, or None for a file in the folder.
+    """Return the document of a new run, or of the run in `folder`, which is continued; for `store` see `RunOptions`.
 
     Raises:
         PlanError: The folder holds another run.
         StoreError: `store` is not the URL of a store.
     """
-    workers = fixed_workers(plan)
+    available = [name for name in plan.simulators if name not in plan.unavailable]
+    workers = {} if plan.suite.workers == "auto" else {name: plan.suite.worker_count(name) for name in available}
     if (folder / RUN_FILE).exists():
         document = read_run(folder)
         check_same(plan, document, folder)
-        provenance_now = _continued_provenance(plan, document, folder)
-        return document.model_copy(
-            update={
-                "status": RunStatus.RUNNING,
-                "reason": None,
-                "suite": plan.suite,
-                "suite_text": plan.text,
-                "suite_path": str(plan.path),
-                "workers": workers,
-                "shared_workers": None,
-                "provenance": provenance_now,
-            }
-        )
+        changes = {
+            "status": RunStatus.RUNNING,
+            "reason": None,
+            "suite": plan.suite,
+            "suite_text": plan.text,
+            "suite_path": str(plan.path),
+            "workers": workers,
+            "shared_workers": None,
+            "provenance": _continued_provenance(plan, document, folder),
+        }
+        return document.model_copy(update=changes)
     cards = simulators.task_descriptions()
     return RunDocument(
         run_id=uuid.uuid4().hex,
@@ -58,24 +55,42 @@ def create_or_resume(plan: Plan, folder: Path, store: str | None) -> RunDocument
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         workers=workers,
         skipped=dict(plan.unavailable),
-        provenance=provenance.collect(_environment_users(plan), plan.environments, _definitions(plan)),
+        provenance=_new_provenance(plan),
     )
 
 
 def _definitions(plan: Plan) -> dict[str, str]:
     """Task of the plan to the current hash of the file that defines it, if it has one."""
-    known = {
-        f"{simulator.name}/{task}": file_hash
-        for simulator in simulators.simulators().values()
-        for task, file_hash in simulator.definitions.items()
-    }
-    return {task: known[task] for task in plan.suite.tasks if task in known}
+    known = simulators.simulators()
+    tasks = {task: task.partition("/") for task in plan.suite.tasks}
+    hashes = {task: known[simulator].definitions.get(name) for task, (simulator, _, name) in tasks.items()}
+    return {task: file_hash for task, file_hash in hashes.items() if file_hash is not None}
 
 
 def _environment_users(plan: Plan) -> list[EnvironmentUser]:
     """The plan's simulators, and its kinds of policies with requirements."""
     kinds = {source.kind for source in plan.sources.values()}
     return [user for name, user in environment_users().items() if name in plan.simulators or name in kinds]
+
+
+def _new_provenance(plan: Plan) -> Provenance:
+    """The software and hardware here; versions are those in each simulator's or policy's environment."""
+    users, environments = _environment_users(plan), plan.environments
+    records = {user.name: environments.record(user) for user in users}
+    distributions = [name for user in users if environments.resolve(user) is None for name in user.distributions]
+    status = _git("status", "--porcelain", "--untracked-files=no")
+    packages = {name: version for name in dict.fromkeys([*EVERYWHERE, *distributions]) if (version := _version(name))}
+    return Provenance(
+        git_commit=_git("rev-parse", "HEAD"),
+        git_dirty=bool(status) if status is not None else None,
+        python=platform.python_version(),
+        platform=platform.platform(),
+        processor=_processor(),
+        cores=os.cpu_count() or 0,
+        packages=packages,
+        environments={name: record for name, record in records.items() if record is not None},
+        definitions=_definitions(plan),
+    )
 
 
 def _continued_provenance(plan: Plan, document: RunDocument, folder: Path) -> Provenance:
@@ -107,8 +122,27 @@ def _continued_provenance(plan: Plan, document: RunDocument, folder: Path) -> Pr
     return before.model_copy(update={"environments": environments})
 
 
-def fixed_workers(plan: Plan) -> dict[str, int]:
-    """Simulator to its number of workers; empty if the suite's number is `auto`."""
-    if plan.suite.workers == "auto":
-        return {}
-    return {name: plan.suite.worker_count(name) for name in plan.simulators if name not in plan.unavailable}
+def _git(*arguments: str) -> str | None:
+    """Output of git in this code's folder, or None outside a repository."""
+    try:
+        done = subprocess.run(
+            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=20, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())

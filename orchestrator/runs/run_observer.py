@@ -28,22 +28,9 @@ class RunObserver(Observer[EpisodeResult]):
         history_writer: HistoryWriter,
         on_tick: Callable[[], None],
     ) -> None:
-        """Observe a run.
-
-        Args:
-            document: The run at its start.
-            unavailable: Simulators that are skipped from the start, each with the reason.
-            progress: Shows the progress.
-            history_writer: Stores the live status.
-            on_tick: Called whenever the live status may have changed.
-        """
-        self._run_id, self._progress, self._history_writer, self._on_tick = (
-            document.run_id,
-            progress,
-            history_writer,
-            on_tick,
-        )
-        self._phase = "playing"
+        """Observe a run from its start. `on_tick` is called whenever the live status may have changed."""
+        self._run_id, self._phase = document.run_id, "playing"
+        self._progress, self._history_writer, self._on_tick = progress, history_writer, on_tick
         self.render_devices: dict[str, str] = dict(document.render_devices)
         self.skipped_simulators: dict[str, str] = dict(unavailable)
         self.warnings: list[str] = [f"{name} is skipped: {reason}" for name, reason in unavailable.items()]
@@ -57,17 +44,13 @@ class RunObserver(Observer[EpisodeResult]):
     def on_skipped(self, simulator: str, reason: str, episodes: int) -> None:
         """A simulator cannot run here."""
         self.skipped_simulators[simulator] = reason
-        self.warn(f"{simulator} is skipped ({episodes} episodes): {reason}")
+        self.on_warning(f"{simulator} is skipped ({episodes} episodes): {reason}")
 
     def on_results(self, results: Sequence[EpisodeResult]) -> None:
         """Workers have returned rows."""
         self._progress.on_results(results)
 
-    def on_warning(self, simulator: str, message: str) -> None:
-        """A worker died or was killed."""
-        self.warn(message)
-
-    def warn(self, message: str) -> None:
+    def on_warning(self, message: str) -> None:
         """Show a warning now, and keep it for the end of the run."""
         self.warnings.append(message)
         self._progress.log(message)

@@ -21,13 +21,6 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.session import RayLost, check_alive, check_room
 from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.orchestrator.scheduling.ray_worker import Job, Worker
-from robogauntlet.orchestrator.scheduling.worker_pool import (
-    EpisodesFinished,
-    Started,
-    Unavailable,
-    WorkerLost,
-    WorkerPoolError,
-)
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.resources import Resources
@@ -57,26 +50,26 @@ class RayWorker:
         try:
             return self._read_event()
         except RayActorError:
-            raise WorkerLost("the worker process died") from None
+            raise worker_pool.WorkerLost("the worker process died") from None
         except RayError as error:  # no memory, a full disk, an unreadable message, an exception of the job
             if isinstance(error, RayTaskError) and isinstance(error.cause, (AdapterError, PolicyError)):
-                return Unavailable(first_line(error.cause))
-            raise WorkerLost(first_line(error)) from None
+                return worker_pool.Unavailable(first_line(error.cause))
+            raise worker_pool.WorkerLost(first_line(error)) from None
 
     def _read_event(self) -> worker_pool.WorkerEvent:
         if self._playing:
             try:
-                returned = EpisodesFinished(*ray.get(next(self.pending)))
+                returned = worker_pool.EpisodesFinished(*ray.get(next(self.pending)))
             except StopIteration:
-                raise WorkerLost("the worker ended a lease before its last episode") from None
+                raise worker_pool.WorkerLost("the worker ended a lease before its last episode") from None
             if returned.last:
                 self.pending, self._playing = None, False
             return returned
         if self.pid is None:
             self.pid, self.node = ray.get(self.pending)
             self.pending = self.actor.prepare.remote(self._first.task, self._first.protocol.view)
-            return Started()
-        answer: Readiness | Unavailable = ray.get(self.pending)
+            return worker_pool.Started()
+        answer: Readiness | worker_pool.Unavailable = ray.get(self.pending)
         self.pending = None
         return answer
 
@@ -180,4 +173,4 @@ class RayWorkerPool:
             yield
         except RayError as error:
             self.check()
-            raise WorkerPoolError(f"Ray: {first_line(error)}") from error
+            raise worker_pool.WorkerPoolError(f"Ray: {first_line(error)}") from error

@@ -13,17 +13,8 @@ from typing import Generic, TypeVar
 
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
-from robogauntlet.orchestrator.scheduling.work_queue import Backlog, Outcome, Result, WorkSource, next_simulator
-from robogauntlet.orchestrator.scheduling.worker_pool import (
-    EpisodesFinished,
-    Started,
-    Unavailable,
-    Worker,
-    WorkerEvent,
-    WorkerLost,
-    WorkerPool,
-    WorkerPoolError,
-)
+from robogauntlet.orchestrator.scheduling import worker_pool
+from robogauntlet.orchestrator.scheduling.work_queue import Outcome, Result, WorkSource, next_simulator
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.record import Status
 from robogauntlet.suites.resources import Resources
@@ -57,7 +48,7 @@ class Observer(Generic[Observed]):
     def on_results(self, results: Sequence[Observed]) -> None:
         """Workers have returned results."""
 
-    def on_warning(self, simulator: str, message: str) -> None:
+    def on_warning(self, message: str) -> None:
         """A worker died or was killed."""
 
     def on_tick(self, activity: Callable[[], Sequence[LiveWorker]]) -> None:
@@ -90,9 +81,9 @@ class _Slot:
     number: int
     bound: bool = True
     """Whether it always serves the same simulator."""
-    worker: Worker | None = None
+    worker: worker_pool.Worker | None = None
     running: bool = False
-    """Whether its worker has a process; before, Ray may still be looking for a place."""
+    """Whether its worker has a process; before, Ray may still search for a node."""
     lease: Lease | None = None
     finished: int = 0
     """Episodes of the lease that are finished."""
@@ -123,7 +114,7 @@ class Scheduler(Generic[Result]):
 
     work: Mapping[str, WorkSource[Result]]
     """Simulator to its episodes."""
-    pool: WorkerPool
+    pool: worker_pool.WorkerPool
     options: SchedulerOptions
     sink: Callable[[Sequence[Result]], object]
     """Stores results, or raises."""
@@ -166,7 +157,7 @@ class Scheduler(Generic[Result]):
                 self._save()
                 self.observer.on_tick(self.activity)
             self._save(force=True)
-        except (KeyboardInterrupt, TooManyErrors, RayLost, WorkerPoolError):
+        except (KeyboardInterrupt, TooManyErrors, RayLost, worker_pool.WorkerPoolError):
             self._save(force=True)
             raise
         finally:
@@ -221,7 +212,7 @@ class Scheduler(Generic[Result]):
             slot.simulator = name
         source = self.work.get(slot.simulator)
         if source is None or not source.waiting:
-            self._discard(slot)  # another simulator's worker may wait for its place
+            self._discard(slot)  # another simulator's worker may wait for room
             return
         if slot.worker is not None and self._needs_recycling(slot):
             self._discard(slot)
@@ -236,7 +227,7 @@ class Scheduler(Generic[Result]):
             slot.worker.play(slot.lease)
             self._mark_busy(slot, slot.worker)
 
-    def _mark_busy(self, slot: _Slot, worker: Worker) -> None:
+    def _mark_busy(self, slot: _Slot, worker: worker_pool.Worker) -> None:
         self._busy[id(worker)] = slot
         self._busy_counts[slot.simulator] += 1
 
@@ -253,7 +244,7 @@ class Scheduler(Generic[Result]):
         """The simulator that an idle slot should serve: the same as before while it has episodes waiting."""
         if slot.bound or (slot.simulator and self.work[slot.simulator].waiting) or not self._waiting:
             return slot.simulator
-        backlogs = {name: Backlog(source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
+        backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
         return next_simulator(backlogs) or slot.simulator
 
     def _process_events(self) -> None:
@@ -264,27 +255,27 @@ class Scheduler(Generic[Result]):
             slot = self._busy[id(worker)]
             try:
                 event = worker.next_event()
-            except WorkerLost as loss:
+            except worker_pool.WorkerLost as loss:
                 self._worker_failed(slot, str(loss))
             else:
                 self._handle_event(slot, event)
 
-    def _handle_event(self, slot: _Slot, event: WorkerEvent) -> None:
+    def _handle_event(self, slot: _Slot, event: worker_pool.WorkerEvent) -> None:
         slot.last_event_at = self.now()
         source = self.work[slot.simulator]
         match event:
-            case Started():
+            case worker_pool.Started():
                 slot.running = True
             case Readiness():
                 self._mark_idle(slot)
                 slot.open_task = slot.opening
                 self._failed_starts[slot.simulator] = 0
                 self.observer.on_started(slot.simulator, event)
-            case Unavailable(reason):
+            case worker_pool.Unavailable(reason):
                 task = slot.lease.cell.task if slot.lease is not None else slot.opening
                 self._discard(slot)
                 self._give_up(slot.simulator, task, reason)
-            case EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
+            case worker_pool.EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
                 lease = slot.lease
                 slot.finished += len(results)
                 slot.played += len(results)
@@ -309,18 +300,18 @@ class Scheduler(Generic[Result]):
         lease, finished, opening = slot.lease, slot.finished, slot.opening
         self._discard(slot)
         if lease is not None:
-            self.observer.on_warning(slot.simulator, f"{slot.name}: {reason}; its episodes go back into the queue")
+            self.observer.on_warning(f"{slot.name}: {reason}; its episodes go back into the queue")
             self._accept(self.work[slot.simulator].lost(lease, lease.seeds[finished:], reason))
             return
         self._failed_starts[slot.simulator] += 1
-        self.observer.on_warning(slot.simulator, f"{slot.name}: {reason} while opening {opening}")
+        self.observer.on_warning(f"{slot.name}: {reason} while opening {opening}")
         if self._failed_starts[slot.simulator] >= START_ATTEMPTS:
             self._give_up(slot.simulator, opening, f"{reason} while opening {opening}, {START_ATTEMPTS} times")
 
     def _kill_unresponsive(self) -> None:
         """Kill workers that have sent no event for longer than an episode may take.
 
-        A worker that has not started yet has no process: Ray has no place for it until another worker ends.
+        A worker that has not started yet has no process: Ray has no room for it until another worker ends.
         """
         if self.now() - self._watched_at < WATCHDOG_S:
             return

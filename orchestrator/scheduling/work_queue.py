@@ -157,18 +157,13 @@ class WorkQueue:
     """The remaining episodes of one simulator. The cost of an operation does not depend on their number."""
 
     def __init__(self, work: Iterable[tuple[Cell, Sequence[int]]], *, workers: int, max_attempts: int) -> None:
-        """Create the queue.
-
-        Args:
-            work: Cells with their missing seeds.
-            workers: Number of workers that share it; may be changed later.
-            max_attempts: See `Suite`.
-        """
+        """Create the queue of cells with their missing seeds; for `max_attempts` see `Suite`."""
         self._tasks: dict[str, _TaskQueue] = {}
         self._cells: dict[Cell, _CellQueue] = {}
         for cell, seeds in work:
             self._cells[cell] = self._tasks.setdefault(cell.task, _TaskQueue()).add(cell, seeds)
         self.workers = workers
+        """Number of workers that share the queue."""
         self.waiting = sum(task.waiting for task in self._tasks.values())
         """Episodes that no worker holds."""
         self._max_attempts = max_attempts
@@ -278,25 +273,16 @@ def work_queues(work: Iterable[tuple[Cell, Sequence[int]]], max_attempts: int) -
     return {name: WorkQueue(cells, workers=1, max_attempts=max_attempts) for name, cells in by_simulator.items()}
 
 
-@dataclass(frozen=True)
-class Backlog:
-    """The remaining work of a simulator."""
-
-    waiting_s: float
-    """Expected time of the episodes that no worker holds."""
-    workers: int
-    """Workers that play or are starting."""
-
-
-def next_simulator(backlogs: Mapping[str, Backlog]) -> str | None:
+def next_simulator(backlogs: Mapping[str, tuple[float, int]]) -> str | None:
     """The simulator that a free slot should serve, or None if another worker is not worthwhile.
 
     A simulator without any worker comes first, then the one with the most work left per worker.
+
+    Args:
+        backlogs: Simulator to the expected time of the episodes that no worker holds (s), and to the number of its
+            workers that play or are starting.
     """
-
-    def priority(name: str) -> tuple[bool, float]:
-        backlog = backlogs[name]
-        return not backlog.workers, backlog.waiting_s / (1 + backlog.workers)
-
-    name = max((name for name in backlogs if backlogs[name].waiting_s > 0), key=priority, default=None)
-    return name if name is not None and priority(name) >= (False, START_S) else None
+    waiting = {name: backlog for name, backlog in backlogs.items() if backlog[0] > 0}
+    priorities = {name: (not workers, waiting_s / (1 + workers)) for name, (waiting_s, workers) in waiting.items()}
+    name = max(priorities, key=lambda name: priorities[name], default=None)
+    return name if name is not None and priorities[name] >= (False, START_S) else None

@@ -52,11 +52,7 @@ class Worker(Protocol):
         """Start to play. The worker must be ready and idle."""
 
     def next_event(self) -> WorkerEvent:
-        """Return the worker's next event.
-
-        Raises:
-            WorkerLost: The worker has died.
-        """
+        """Return the worker's next event; raises WorkerLost."""
 
 
 class WorkerPool(Protocol):

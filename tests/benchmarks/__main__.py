@@ -26,7 +26,7 @@ FOLDER = Path("runs/bench")
 
 
 def main() -> None:
-    """Run each benchmark in a process of its own, so that none inherits another's memory or threads."""
+    """Run each benchmark in its own process, so that they do not share memory or threads."""
     wanted = sys.argv[1:] or list(BENCHMARKS)
     unknown = [name for name in wanted if name not in (*BENCHMARKS, *ON_DEMAND)]
     if unknown:

@@ -18,7 +18,7 @@ STEPS, CHUNK = 40, 8
 
 
 class Fixed(StatelessPolicy):
-    """Looks, and answers with a fixed chunk at no cost."""
+    """Observes, and answers with a fixed chunk at no cost."""
 
     spec = PolicySpec(PolicyInput.OBSERVATION, CHUNK)
 
@@ -31,7 +31,7 @@ class Fixed(StatelessPolicy):
 
 
 def bare_maniskill(simulation: Any) -> Callable[[int, FloatArray], None]:
-    """Reset, look and step as ManiSkill's documentation does."""
+    """Reset, observe and step as ManiSkill's documentation does."""
     import torch
 
     env = simulation._env
@@ -52,7 +52,7 @@ def bare_maniskill(simulation: Any) -> Callable[[int, FloatArray], None]:
 
 
 def bare_pybullet(simulation: Any) -> Callable[[int, FloatArray], None]:
-    """Reset, look and step through panda-gym's robot and PyBullet's client, without panda-gym's observations."""
+    """Reset, observe and step through panda-gym's robot and PyBullet's client, without panda-gym's observations."""
     env, client = simulation._env, simulation._client
 
     def frame() -> None:
@@ -80,7 +80,7 @@ def bare_pybullet(simulation: Any) -> Callable[[int, FloatArray], None]:
 
 
 def bare_robosuite(simulation: Any) -> Callable[[int, FloatArray], None]:
-    """Reset, look and step as robosuite's and MuJoCo's documentation do."""
+    """Reset, observe and step as robosuite's and MuJoCo's documentation do."""
     env, data = simulation._env, simulation._data
     renderer = simulation._renderer(96)
 
@@ -105,8 +105,8 @@ BARE: dict[str, Callable[[Simulation], Callable[[int, FloatArray], None]]] = {
 
 
 def measure() -> list[dict[str, object]]:
-    """Seconds per episode of both, in turn on the same open environment; the ratio is the median over pairs."""
-    found = []
+    """Seconds per episode of both, alternating in the same simulation; the ratio is the median over pairs."""
+    rows = []
     for task in TASKS:
         view = View()
         simulation = open_task(task, view)
@@ -124,9 +124,9 @@ def measure() -> list[dict[str, object]]:
         simulation.close()
         worker, plain = (median(pair[i] for pair in times[1:]) for i in (0, 1))
         ratio = median(a / b for a, b in times[1:])
-        found.append({"task": task, "rollout_s": worker, "bare_s": plain, "ratio": ratio})
+        rows.append({"task": task, "rollout_s": worker, "bare_s": plain, "ratio": ratio})
     table(
         ("task", "rollout, s/episode", "bare loop, s/episode", "ratio (median of pairs)"),
-        [(f["task"], f"{f['rollout_s']:.3f}", f"{f['bare_s']:.3f}", f"{f['ratio']:.3f}") for f in found],
+        [(f["task"], f"{f['rollout_s']:.3f}", f"{f['bare_s']:.3f}", f"{f['ratio']:.3f}") for f in rows],
     )
-    return found
+    return rows

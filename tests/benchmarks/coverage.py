@@ -1,7 +1,7 @@
 """How often intervals contain the truth and tests reject a true null hypothesis, by simulation.
 
-10,000 experiments each, 2,000 for intervals by a bootstrap. Not a matter of speed: what is measured here is whether the
-numbers of a report can be trusted.
+10,000 experiments each, 2,000 for bootstrap intervals. This measures not speed but whether the numbers of a report can
+be trusted.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ EXPERIMENTS = 10_000
 SIZES = (25, 100, 400)
 RATES = tuple(round(0.05 * step, 2) for step in range(1, 20))
 BOOTSTRAPS = 2_000
-"""Experiments with an interval that is drawn."""
+"""Experiments per bootstrap interval."""
 DRAWS = 400
-"""Of a bootstrap here; reports draw 2,000."""
+"""Draws of a bootstrap; reports use 2,000."""
 SEED = 20261121
 ALPHA = 0.05
 
@@ -55,7 +55,7 @@ def measure() -> list[dict[str, object]]:
         for name, test in (
             ("McNemar, exact", _mcnemar),
             ("falling trend", _trend),
-            ("e-process, looked at after every pair", _evidence),
+            ("e-process, evaluated after every pair", _evidence),
         )
         for n in SIZES
     ]
@@ -78,7 +78,7 @@ def _of_counts(n: int, interval: Callable[[int, int], Interval | None]) -> dict[
 
 
 def _joint(first: float, second: float, phi: float) -> NDArray[np.float64] | None:
-    """Chances of both, first only, second only, neither; None where no such correlation exists."""
+    """Probabilities of both, first only, second only, neither; None if this correlation is impossible."""
     both = first * second + phi * math.sqrt(first * (1 - first) * second * (1 - second))
     cells = np.array([both, first - both, second - both, 1 - first - second + both])
     return cells if (cells >= -1e-12).all() else None
@@ -98,10 +98,10 @@ def _newcombe(n: int) -> dict[str, float]:
     for first in RATES[1::3]:
         for loss in (0.0, 0.1):
             for phi in (0.0, 0.4):
-                chances = _joint(first, first - loss, phi) if first > loss else None
-                if chances is None:
+                probabilities = _joint(first, first - loss, phi) if first > loss else None
+                if probabilities is None:
                     continue
-                drawn = generator.multinomial(n, chances.clip(0), EXPERIMENTS)
+                drawn = generator.multinomial(n, probabilities.clip(0), EXPERIMENTS)
                 found = [ends(tuple(counts)) for counts in drawn.tolist()]
                 inside = [interval.low <= loss <= interval.high for interval in found]
                 cells[f"p {first}, {round(first - loss, 2)}, phi {phi}"] = float(np.mean(inside))
@@ -109,7 +109,7 @@ def _newcombe(n: int) -> dict[str, float]:
 
 
 def _outcomes(generator: np.random.Generator, n: int, rates: list[float]) -> list[NDArray[np.float64]]:
-    """Two tasks with half of the seeds each. A seed's luck is the same at all levels for one seed in two."""
+    """Outcomes of two tasks with half of the seeds each. Half of the seeds have one random number for all levels."""
     found = []
     for size in (n - n // 2, n // 2):
         luck = np.where(
@@ -149,8 +149,8 @@ def _interaction(n: int) -> dict[str, float]:
 
 
 def _mcnemar(n: int) -> float:
-    chances = _joint(0.7, 0.7, 0.3)
-    drawn = np.random.default_rng([SEED, n, 5]).multinomial(n, chances, EXPERIMENTS)
+    probabilities = _joint(0.7, 0.7, 0.3)
+    drawn = np.random.default_rng([SEED, n, 5]).multinomial(n, probabilities, EXPERIMENTS)
     p = cache(lambda one, other: mcnemar(Pairs(0, one, other, 0)))
     return float(np.mean([p(one, other) <= ALPHA for _, one, other, _ in drawn.tolist()]))
 

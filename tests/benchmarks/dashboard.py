@@ -1,4 +1,4 @@
-"""Milliseconds until a page of the dashboard is there, with 10,000 runs of 27 cells in the store."""
+"""Response times of the dashboard's pages (ms), with 10,000 runs of 27 cells in the store."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ POLICIES, SUITES = ("experts", "merged", "merged-instruction-hidden"), ("nightly
 
 
 def measure() -> list[dict[str, object]]:
-    """Fill a store, serve it, ask for each page again and again."""
+    """Fill a store, serve it, and request each page repeatedly."""
     import httpx2
 
     with tempfile.TemporaryDirectory() as name:
@@ -71,7 +71,7 @@ def _page(client: Any, path: str) -> dict[str, object]:
 
 
 def _fill(root: Path) -> str:
-    """Runs of three policies and nine tasks in three suites; the newest has rows. Returns its id."""
+    """Store runs of three policies and nine tasks in three suites; return the id of the newest, which has rows."""
     from robogauntlet.results.run_document import RunStatus
     from robogauntlet.results.store.database import file_url
     from robogauntlet.results.store.history_records import Counts
@@ -117,7 +117,7 @@ def _fill(root: Path) -> str:
 
 
 def _serve(root: Path) -> tuple[str, Callable[[], None]]:
-    """Address, and what ends it."""
+    """Start the server; return its address and a function that stops it."""
     import uvicorn
 
     from robogauntlet.orchestrator.cli.serve import listen

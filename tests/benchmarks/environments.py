@@ -1,4 +1,4 @@
-"""From scheduling to the first reset: a worker in the running environment, and one in an environment of its own."""
+"""Time from scheduling to the first reset, for workers in the running environment and in a separate one."""
 
 import os
 import tempfile
@@ -13,7 +13,7 @@ TIMES = 5
 
 
 def measure() -> list[dict[str, object]]:
-    """Start a worker, have it open a task and begin an episode, so often; the slowest start counts as well."""
+    """Start workers that open a task and begin an episode; report the median and the slowest start."""
     from robogauntlet.orchestrator.environments.environment import Environment
     from robogauntlet.orchestrator.environments.installer import create
     from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
@@ -21,33 +21,33 @@ def measure() -> list[dict[str, object]]:
     from robogauntlet.suites.environments import EnvironmentEntry
 
     os.environ["ROBOGAUNTLET_CONFIG"] = os.devnull
-    found: list[dict[str, object]] = []
+    rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as folder, ray_session(address=None, workers=2):
         os.environ["ROBOGAUNTLET_ENVIRONMENTS"] = folder
         for task in TASKS:
             simulator, entry = task.partition("/")[0], EnvironmentEntry()
             began = time.perf_counter()
             create(Environment(simulator, entry, "the benchmark"), lambda line: None)
-            making = time.perf_counter() - began
-            for place, declared in (("running", {}), ("its own", {simulator: entry})):
+            creating = time.perf_counter() - began
+            for place, declared in (("running", {}), ("separate", {simulator: entry})):
                 seconds = [_first_reset(task, EnvironmentResolver(declared)) for _ in range(TIMES)]
-                found.append(
+                rows.append(
                     {
                         "task": task,
                         "environment": place,
-                        "made_s": making if declared else 0.0,
+                        "created_s": creating if declared else 0.0,
                         "median_s": median(seconds),
                         "most_s": max(seconds),
                     }
                 )
     table(
-        ("task", "environment", "made in", "to the first reset, median", "slowest"),
-        [(task, place, *(f"{seconds:.2f} s" for seconds in times)) for task, place, *times in map(dict.values, found)],
+        ("task", "environment", "created in", "to the first reset, median", "slowest"),
+        [(task, place, *(f"{seconds:.2f} s" for seconds in times)) for task, place, *times in map(dict.values, rows)],
     )
-    return found
+    return rows
 
 
-def _first_reset(task: str, homes: Any) -> float:
+def _first_reset(task: str, environments: Any) -> float:
     """Seconds from the check of the environment and the start of a worker to the beginning of its first episode."""
     from robogauntlet.adapters import catalog
     from robogauntlet.orchestrator.episodes.lease import Lease
@@ -57,11 +57,11 @@ def _first_reset(task: str, homes: Any) -> float:
 
     cell = Cell("random", "random", task, Protocol(1, 1, View(("third_person",), 32)))
     began = time.time()
-    assert homes.missing_reason(catalog.find(cell.simulator)) is None
-    pool = RayWorkerPool({"random": PolicySource("random")}, environments=homes)
+    assert environments.missing_reason(catalog.find(cell.simulator)) is None
+    pool = RayWorkerPool({"random": PolicySource("random")}, environments=environments)
     worker = pool.start("worker", cell.simulator, cell)
-    heard = [worker.next_event(), worker.next_event()]
-    assert worker.pending is None, heard
+    events = [worker.next_event(), worker.next_event()]
+    assert worker.pending is None, events
     worker.play(Lease(cell, (0,)))
     returned = worker.next_event()
     (result,) = returned.results

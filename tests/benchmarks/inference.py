@@ -9,11 +9,11 @@ from tests.benchmarks.shared import table
 BATCHES = (1, 8, 32)
 EXPERTS = 9
 SECONDS = 4.0
-"""Of measuring, per batch size."""
+"""Duration of a measurement, per batch size (s)."""
 
 
 def measure() -> list[dict[str, object]]:
-    """Ask a told merged policy of the `tiny` size for chunks, with episodes of one expert and of all by turns."""
+    """Query an oracle-routed merged policy of the `tiny` size, with episodes of one expert and of all in turn."""
     from robogauntlet.policies.contract import Query
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
     from robogauntlet.policies.mergevla.network.config import TINY
@@ -30,18 +30,21 @@ def measure() -> list[dict[str, object]]:
     def queries(size: int, experts: int) -> list[Query]:
         return [query(seed, TINY.image_size, task=tasks[seed % experts]) for seed in range(size)]
 
-    found: list[dict[str, object]] = []
+    rows: list[dict[str, object]] = []
     for experts in (1, EXPERTS):
         for size in BATCHES if experts == 1 else BATCHES[1:]:
-            asked = queries(size, experts)
-            policy.act(asked)
+            batch = queries(size, experts)
+            policy.act(batch)
             start, chunks = time.perf_counter(), 0
             while (passed := time.perf_counter() - start) < SECONDS:
-                chunks += len(policy.act(asked))
-            found.append({"experts": min(experts, size), "batch": size, "chunks_per_s": chunks / passed})
-    alone = found[0]["chunks_per_s"]
+                chunks += len(policy.act(batch))
+            rows.append({"experts": min(experts, size), "batch": size, "chunks_per_s": chunks / passed})
+    unbatched = rows[0]["chunks_per_s"]
     table(
-        ("experts in the batch", "batch", "chunks/s", "to one by one"),
-        [(experts, batch, f"{rate:.1f}", f"{rate / alone:.2f}x") for experts, batch, rate in map(dict.values, found)],
+        ("experts in the batch", "batch", "chunks/s", "relative to one by one"),
+        [
+            (experts, batch, f"{rate:.1f}", f"{rate / unbatched:.2f}x")
+            for experts, batch, rate in map(dict.values, rows)
+        ],
     )
-    return found
+    return rows

@@ -1,6 +1,7 @@
 """Held-out L1 of the shipped experts under many ways of merging. Needs demonstrations, see `scripts/zoo.sh`.
 
-Not a speed: what merging loses, before any episode is played. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks merges`
+This measures not speed but the loss by merging, before any episode is played.
+`DEMONSTRATIONS=FOLDER python -m tests.benchmarks merges`
 """
 
 import os
@@ -9,7 +10,7 @@ from pathlib import Path
 from tests.benchmarks.shared import table
 
 LAMBDAS = (0.2, 0.35, 0.5, 0.7)
-"""Tried for each task where there are task masks."""
+"""Values that are tried for each task if there are task masks."""
 WAYS = {
     "naive mean, everything merged": {"operator": "mean", "masks": "none", "kept_blocks": 0, "merge_output": True},
     "mean, no masks, k = 1": {"operator": "mean", "masks": "none"},
@@ -44,7 +45,7 @@ WAYS = {
 
 
 def measure() -> list[dict[str, object]]:
-    """Merge the zoo's experts in each way, lambda chosen task by task, and score each task's held-out episodes."""
+    """Merge the zoo's experts in each way, choose lambda per task, and score each task's held-out episodes."""
     import torch
 
     from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint

@@ -19,7 +19,7 @@ start = time.perf_counter()
 write_report(Path(sys.argv[1]))
 print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """
-"""Seconds and MiB, of a process of its own."""
+"""Prints the seconds and MiB of a report in its own process."""
 
 
 def measure() -> list[dict[str, object]]:

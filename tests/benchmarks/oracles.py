@@ -1,4 +1,4 @@
-"""What the oracles reach on seeds 0 to 99 of every task, and how many steps they need."""
+"""Successes of the oracles on seeds 0 to 99 of every task, and the number of steps that they need."""
 
 import os
 
@@ -21,13 +21,13 @@ def measure() -> list[dict[str, object]]:
     for name in shown:
         os.environ.update(worker_environment(catalog.find(name)))
     runner = EpisodeRunner({"oracle": PolicySource("oracle")})
-    found = []
+    rows = []
     for task, known in load_registry().tasks.items():
         if task.partition("/")[0] not in shown:
             continue
         results = list(runner.play(Lease(Cell("oracle", "oracle", task, Protocol(known.horizon)), SEEDS)))
         steps = [result.steps for result in results if result.status == Status.SUCCESS]
-        found.append(
+        rows.append(
             {
                 "task": task,
                 "horizon": known.horizon,
@@ -42,7 +42,7 @@ def measure() -> list[dict[str, object]]:
         ("task", "horizon", "successes", "mean steps", "most steps"),
         [
             (f["task"], f["horizon"], f"{f['successes']}/{f['episodes']}", f"{f['mean_steps']:.1f}", f["most_steps"])
-            for f in found
+            for f in rows
         ],
     )
-    return found
+    return rows

@@ -1,14 +1,14 @@
-"""What each perturbation costs: time of a perturbed episode over that of the clean one of its seed, turn by turn.
+"""The cost of each perturbation: duration of a perturbed episode divided by that of its clean one, alternating.
 
-A seed's first episode under an axis may draw looks to be measured against; they are kept for its later episodes, which
-a suite with several severities or policies mostly plays. Both are timed."""
+A seed's first episode under an axis may render reference images. They are cached for its later episodes, which are most
+of those in a suite with several severities or policies. Both are timed."""
 
 from __future__ import annotations
 
 import statistics
 
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.orchestrator.runs.plan import why_unadjusted
 from robogauntlet.policies import catalog as policies
 from robogauntlet.suites.axes import AXES
@@ -17,13 +17,13 @@ from tests.benchmarks.shared import TASKS, open_task, table
 
 SEEDS = 5
 STEPS, REPLAN = 40, 4
-"""An episode of the length and with the looks of a learned policy's."""
+"""Length and observations of a typical episode of a learned policy."""
 SEVERITY = 4
 VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 
 
 def measure() -> list[dict[str, object]]:
-    """The median over seeds of the ratios, axis by axis."""
+    """The median ratio over seeds, for each axis."""
     rows: list[dict[str, object]] = []
     axes = [axis for axis in AXES.values() if axis.name not in CONTROLS]
     for task in TASKS:

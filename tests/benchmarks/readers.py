@@ -1,9 +1,8 @@
-"""A run while fifty people watch it, against the same run unwatched: does watching slow it down?"""
+"""Duration of a run while fifty people watch it in the dashboard, compared with the same run unwatched."""
 
 import os
 import random
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -12,9 +11,7 @@ from pathlib import Path
 
 import psutil
 
-from robogauntlet.results.run_document import read_run
-from robogauntlet.results.store.episode_store import Store
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import COMMAND, duration_s, stored_rows, table
 
 SUITE = """
 name: watched
@@ -26,11 +23,10 @@ render_profile: fast
 """
 READERS, POLL_S, PAGES = 50, 2.0, ("/", "/runs", "/schedule", "/history?policy=random")
 PAIRS = 3
-MAIN = "from robogauntlet.orchestrator.cli import main; main()"
 
 
 def measure() -> list[dict[str, object]]:
-    """Pairs of runs, watched and not, in turn; the middle ratio."""
+    """Alternate watched and unwatched runs, and compare them in pairs."""
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -39,7 +35,7 @@ def measure() -> list[dict[str, object]]:
         _play(folder, environment, "warm-up")
         for pair in range(PAIRS):
             alone = _play(folder, environment, f"alone-{pair}")
-            command = [sys.executable, "-c", MAIN, "serve", "--port", "0"]
+            command = [*COMMAND, "serve", "--port", "0"]
             server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
             assert server.stdout is not None
             address = server.stdout.readline().split()[1].rstrip("/")
@@ -56,12 +52,12 @@ def measure() -> list[dict[str, object]]:
             over.set()
             for reader in readers:
                 reader.join()
-            took = (
+            share = (
                 (sum(serving.cpu_times()[:2]) - before) / (time.perf_counter() - began) / len(os.sched_getaffinity(0))
             )
             server.terminate()
             server.wait()
-            row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": took}
+            row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": share}
             rows.append({**row, "answers": answers[0], "errors": errors[0]})
     table(
         ("pair", "alone (s)", f"watched by {READERS} (s)", "ratio", "server, of all cores", "answers", "errors"),
@@ -77,17 +73,14 @@ def measure() -> list[dict[str, object]]:
 
 
 def _play(folder: Path, environment: dict[str, str], name: str) -> float:
-    """Seconds from the first episode's beginning to the last one's end."""
-    command = [sys.executable, "-c", MAIN, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
+    """Run the suite into the folder `name`; return the duration of its episodes (s)."""
+    command = [*COMMAND, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
     subprocess.run(command, check=True, capture_output=True, env=environment)
-    store = Store.open_file(folder / name / "episodes.sqlite", read_run(folder / name).run_id)
-    played = list(store.results())
-    store.close()
-    return max(row.started_at + row.wall_s for row in played) - min(row.started_at for row in played)
+    return duration_s(stored_rows(folder / name))
 
 
 def _read(address: str, number: int, over: threading.Event, answers: list[int], errors: list[int]) -> None:
-    """A person with the overview open, who looks at another page every ten polls."""
+    """Simulate a person with the overview open, who opens another page every ten polls."""
     generator = random.Random(number)
     time.sleep(generator.uniform(0, POLL_S))
     turn = 0

@@ -1,13 +1,12 @@
-"""What a query costs beyond inference when the policy is in another process: two 224 px cameras over loopback.
+"""Overhead of a query to a policy in another process, with two 224 px cameras over loopback.
 
-The policy answers at once. Its server is the command that people start; the client is the one that workers use."""
+The policy answers immediately. The server is that of the command line, the client that of the workers."""
 
 from __future__ import annotations
 
 import os
 import re
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +19,7 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode, Protocol, View
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import COMMAND, table
 
 SIZE = 224
 QUERIES, WARM = 1000, 50
@@ -35,7 +34,7 @@ def act(images, proprioception, instruction):
 
 
 def measure() -> list[dict[str, object]]:
-    """Median and 95th percentile of a query, in the process and through a server, as it is and by a card."""
+    """Median and 95th percentile of a query: in the process, and through a server with and without options."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "answers_at_once.py").write_text(POLICY)
@@ -43,10 +42,10 @@ def measure() -> list[dict[str, object]]:
         rows = [_row("in the process", "python", options)]
         with _server(folder) as address:
             rows.append(_row("served", "openpi", {"address": address}))
-            rows.append(_row("served, by a card", "openpi", {"address": address, "execute": 8}))
-    here = float(str(rows[0]["median_ms"]))
+            rows.append(_row("served, with options", "openpi", {"address": address, "execute": 8}))
+    local = float(str(rows[0]["median_ms"]))
     for row in rows:
-        row["over_ms"] = float(str(row["median_ms"])) - here
+        row["over_ms"] = float(str(row["median_ms"])) - local
     load = os.getloadavg()[0]
     print(f"{QUERIES} queries each; load of the machine {load:.1f} on {os.cpu_count()} cores")
     table(
@@ -82,9 +81,8 @@ def _times(ask: Callable[[int], object]) -> list[float]:
 
 @contextmanager
 def _server(folder: Path) -> Iterator[str]:
-    code = "from robogauntlet.orchestrator.cli import main; main()"
     arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
-    process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         found = re.search(r"ws://\S+?:\d+", process.stdout.readline())

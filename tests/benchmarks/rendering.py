@@ -1,4 +1,4 @@
-"""Rendering when the policy looks, against rendering after every step: the same policy, episodes and actions."""
+"""Rendering on demand compared with rendering after every step: the same policy, episodes and actions."""
 
 import time
 
@@ -11,8 +11,8 @@ EPISODES = 5
 
 
 def measure() -> list[dict[str, object]]:
-    """Episodes per hour on demand and eager, in turn, for the `untrained` policy with chunks of 8 and two cameras."""
-    found = []
+    """Episodes per hour, on demand and eager in turn, of the `untrained` policy with chunks of 8 and two cameras."""
+    rows = []
     for task in TASKS:
         view = View()
         simulation, policy = open_task(task, view), load("untrained", {})
@@ -28,7 +28,7 @@ def measure() -> list[dict[str, object]]:
                 outcomes.add((result.actions_hash, result.final_state_hash, result.status, result.steps))
             same &= len(outcomes) == 1
         simulation.close()
-        found.append(
+        rows.append(
             {
                 "task": task,
                 "on_demand_per_hour": 3600 * EPISODES / seconds[False],
@@ -47,7 +47,7 @@ def measure() -> list[dict[str, object]]:
                 f"{f['ratio']:.2f}",
                 f["identical"],
             )
-            for f in found
+            for f in rows
         ],
     )
-    return found
+    return rows

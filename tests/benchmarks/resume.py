@@ -1,14 +1,13 @@
-"""Seconds from the command to the first new episode of a run that is continued with almost 1,000,000 rows there."""
+"""Time until the first new episode of a continued run that has almost 1,000,000 rows."""
 
 import signal
 import sqlite3
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import COMMAND, table
 
 PLANNED, MISSING = 1_000_000, 100
 SUITE = f"""
@@ -18,34 +17,35 @@ tasks: [null/Reach]
 seeds: {{count: {PLANNED // 2}}}
 horizon: 20
 """
-RUN = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run"]
-PATIENCE_S = 300.0
+TIME_LIMIT_S = 300.0
 
 
 def measure() -> list[dict[str, object]]:
-    """Begin a run, fill its store but for a few episodes, continue, and end it once a new row is there."""
+    """Begin a run, fill its store except for a few episodes, and continue it until it has a new row."""
     with tempfile.TemporaryDirectory() as name:
         suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
         suite.write_text(SUITE, encoding="utf-8")
-        begun = _until_a_row(suite, folder)
+        begun = _first_episode_s(suite, folder)
         _fill(suite, folder)
-        continued = _until_a_row(suite, folder)
+        continued = _first_episode_s(suite, folder)
     table(
-        ("rows there", "a new run's first episode", "the continued run's first new episode"),
+        ("existing rows", "a new run's first episode", "the continued run's first new episode"),
         [(f"{PLANNED - MISSING:,}", f"{begun:.1f} s", f"{continued:.1f} s")],
     )
     return [{"rows": PLANNED - MISSING, "new_run_s": begun, "continued_s": continued}]
 
 
-def _until_a_row(suite: Path, folder: Path) -> float:
-    """Seconds from the start of `robogauntlet run` to that of its first episode; then it is interrupted."""
+def _first_episode_s(suite: Path, folder: Path) -> float:
+    """Time from the start of `robogauntlet run` to that of its first episode (s); then the run is interrupted."""
     start = time.time()
     process = subprocess.Popen(
-        [*RUN, str(suite), "--out", str(folder), "--no-media"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     try:
         while not (began := _starts(folder, since=start)):
-            if time.time() - start > PATIENCE_S or process.poll() is not None:
+            if time.time() - start > TIME_LIMIT_S or process.poll() is not None:
                 raise RuntimeError("the run did not begin")
             time.sleep(0.5)
     finally:
@@ -55,7 +55,7 @@ def _until_a_row(suite: Path, folder: Path) -> float:
 
 
 def _starts(folder: Path, since: float) -> list[float]:
-    """When the episodes of this session started."""
+    """Start times of the episodes of this session."""
     try:
         connection = sqlite3.connect(f"file:{folder / 'episodes.sqlite'}?mode=ro", uri=True)
     except sqlite3.OperationalError:
@@ -64,7 +64,7 @@ def _starts(folder: Path, since: float) -> list[float]:
         newest = "SELECT started_at FROM episodes ORDER BY rowid DESC LIMIT 1000"
         return [moment for (moment,) in connection.execute(newest) if moment >= since]
     except sqlite3.OperationalError:
-        return []  # it is being made
+        return []  # it is being created
     finally:
         connection.close()
 

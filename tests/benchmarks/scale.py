@@ -1,8 +1,7 @@
 """The real scheduler over simulated workers: up to a million episodes, a thousand workers, durations over two decades.
 
-Nothing is played; a row is made for each episode, and a real store keeps it. Time runs as real time does while the
-scheduler computes and jumps while it waits, and each message is charged what hearing one costs on a real Ray, measured
-first.
+No episode is played: a row is made for each and stored in a real store. The clock runs in real time while the scheduler
+computes and jumps while it waits. Each message costs the time that is measured on a real Ray first.
 """
 
 import json
@@ -19,30 +18,38 @@ SIZES = ((10_000, 1_000), (100_000, 10), (100_000, 100), (100_000, 1_000), (1_00
 CELLS = 400
 SHORTEST_S, LONGEST_S = 0.1, 10.0
 PENDING = 1_000
-WORDS = 300
+EVENTS = 300
 
 CODE = """
 import json, resource, sys
 from tests.benchmarks.scale import simulate
-found = simulate(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
-found["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-print("found:" + json.dumps(found))
+result = simulate(int(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))
+result["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+print("result:" + json.dumps(result))
 """
 
 
 def measure() -> list[dict[str, object]]:
-    """Simulate each size in a process of its own."""
-    event_s, wait_s = hearing_costs()
-    print(f"on a real Ray: {1e6 * event_s:.0f} us to hand out a lease and handle its event,")
-    print(f"{1e3 * wait_s:.1f} ms to look who of {PENDING} has something to say")
+    """Simulate each size in its own process."""
+    event_s, wait_s = ray_costs()
+    print(f"on a real Ray: {1e6 * event_s:.0f} us to send a lease and handle its event,")
+    print(f"{1e3 * wait_s:.1f} ms to find which of {PENDING} workers have an event")
     rows: list[dict[str, object]] = []
     for episodes, workers in SIZES:
         command = [sys.executable, "-c", CODE, str(episodes), str(workers), str(event_s), str(wait_s / PENDING)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
-        line = next(line for line in done.stdout.splitlines() if line.startswith("found:"))
-        rows.append({"event_s": event_s, "wait_s": wait_s, **json.loads(line.removeprefix("found:"))})
+        line = next(line for line in done.stdout.splitlines() if line.startswith("result:"))
+        rows.append({"event_s": event_s, "wait_s": wait_s, **json.loads(line.removeprefix("result:"))})
     table(
-        ("episodes", "workers", "simulated time", "idle", "scheduler's episodes/s", "its share of the time", "peak MB"),
+        (
+            "episodes",
+            "workers",
+            "simulated time",
+            "idle",
+            "scheduler's episodes/s",
+            "scheduler's share of the time",
+            "peak MB",
+        ),
         [
             (
                 f"{row['episodes']:,}",
@@ -60,7 +67,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict[str, float]:
-    """Play so many episodes of `CELLS` cells on so many simulated workers, into a store."""
+    """Play episodes of `CELLS` cells with simulated workers, and store the rows."""
     import numpy as np
 
     from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
@@ -86,13 +93,13 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
         for task in tasks
     ]
     options = SchedulerOptions(lambda: workers, episode_time_limit_s=120.0, allowed_errors=0)
-    told = RecordingObserver()
-    told.on_results = lambda rows: None  # type: ignore[method-assign]
+    observer = RecordingObserver()
+    observer.on_results = lambda rows: None  # type: ignore[method-assign]
     with tempfile.TemporaryDirectory() as folder:
         store = Store.open_file(Path(folder) / "episodes.sqlite", "scale")
         clock = Clock()
         pool = SimulatedWorkerPool(seconds, clock, event_s=event_s, wait_s=wait_s)
-        Scheduler(work_queues(work, 3), pool, options, store.add, told, now=clock).run()
+        Scheduler(work_queues(work, 3), pool, options, store.add, observer, now=clock).run()
         makespan, computed = clock(), clock.computed + pool.charged_s
         stored = sum(store.status_counts().values())
         store.close()
@@ -104,12 +111,12 @@ def simulate(episodes: int, workers: int, event_s: float, wait_s: float) -> dict
         "idle": 1.0 - pool.busy_s / (makespan * workers),
         "per_second": episodes / computed,
         "computing": computed / makespan,
-        "words": pool.event_count,
+        "events": pool.event_count,
     }
 
 
-def hearing_costs() -> tuple[float, float]:
-    """Seconds for handing out a lease and hearing its word, and for a wait when `PENDING` have nothing to say."""
+def ray_costs() -> tuple[float, float]:
+    """Time to send a lease and handle its event, and to wait for `PENDING` workers without events (s)."""
     import ray
 
     from robogauntlet.orchestrator.episodes.lease import Lease
@@ -126,7 +133,7 @@ def hearing_costs() -> tuple[float, float]:
             pool.wait(60.0)
             worker.next_event()
         spent = 0.0
-        for seed in range(WORDS):
+        for seed in range(EVENTS):
             start = time.perf_counter()
             worker.play(Lease(cell, (seed,)))
             spent += time.perf_counter() - start
@@ -148,4 +155,4 @@ def hearing_costs() -> tuple[float, float]:
         waited = (time.perf_counter() - start) / 20
         for reference in pending:
             ray.cancel(reference)
-    return spent / WORDS, waited
+    return spent / EVENTS, waited

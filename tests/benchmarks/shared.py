@@ -1,19 +1,28 @@
-"""What the benchmarks share."""
+"""Helpers of the benchmarks."""
 
 import os
-from collections.abc import Iterator
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulation
 from robogauntlet.orchestrator.environments.resolver import worker_environment
+from robogauntlet.results.record import EpisodeResult
+from robogauntlet.results.run_document import read_run
+from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Cell, Episode, Protocol, View
 
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
+COMMAND = (sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()")
+"""The `robogauntlet` command."""
 
 
 def open_task(task: str, view: View) -> Simulation:
-    """A task as a worker opens it. The environment is that of all simulators: several are opened in one process."""
+    """Open a task like a worker, with the environment variables of all simulators, as several share the process."""
     for simulator in catalog.simulators().values():
         os.environ.update(worker_environment(simulator))
     return catalog.open_simulation(task, view)
@@ -23,6 +32,29 @@ def episodes(task: str, policy: str, view: View, count: int, *, horizon: int = 4
     """Episodes of equal length for a policy that never succeeds."""
     cell = Cell(policy, policy, task, Protocol(horizon, 8, view))
     return map(cell.episode, range(count))
+
+
+def play_suite(text: str) -> list[EpisodeResult]:
+    """Run a suite by the command line, without media, and return its rows."""
+    with tempfile.TemporaryDirectory() as name:
+        suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
+        suite.write_text(text, encoding="utf-8")
+        command = [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"]
+        subprocess.run(command, check=True, capture_output=True)
+        return stored_rows(folder)
+
+
+def stored_rows(folder: Path) -> list[EpisodeResult]:
+    """All rows of a run folder."""
+    store = Store.open_file(folder / "episodes.sqlite", read_run(folder).run_id)
+    rows = list(store.results())
+    store.close()
+    return rows
+
+
+def duration_s(rows: Sequence[EpisodeResult]) -> float:
+    """Time from the start of the first episode to the end of the last one (s)."""
+    return max(row.started_at + row.wall_s for row in rows) - min(row.started_at for row in rows)
 
 
 def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:

@@ -1,6 +1,6 @@
-"""Whether our router still finds the task when the world changes: first observations under each axis, nothing played.
+"""Accuracy of the shipped router on first observations under each axis; no episode is played.
 
-Not a speed. Fitted to demonstrations in four ways, the shipped one last; see `scripts/zoo.sh` for the folder.
+The router is fitted to demonstrations in four ways, the shipped one last; see `scripts/zoo.sh` for the folder.
 `DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from robogauntlet.policies.mergevla.routing.features import FeatureSpec
 
 SEEDS = range(2_000_000, 2_000_012)
-"""Neither training's (from 1,000,000) nor those of the reports (from 0)."""
+"""Seeds that neither training (from 1,000,000) nor the reports (from 0) use."""
 LEVELS = dict.fromkeys(
     (
         "camera-orbit",
@@ -46,13 +46,13 @@ LEVELS = dict.fromkeys(
     ),
     (2, 4),
 ) | {"instruction": (1, 2, 3, 4, 5)}
-"""Severities of the axes that change what is seen or said first."""
-AS_THEY_COME, VARIED = "as they come", "varied"
+"""Severities of the axes that change the first observation."""
+UNCHANGED, AUGMENTED = "unchanged", "augmented"
 AUROC = "AUROC of unknown tasks, clean"
 
 
 def measure() -> list[dict[str, object]]:
-    """Accuracy by axis, pooled over tasks and severities, and what is unknown, for each way of reading and fitting."""
+    """Accuracy by axis, pooled over tasks and severities, and AUROC of unknown tasks, for each layer and fit."""
     import torch
 
     from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
@@ -67,12 +67,12 @@ def measure() -> list[dict[str, object]]:
     view = View(model.architecture.cameras, model.architecture.image_size, RenderProfile.FAST)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
     first = first_observations(datasets_of([folder], model.experts), view.cameras)
-    seen = dict(_looks(model.experts, view))
+    seen = dict(_first_observations(model.experts, view))
     rows = []
     for sees in (True, False):
         ways = {
-            f"{frames}, {layer}": _judged(model, first, seen, feature_spec, augments=frames == VARIED)
-            for frames in (AS_THEY_COME, VARIED)
+            f"{frames}, {layer}": _evaluated(model, first, seen, feature_spec, augments=frames == AUGMENTED)
+            for frames in (UNCHANGED, AUGMENTED)
             for layer, feature_spec in (
                 ("last", FeatureSpec(sees)),
                 ("middle", feature_spec_of(model.architecture, sees_instruction=sees)),
@@ -86,8 +86,8 @@ def measure() -> list[dict[str, object]]:
     return rows
 
 
-def _looks(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], list[FirstObservation]]]:
-    """First observations of each task along each axis; what a task cannot have is left out."""
+def _first_observations(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], list[FirstObservation]]]:
+    """First observations of each task under each axis that it supports."""
     from robogauntlet.policies.mergevla.routing.observation_cache import ObservationCache
 
     for task in tasks:
@@ -96,17 +96,17 @@ def _looks(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], 
             found: list[FirstObservation] = []
             for severity in severities:
                 for seed in SEEDS:
-                    look = Snapshot(task, Condition(axis, severity), seed, view)
+                    snapshot = Snapshot(task, Condition(axis, severity), seed, view)
                     with contextlib.suppress(AdapterError):
-                        observation = first_observation(simulation, look)
+                        observation = first_observation(simulation, snapshot)
                         found += ObservationCache.of(task, view, [seed], [observation]).observations([seed])
             if found:
                 yield (task, axis), found
         simulation.close()
-        print(f"{task}: seen", flush=True)
+        print(f"{task}: observed", flush=True)
 
 
-def _judged(
+def _evaluated(
     model: MergedModel,
     first: RouterTrainingSet,
     seen: Mapping[tuple[str, str], Sequence[FirstObservation]],
@@ -114,7 +114,7 @@ def _judged(
     *,
     augments: bool,
 ) -> dict[str, float]:
-    """Axis to accuracy, their mean, and the mean AUROC of clean looks at each task when it is left out of the fit."""
+    """Axis to accuracy, their mean, and the mean AUROC of clean observations of each task left out of the fit."""
     from robogauntlet.orchestrator.routing_evaluation.evaluation import detection_of
     from robogauntlet.policies.mergevla.routing.catalog import FITTED, fitting_features
     from robogauntlet.policies.mergevla.routing.evaluation import leave_one_out

@@ -1,4 +1,4 @@
-"""Episodes per second through the scheduler and Ray, and the driver's memory, with 100,000 episodes of no physics."""
+"""Episodes per second through the scheduler and Ray, and the driver's memory, with 100,000 empty episodes."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import stored_rows, table
 
 SUITE = """
 name: throughput
@@ -43,7 +43,7 @@ finally:
 
 
 def measure() -> list[dict[str, object]]:
-    """Plan, run, store and report 100,000 episodes as a user does."""
+    """Plan, play, store and report 100,000 episodes through the command line."""
     with tempfile.TemporaryDirectory() as folder:
         suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
         suite.write_text(SUITE, encoding="utf-8")
@@ -51,27 +51,21 @@ def measure() -> list[dict[str, object]]:
         command = [sys.executable, "-c", CODE, "run", str(suite), "--out", str(run), "--no-media"]
         done = subprocess.run(command, check=True, capture_output=True, text=True, env={**os.environ, "COLUMNS": "200"})
         whole = time.perf_counter() - start
-        from robogauntlet.results.run_document import read_run
-        from robogauntlet.results.store.episode_store import Store
-
-        document = read_run(run)
-        store = Store.open_file(run / "episodes.sqlite", document.run_id)
-        times = [row.started_at for row in store.results()]
-        store.close()
+        times = [row.started_at for row in stored_rows(run)]
     playing = max(times) - min(times)
     words = (line.split() for line in done.stdout.splitlines())
-    told = {line[0]: line[1:] for line in words if line and line[0] in ("planned:", "played:", "reported:")}
-    own_s = float(told["played:"][1]) - float(told["planned:"][1])
-    found: dict[str, object] = {
+    printed = {line[0]: line[1:] for line in words if line and line[0] in ("planned:", "played:", "reported:")}
+    computed_s = float(printed["played:"][1]) - float(printed["planned:"][1])
+    result: dict[str, object] = {
         "episodes": len(times),
         "per_second": len(times) / playing,
-        "driver_s": own_s,
+        "driver_s": computed_s,
         "whole_s": whole,
-        "driver_peak_mb": int(told["played:"][0]),
-        "driver_peak_with_report_mb": int(told["reported:"][0]),
+        "driver_peak_mb": int(printed["played:"][0]),
+        "driver_peak_with_report_mb": int(printed["reported:"][0]),
     }
-    header = ("episodes", "episodes/s while playing", "per second of the driver's own time")
+    header = ("episodes", "episodes/s while playing", "per second of the driver's CPU time")
     header += ("whole run with report, s", "driver's peak, MB", "with report, MB")
-    figures = (len(times), f"{len(times) / playing:.0f}", f"{len(times) / own_s:.0f}", f"{whole:.0f}")
-    table(header, [(*figures, found["driver_peak_mb"], found["driver_peak_with_report_mb"])])
-    return [found]
+    figures = (len(times), f"{len(times) / playing:.0f}", f"{len(times) / computed_s:.0f}", f"{whole:.0f}")
+    table(header, [(*figures, result["driver_peak_mb"], result["driver_peak_with_report_mb"])])
+    return [result]

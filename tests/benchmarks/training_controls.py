@@ -1,6 +1,6 @@
-"""Success by kind of block, way of merging and training seed. Needs what `scripts/training_controls.sh` played.
+"""Success by kind of block, way of merging and training seed. Needs the runs of `scripts/training_controls.sh`.
 
-Not a speed. `TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls`
+`TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls`
 """
 
 import os
@@ -16,13 +16,13 @@ from robogauntlet.results.api import open_run
 from tests.benchmarks.shared import table
 
 REFERENCE = "cross-sigmoid"
-"""MergeVLA's own block; differences are to it."""
+"""MergeVLA's own block, which the others are compared with."""
 EXPERTS, JOINT = "experts", "joint"
 WAYS = (EXPERTS, "signs", "ta-s", "paper")
 
 
 def measure() -> list[dict[str, object]]:
-    """Mean success of the tasks for each training, and what its parts make of it."""
+    """Mean success over tasks for each training, and differences between blocks and ways of merging."""
     folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls"))
     rows = pd.concat([open_run(run).episodes() for run in sorted(folder.glob("run-*"))])
     rows["success"] = rows.status == "success"
@@ -30,7 +30,7 @@ def measure() -> list[dict[str, object]]:
     trained = rows.groupby(["name", "training", "task"]).success.agg(["mean", "count"]).reset_index()
     by_training = trained.groupby(["name", "training"])["mean"].mean().unstack()
     chance = _chance(trained)
-    print("success, mean of the tasks, by training seed; deviation between seeds, and what episodes alone would give")
+    print("success, mean of the tasks, by training seed; deviation between seeds, and the part due to drawing episodes")
     table(
         ("network", *by_training.columns, "mean", "deviation", "of episodes"),
         [
@@ -62,7 +62,7 @@ def measure() -> list[dict[str, object]]:
 
 
 def _chance(trained: pd.DataFrame) -> pd.Series:
-    """Deviation of a training's mean over tasks that drawing episodes alone would give, by network."""
+    """Deviation of a training's mean over tasks that is due to drawing episodes, by network."""
     variance = (trained["mean"] * (1 - trained["mean"]) / trained["count"]).groupby(
         [trained["name"], trained["training"]]
     )

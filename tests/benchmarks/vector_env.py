@@ -1,4 +1,4 @@
-"""The same episodes by the same policy through two workers and through a gymnasium vector environment of two processes.
+"""The same episodes of the same policy with two workers and with a gymnasium vector environment of two processes.
 
 The vector environment is used as evaluation loops commonly do (LeRobot's, for one): every step returns the images, the
 policy answers for the whole batch, and a batch is stepped until the last of its episodes has ended.
@@ -6,12 +6,8 @@ policy answers for the whole batch, and a batch is stepped until the last of its
 
 import json
 import os
-import subprocess
-import sys
-import tempfile
 import time
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -24,10 +20,8 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
-from robogauntlet.results.run_document import read_run
-from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
-from tests.benchmarks.shared import episodes, open_task, table
+from tests.benchmarks.shared import duration_s, episodes, open_task, play_suite, table
 
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
 PAIRS = (
@@ -36,7 +30,7 @@ PAIRS = (
     ("pybullet/PandaPickAndPlace-v3", EXPERTS),
     ("robosuite/Stack", EXPERTS),
 )
-"""The untrained network executes 8 actions before it looks again and never succeeds; experts what their card says."""
+"""The untrained network executes 8 actions per query and never succeeds; experts as many as their metadata say."""
 OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
 PROCESSES, EPISODES = 2, 24
 VIEW = View(render_profile=RenderProfile.FAST)
@@ -67,26 +61,26 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
         assert seed is not None
         self._simulation.reset(seed)
         self._steps = self._held = 0
-        return self._seen(), {}
+        return self._observation(), {}
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Step and look."""
+        """Step and observe."""
         outcome = self._simulation.step(action)
         self._steps += 1
         self._held = self._held + 1 if outcome.success else 0
-        return self._seen(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
+        return self._observation(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
 
     def close(self) -> None:
         """End the simulation."""
         self._simulation.close()
 
-    def _seen(self) -> dict[str, Any]:
+    def _observation(self) -> dict[str, Any]:
         observation = self._simulation.observe()
         return {"state": observation.proprioception, **observation.images}
 
 
 def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
-    """Seconds for all episodes in batches, after start-up, which succeeded, and the length of a chunk."""
+    """Duration of all episodes in batches without start-up (s), their successes, and the length of a chunk."""
     make = partial(ToGymnasium, task)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
     policy, succeeded = load(kind, OPTIONS[kind]), list[bool]()
@@ -94,16 +88,18 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
     low, high = batch.single_action_space.low, batch.single_action_space.high  # type: ignore[attr-defined]
     everything = list(episodes(task, kind, VIEW, EPISODES))
 
-    def look(seen: Any, own: Any, step: int) -> Any:
+    def query(seen: Any, own: Any, step: int) -> Any:
         shown = ({camera: seen[camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
-        looks = [Observation(images, seen["state"][i], instruction) for i, images in enumerate(shown)]
-        queries = [Query(episode, step, observation=one) for episode, one in zip(own, looks, strict=True)]
+        observations = [Observation(images, seen["state"][i], instruction) for i, images in enumerate(shown)]
+        queries = [
+            Query(episode, step, observation=observation)
+            for episode, observation in zip(own, observations, strict=True)
+        ]
         return np.stack([decision.actions for decision in policy.act(queries)])
 
     seen, _ = batch.reset(seed=list(range(PROCESSES)))
-    chunk = look(seen, everything[:PROCESSES], 0).shape[
-        1
-    ]  # the expert is loaded before the clock starts; in our workers it is not
+    # This loads the expert before the clock starts; our workers load it within the measured time.
+    chunk = query(seen, everything[:PROCESSES], 0).shape[1]
     start = time.perf_counter()
     for first in range(0, EPISODES, PROCESSES):
         own = everything[first : first + PROCESSES]
@@ -113,7 +109,7 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
         chunks: Any = None
         while not over.all():
             if step % chunk == 0:
-                chunks = look(seen, own, step)
+                chunks = query(seen, own, step)
             seen, _, terminated, truncated, _ = batch.step(np.clip(chunks[:, step % chunk], low, high))
             won |= terminated & ~over
             over |= terminated | truncated
@@ -126,29 +122,20 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
 
 
 def ours(task: str, kind: str) -> tuple[float, list[bool]]:
-    """Seconds from the first episode's start to the last one's end in a user's run, and which succeeded."""
-    with tempfile.TemporaryDirectory() as folder:
-        suite, run = Path(folder) / "suite.yaml", Path(folder) / "run"
-        text = SUITE.format(
-            task=task, policy=kind, options=json.dumps(OPTIONS[kind]), episodes=EPISODES, processes=PROCESSES
-        )
-        suite.write_text(text, encoding="utf-8")
-        command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run", str(suite)]
-        subprocess.run([*command, "--out", str(run), "--no-media"], check=True, capture_output=True)
-        store = Store.open_file(run / "episodes.sqlite", read_run(run).run_id)
-        rows = sorted(store.results(), key=lambda row: row.seed)
-        store.close()
-    seconds = max(row.started_at + row.wall_s for row in rows) - min(row.started_at for row in rows)
-    return seconds, [row.status == "success" for row in rows]
+    """Time from the first episode's start to the last one's end in a run (s), and the successes."""
+    options = json.dumps(OPTIONS[kind])
+    text = SUITE.format(task=task, policy=kind, options=options, episodes=EPISODES, processes=PROCESSES)
+    rows = sorted(play_suite(text), key=lambda row: row.seed)
+    return duration_s(rows), [row.status == "success" for row in rows]
 
 
 def measure() -> list[dict[str, object]]:
-    """Episodes per hour of both on two processes each, one after the other."""
-    found = []
+    """Episodes per hour of both with two processes each, one after the other."""
+    rows = []
     for task, kind in PAIRS:
         os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
         (worker_s, won), (plain_s, plain_won, chunk) = ours(task, kind), plain(task, kind)
-        found.append(
+        rows.append(
             {
                 "task": task,
                 "policy": kind,
@@ -179,7 +166,7 @@ def measure() -> list[dict[str, object]]:
                 f"{f['ratio']:.2f}",
                 f"{f['same_outcomes']} of {EPISODES}",
             )
-            for f in found
+            for f in rows
         ],
     )
-    return found
+    return rows

@@ -1,1 +1,1 @@
-"""Runs of the command line under faults that are drawn at random: see `python -m tests.chaos --help`."""
+"""Runs of the command line under random faults, see `python -m tests.chaos --help`."""

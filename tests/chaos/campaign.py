@@ -1,4 +1,4 @@
-"""One run of a suite under faults drawn at random, begun again whenever it ends early, and what came of it."""
+"""One run of a suite under random faults, which is resumed whenever it ends early."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ import psutil
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunStatus, read_run, store_url
 from robogauntlet.results.store.episode_store import Store
-from tests.chaos.processes import MARK, end, left_after, of_kind
+from tests.chaos.processes import MARK, end, processes_by_kind, remaining_after
 
 START_S = 120.0
-"""Time for a run to come to its first episode, or to its end."""
+"""Time for a run to start its first episode, or to end (s)."""
 END_S = 300.0
-"""Time for a run to end when nothing is done to it any more."""
+"""Time for a run to end after the last fault (s)."""
 GONE_S = 60.0
-"""Time for all processes to be gone. A worker whose raylet is killed while it starts looks for it for 26 s (by hand,
-Ray 2.60) and ends then."""
-STARTS = 20
+"""Time for all processes to end (s). A worker whose raylet is killed while it starts searches for it for 26 s (measured
+with Ray 2.60) before it ends."""
+MAX_STARTS = 20
 LOCK_S = 3.0
 
 
 @dataclass
 class Command:
-    """A `robogauntlet run` that is under way."""
+    """A running `robogauntlet run`."""
 
     process: subprocess.Popen[bytes]
     mark: str
@@ -43,26 +43,26 @@ class Command:
 
 
 def _kill(kind: str, with_signal: int) -> Callable[[Command, random.Random], bool]:
-    def act(command: Command, random_: random.Random) -> bool:
-        candidates = of_kind(command.mark)[kind]
+    def fault(command: Command, generator: random.Random) -> bool:
+        candidates = processes_by_kind(command.mark)[kind]
         if not candidates:
             return False
         with contextlib.suppress(psutil.NoSuchProcess):
-            random_.choice(candidates).send_signal(with_signal)
+            generator.choice(candidates).send_signal(with_signal)
         return True
 
-    return act
+    return fault
 
 
 def _signal(with_signal: int) -> Callable[[Command, random.Random], bool]:
-    def act(command: Command, random_: random.Random) -> bool:
+    def fault(command: Command, generator: random.Random) -> bool:
         command.process.send_signal(with_signal)
         return True
 
-    return act
+    return fault
 
 
-def _lock_store(command: Command, random_: random.Random) -> bool:
+def _lock_store(command: Command, generator: random.Random) -> bool:
     """Hold the store's write lock for a while, as another program that writes to it would."""
     file = command.folder / "episodes.sqlite"
     if not file.exists():
@@ -80,28 +80,29 @@ FAULTS: dict[str, Callable[[Command, random.Random], bool]] = {
     "raylet killed": _kill("raylet", signal.SIGKILL),
     "Ray head killed": _kill("gcs_server", signal.SIGKILL),
     "scheduler killed": _signal(signal.SIGKILL),
-    "scheduler told to end": _signal(signal.SIGTERM),
+    "scheduler terminated": _signal(signal.SIGTERM),
     "interrupted": _signal(signal.SIGINT),
     "store locked": _lock_store,
 }
+"""Name to a function that causes the fault and returns whether it could."""
 
 
 @dataclass(frozen=True)
-class Survived:
-    """What came of a run under faults."""
+class CampaignResult:
+    """The result of a run under faults."""
 
     faults: Sequence[str]
-    """What was done to it, in order."""
+    """The faults that occurred, in order."""
     starts: int
-    """Times that the command was given."""
+    """Number of times that the command was started."""
     seconds: float
     rows_hash: str | None
     problems: Sequence[str] = field(default_factory=list)
-    """What was lost, doubled, left behind or otherwise not as it should be: a line each."""
+    """A line for each violated expectation: lost or duplicate episodes, remaining processes, and so on."""
 
 
-def drawn_faults(seed: int, count: int) -> list[str]:
-    """Faults for a campaign: shuffled decks of all kinds, so that each comes up as often as any other."""
+def draw_faults(seed: int, count: int) -> list[str]:
+    """Draw faults for a campaign from shuffled decks of all kinds, so that each kind occurs equally often."""
     generator, faults = random.Random(seed), list[str]()
     while len(faults) < count:
         deck = sorted(FAULTS)
@@ -110,47 +111,46 @@ def drawn_faults(seed: int, count: int) -> list[str]:
     return faults[:count]
 
 
-def campaign(suite: Path, folder: Path, seed: int, *, faults: Sequence[str], gap_s: float) -> Survived:
-    """Run a suite, do these things to it in turn, and give the command again until the run is complete.
+def run_campaign(suite: Path, folder: Path, seed: int, *, faults: Sequence[str], gap_s: float) -> CampaignResult:
+    """Run a suite, cause these faults one after the other, and resume the run until it is complete.
 
     Args:
-        suite: The suite's file.
-        folder: The run's folder, new.
-        seed: Of the times between faults and of the choice among processes.
+        suite: The suite file.
+        folder: The run folder, which must not exist.
+        seed: Seed of the times between faults and of the choice among processes.
         faults: Names from `FAULTS`, in order.
-        gap_s: Mean time (s) between two faults, once episodes are played.
+        gap_s: Mean time between two faults, once episodes are played (s).
     """
-    began, drawn = time.monotonic(), random.Random(seed)
-    mark, left, done, starts = uuid.uuid4().hex, list(faults), [], 0
+    began, generator = time.monotonic(), random.Random(seed)
+    mark, left, done, starts = uuid.uuid4().hex, list(faults), list[str](), 0
     problems: list[str] = []
     try:
-        while starts < STARTS and not problems:
+        while starts < MAX_STARTS and not problems:
             starts += 1
             command = _start(suite, folder, mark)
             while left and command.process.poll() is None and _playing(command):
-                time.sleep(drawn.expovariate(1.0 / gap_s))
-                if command.process.poll() is None and FAULTS[left[0]](command, drawn):
+                time.sleep(generator.expovariate(1.0 / gap_s))
+                if command.process.poll() is None and FAULTS[left[0]](command, generator):
                     done.append(left.pop(0))
             try:
                 code = command.process.wait(END_S)
             except subprocess.TimeoutExpired:
                 problems.append(f"start {starts} hangs after: {', '.join(done)}")
                 break
-            if survivors := left_after(mark, GONE_S):
-                problems.append(f"left behind after start {starts}: {', '.join(survivors)}")
+            if remaining := remaining_after(mark, GONE_S):
+                problems.append(f"processes remain after start {starts}: {', '.join(remaining)}")
             if code == 0:
                 break
         else:
             problems.append(f"not complete after {starts} starts; see {_log(folder)}")
     finally:
         end(mark)
-    problems += [f"not done: {name}" for name in left]
+    problems += [f"this fault did not occur: {name}" for name in left]
     rows_hash = None
     if (folder / "run.json").exists():
-        document = read_run(folder)
-        rows_hash = document.rows_hash
+        rows_hash = read_run(folder).rows_hash
         problems += _check(folder)
-    return Survived(done, starts, time.monotonic() - began, rows_hash, problems)
+    return CampaignResult(done, starts, time.monotonic() - began, rows_hash, problems)
 
 
 def _check(folder: Path) -> list[str]:
@@ -180,10 +180,10 @@ def _start(suite: Path, folder: Path, mark: str) -> Command:
 
 
 def _playing(command: Command) -> bool:
-    """Wait until episodes are played; whether that came about."""
+    """Wait until episodes are played; False if the command ends before or takes too long."""
     deadline = time.monotonic() + START_S
     while time.monotonic() < deadline and command.process.poll() is None:
-        if of_kind(command.mark)["playing"]:
+        if processes_by_kind(command.mark)["playing"]:
             return True
         time.sleep(0.2)
     return False

@@ -1,4 +1,4 @@
-"""The processes that belong to a command and everything that it started, whoever their parents are by now."""
+"""The processes of a command and all that it started, also those that have other parents now."""
 
 from __future__ import annotations
 
@@ -9,35 +9,32 @@ from collections.abc import Iterator
 import psutil
 
 MARK = "ROBOGAUNTLET_CHAOS"
-"""Environment variable that a command hands down to whatever it starts."""
+"""Environment variable that all processes of a command inherit."""
 RAY_PARTS = ("raylet", "gcs_server")
 
 
 def marked(mark: str) -> list[psutil.Process]:
-    """Living processes with this mark, those that have ended but were not waited for left out."""
+    """Running processes with this mark, without zombies."""
     return [process for process in psutil.process_iter() if _is(process, mark)]
 
 
-def of_kind(mark: str) -> dict[str, list[psutil.Process]]:
-    """The processes with this mark that something can be done to: raylet, gcs_server, worker, and playing.
-
-    A worker is one that has been given a simulator; playing are those workers that hold a lease.
-    """
-    found: dict[str, list[psutil.Process]] = {name: [] for name in (*RAY_PARTS, "worker", "playing")}
+def processes_by_kind(mark: str) -> dict[str, list[psutil.Process]]:
+    """The processes with this mark by kind: raylet, gcs_server, worker, and playing (workers with a lease)."""
+    kinds: dict[str, list[psutil.Process]] = {name: [] for name in (*RAY_PARTS, "worker", "playing")}
     for process in marked(mark):
         with contextlib.suppress(psutil.Error):
             title = process.cmdline()[:1]
             if process.name() in RAY_PARTS:
-                found[process.name()].append(process)
+                kinds[process.name()].append(process)
             elif title and title[0].startswith("ray::Worker"):
-                found["worker"].append(process)
+                kinds["worker"].append(process)
                 if title[0] == "ray::Worker.play":
-                    found["playing"].append(process)
-    return found
+                    kinds["playing"].append(process)
+    return kinds
 
 
-def left_after(mark: str, seconds: float) -> list[str]:
-    """Names of processes with this mark that are still there after so long, none as soon as there are none."""
+def remaining_after(mark: str, seconds: float) -> list[str]:
+    """Names of processes with this mark that still run after this time (s); returns as soon as there are none."""
     deadline = time.monotonic() + seconds
     while (left := marked(mark)) and time.monotonic() < deadline:
         time.sleep(0.2)
@@ -45,7 +42,7 @@ def left_after(mark: str, seconds: float) -> list[str]:
 
 
 def end(mark: str) -> None:
-    """Kill whatever is left with this mark."""
+    """Kill all processes with this mark."""
     for process in marked(mark):
         with contextlib.suppress(psutil.Error):
             process.kill()

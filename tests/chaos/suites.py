@@ -1,4 +1,4 @@
-"""What is played under faults."""
+"""Suites that are run under faults."""
 
 NULL = """
 name: chaos
@@ -8,15 +8,15 @@ seeds: {count: 120}
 workers: 2
 episode_time_limit_s: 4
 """
-"""480 episodes, half of them of a tenth of a second."""
+"""480 episodes, half of which take a tenth of a second."""
 REAL = """
 name: chaos-real
 policies: [oracle, untrained]
 tasks: [maniskill/PushCube-v1, pybullet/PandaPickAndPlace-v3, robosuite/Lift]
-seeds: {count: 6}
+seeds: {count: 4}
 image_size: 64
 render_profile: fast
 horizon: 48
 workers: auto
 """
-"""Six seeds of two policies in each of the three simulators."""
+"""Four seeds of two policies in each of the three simulators."""

@@ -1,55 +1,57 @@
-"""Whatever is done to a run, giving the command again brings it to the same rows, and nothing is left behind."""
+"""After any fault, resuming a run gives the same rows and leaves no process behind."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.chaos.campaign import FAULTS, campaign, drawn_faults
+from tests.chaos.campaign import FAULTS, draw_faults, run_campaign
 from tests.chaos.suites import NULL, REAL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
-SEEDS = range(10)
-AT_ONCE = 3
+RUNS, FAULTS_PER_RUN = 4, 4
+"""Each of the eight kinds of faults occurs twice."""
+PARALLEL = 3
 
 
 @pytest.fixture(scope="module")
-def survived(tmp_path_factory):
-    """A run that is left alone and ten under three faults each, some at the same time: they mostly wait."""
+def results(tmp_path_factory):
+    """An undisturbed run, and runs under faults. Some run in parallel, because they mostly wait."""
     folder = tmp_path_factory.mktemp("chaos")
     suite = folder / "suite.yaml"
-    suite.write_text(NULL)
+    suite.write_text(NULL.replace("count: 120", "count: 80"))
+    faults = draw_faults(0, RUNS * FAULTS_PER_RUN)
 
-    def one(seed):
-        faults = () if seed is None else drawn_faults(seed, 3)
-        return campaign(suite, folder / f"run{seed}", seed or 0, faults=faults, gap_s=1.5)
+    def run(number):
+        its_faults = () if number is None else faults[number::RUNS]
+        return run_campaign(suite, folder / f"run{number}", number or 0, faults=its_faults, gap_s=1.5)
 
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        return dict(zip((None, *SEEDS), pool.map(one, (None, *SEEDS)), strict=True))
-
-
-def test_a_run_that_is_left_alone_ends_at_the_first_start(survived):
-    assert (survived[None].starts, survived[None].problems) == (1, [])
+    with ThreadPoolExecutor(PARALLEL) as pool:
+        numbers = (None, *range(RUNS))
+        return dict(zip(numbers, pool.map(run, numbers), strict=True))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_nothing_is_lost_doubled_or_left_behind(survived, seed):
-    assert survived[seed].problems == []
-    assert survived[seed].rows_hash == survived[None].rows_hash
+def test_an_undisturbed_run_needs_one_start(results):
+    assert (results[None].starts, results[None].problems) == (1, [])
 
 
-def test_every_kind_of_fault_came_up(survived):
-    assert {fault for one in survived.values() for fault in one.faults} == FAULTS.keys()
+@pytest.mark.parametrize("number", range(RUNS))
+def test_no_episode_is_lost_or_duplicate_and_no_process_remains(results, number):
+    assert results[number].problems == []
+    assert results[number].rows_hash == results[None].rows_hash
+
+
+def test_every_kind_of_fault_occurred(results):
+    assert {fault for result in results.values() for fault in result.faults} == FAULTS.keys()
 
 
 @pytest.mark.simulator
 def test_three_real_simulators_survive_the_death_of_worker_ray_and_scheduler(tmp_path):
-    suite = tmp_path / "suite.yaml"
+    suite, calm_suite = tmp_path / "suite.yaml", tmp_path / "calm.yaml"
     suite.write_text(REAL)
-    calm = tmp_path / "calm.yaml"
-    calm.write_text(REAL.replace("workers: auto", "workers: 1"))
+    calm_suite.write_text(REAL.replace("workers: auto", "workers: 1"))
     faults = ("worker killed", "raylet killed", "scheduler killed")
-    disturbed = campaign(suite, tmp_path / "disturbed", 0, faults=faults, gap_s=1.0)
-    alone = campaign(calm, tmp_path / "alone", 0, faults=(), gap_s=1.0)
-    assert (disturbed.problems, alone.problems) == ([], [])
+    disturbed = run_campaign(suite, tmp_path / "disturbed", 0, faults=faults, gap_s=1.0)
+    undisturbed = run_campaign(calm_suite, tmp_path / "undisturbed", 0, faults=(), gap_s=1.0)
+    assert (disturbed.problems, undisturbed.problems) == ([], [])
     assert disturbed.starts == 2
-    assert disturbed.rows_hash == alone.rows_hash
+    assert disturbed.rows_hash == undisturbed.rows_hash

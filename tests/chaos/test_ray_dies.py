@@ -1,4 +1,4 @@
-"""Ray's own death at other times than while a run is played."""
+"""The death of Ray itself at other times than while episodes of a run are played."""
 
 import os
 import signal
@@ -11,20 +11,18 @@ from collections.abc import Iterator
 import pytest
 
 from robogauntlet.results.run_document import RunStatus, read_run
-from tests.chaos.processes import MARK, end, left_after, of_kind
+from tests.chaos.processes import MARK, end, processes_by_kind, remaining_after
 from tests.chaos.suites import NULL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 
 WAIT_S = 600.0
 GONE_S = 60.0
-
-
 GAUNTLET = "from robogauntlet.orchestrator.cli import main; main()"
 
 
 class Command:
-    """A program, by default the `robogauntlet` command, that is under way, and what it says."""
+    """A running program, by default the `robogauntlet` command, and its log."""
 
     def __init__(self, log, *arguments, program=GAUNTLET):
         self.log, self.mark = log, uuid.uuid4().hex
@@ -40,17 +38,17 @@ class Command:
         """Kill the raylet as soon as the condition holds."""
         deadline = time.monotonic() + WAIT_S
         while time.monotonic() < deadline and self.process.poll() is None:
-            raylets = of_kind(self.mark)["raylet"]
+            raylets = processes_by_kind(self.mark)["raylet"]
             if raylets and condition():
                 raylets[0].send_signal(signal.SIGKILL)
                 return
             time.sleep(0.05)
-        raise AssertionError(f"it never came to it: {self.log.read_text()}")
+        raise AssertionError(f"the condition was never met: {self.log.read_text()}")
 
     def end(self):
-        """Wait for it; its exit code, and what it left behind."""
+        """Wait for its end; return its exit code and the processes that remain."""
         code = self.process.wait(WAIT_S)
-        return code, left_after(self.mark, GONE_S)
+        return code, remaining_after(self.mark, GONE_S)
 
 
 @pytest.fixture
@@ -73,7 +71,7 @@ def suite(tmp_path):
     return file
 
 
-def test_while_filming_it_is_started_again_and_no_video_is_missing(start, suite, tmp_path):
+def test_ray_is_restarted_while_media_are_recorded_and_no_video_is_missing(start, suite, tmp_path):
     folder = tmp_path / "run"
     command = start("run", suite, "--out", folder)
     command.kill_raylet_when(lambda: "recording a success" in command.log.read_text())
@@ -81,17 +79,16 @@ def test_while_filming_it_is_started_again_and_no_video_is_missing(start, suite,
     assert "it was started again" in command.log.read_text()
     document = read_run(folder)
     assert document.status is RunStatus.COMPLETE
-    quiet = start("run", suite, "--out", tmp_path / "quiet")
-    assert quiet.end() == (0, [])
+    assert start("run", suite, "--out", tmp_path / "undisturbed").end() == (0, [])
 
     def videos(run):
         return {path.name for path in (run / "media").rglob("*") if path.is_file()}
 
-    assert videos(folder) == videos(tmp_path / "quiet") != set()
+    assert videos(folder) == videos(tmp_path / "undisturbed") != set()
 
 
 def large() -> Iterator[bytes]:
-    """More than Ray hands over without its object store, in each of many pieces."""
+    """Yield items that are too large for Ray to send without its object store."""
     while True:
         yield bytes(300_000)
 
@@ -103,21 +100,21 @@ from tests.chaos.test_ray_dies import large
 try:
     with ray_session(address=None, workers=1):
         for _ in run_per_simulator(large, {"null": ()}):
-            print("came", flush=True)
+            print("received", flush=True)
 except RayLost as error:
     print(error)
 """
 
 
-def test_while_large_results_come_it_is_said(start):
-    """Ray ends a process that reads from its object store when that dies."""
+def test_the_death_of_ray_is_reported_while_large_results_arrive(start):
+    """When the object store dies, Ray ends every process that reads from it."""
     program = start(program=LARGE)
-    program.kill_raylet_when(lambda: program.log.read_text().count("came") > 20)
+    program.kill_raylet_when(lambda: program.log.read_text().count("received") > 20)
     assert program.end() == (0, [])
     assert "Ray's raylet died" in program.log.read_text()
 
 
-def test_while_verifying_the_command_ends_and_says_so(start, suite, tmp_path):
+def test_verify_reports_the_death_of_ray(start, suite, tmp_path):
     folder = tmp_path / "run"
     assert start("run", suite, "--out", folder, "--no-media").end() == (0, [])
     command = start("verify", folder, "--sample", 160)
@@ -126,12 +123,11 @@ def test_while_verifying_the_command_ends_and_says_so(start, suite, tmp_path):
     assert "died (exit status -9); verify again" in command.log.read_text()
 
 
-def test_while_collecting_the_command_stops_and_says_so_and_collecting_again_completes(start, tmp_path):
+def test_demonstrate_reports_the_death_of_ray_and_completes_when_repeated(start, tmp_path):
     folder = tmp_path / "data"
-    order = ("policies", "demonstrate", "null/Slow", "--episodes", 120, "--out", folder)
-    command = start(*order)
+    arguments = ("policies", "demonstrate", "null/Slow", "--episodes", 120, "--out", folder)
+    command = start(*arguments)
     command.kill_raylet_when(lambda: any(folder.rglob("*.parquet")) or "null/Slow: " in command.log.read_text())
-    code, left = command.end()
-    assert (code, left) == (3, [])
+    assert command.end() == (3, [])
     assert "died (exit status -9)" in command.log.read_text()
-    assert start(*order).end() == (0, [])
+    assert start(*arguments).end() == (0, [])

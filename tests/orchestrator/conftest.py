@@ -18,7 +18,7 @@ class RecordingObserver:
     """An observer of a scheduler that records its calls."""
 
     def __init__(self):
-        self.ready, self.left_out, self.rows, self.warnings = [], [], [], []
+        self.ready, self.skipped, self.rows, self.warnings = [], [], [], []
         self.on_ready = lambda readiness: None
         self.on_rows = lambda rows: None
 
@@ -27,16 +27,16 @@ class RecordingObserver:
         self.on_ready(readiness)
 
     def on_skipped(self, simulator, reason, episodes):
-        self.left_out.append((simulator, reason, episodes))
+        self.skipped.append((simulator, reason, episodes))
 
     def on_results(self, results):
         self.rows += results
         self.on_rows(results)
 
-    def on_warning(self, simulator, message):
+    def on_warning(self, message):
         self.warnings.append(message)
 
-    def on_tick(self, doing):
+    def on_tick(self, activity):
         pass
 
 

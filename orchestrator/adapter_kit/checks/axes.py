@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from robogauntlet.adapters.contract import AdapterError, Simulation, UnsupportedCondition
+from robogauntlet.adapters.contract import AdapterError, UnsupportedCondition
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.adapter_kit.checks.check import (
     Check,
@@ -40,7 +40,12 @@ def _axis_check(axis: Axis) -> Check:
             condition, level = Condition(axis.name, severity), axis.value(severity)
             episode = Episode("check", "check", subject.task, SEED, protocol, condition)
             try:
-                value = _delivered(perturbed(subject.simulation, episode, subject.references))
+                simulation = perturbed(subject.simulation, episode, subject.references)
+                assert isinstance(simulation, Perturbed)
+                simulation.reset(SEED)
+                simulation.check_start()
+                simulation.observe()
+                value = simulation.delivered().value
             except UnsupportedCondition as error:
                 raise NotApplicable(str(error)) from None
             except AdapterError as error:
@@ -51,20 +56,6 @@ def _axis_check(axis: Axis) -> Check:
             yield from expect_restored(subject, start, f"the clean episode after {condition}", picture=False)
 
     return delivered
-
-
-def _delivered(simulation: Simulation) -> float | None:
-    """Return the level that a perturbed episode delivers, in the unit of its axis, at its first observation.
-
-    Raises:
-        AdapterError: It differs from the requested level.
-    """
-    assert isinstance(simulation, Perturbed)
-    simulation.reset(SEED)
-    simulation.check_start()
-    simulation.observe()
-    delivered = simulation.delivered()
-    return None if delivered is None else delivered.value
 
 
 CHECKS = tuple(_axis_check(axis) for axis in SCENE_AXES)

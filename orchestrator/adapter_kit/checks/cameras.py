@@ -15,13 +15,7 @@ from scipy.spatial.transform import Rotation
 from robogauntlet.adapters.camera_geometry import aim_point
 from robogauntlet.adapters.contract import FloatArray, Image
 from robogauntlet.adapters.scene_control import Cameras, Viewpoint
-from robogauntlet.orchestrator.adapter_kit.checks.check import (
-    NotApplicable,
-    Violation,
-    check,
-    expect,
-    expect_restored,
-)
+from robogauntlet.orchestrator.adapter_kit.checks.check import NotApplicable, Violation, check, expect, expect_restored
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import SIZE, CheckedTask, changed
 from robogauntlet.orchestrator.perturbations.cameras import BASE_HEIGHT, THIRD_PERSON
 
@@ -181,7 +175,7 @@ def place(subject: CheckedTask) -> Iterator[Violation]:
     cameras = _cameras(subject)
     _third_person_only(subject)
     if subject.ignores("gripper"):
-        raise NotApplicable("the gripper does nothing in this task, so it cannot be told from the arm")
+        raise NotApplicable("the gripper does nothing in this task, so it cannot be distinguished from the arm")
     simulation = subject.simulation
     for _ in range(10):
         simulation.step(subject.action())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,7 +19,7 @@ from robogauntlet.adapters.contract import (
     TaskDescription,
 )
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
-from robogauntlet.orchestrator.perturbations.reference_images import ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.suites.episode import CAMERAS, RenderProfile, View
 from robogauntlet.support import errors
 
@@ -51,16 +50,10 @@ class CheckedTask:
     def __init__(
         self, simulator: Simulator, task: str, view: View = VIEW, loaded_by_declaring: frozenset[str] = frozenset()
     ) -> None:
-        """Take a task of a simulator.
-
-        Args:
-            simulator: The declaration.
-            task: Name of the task in the simulator.
-            view: Cameras and image size.
-            loaded_by_declaring: Modules that loading the entry point imported.
-        """
+        """Take a task by its name in the simulator."""
         self.simulator, self._short, self.view = simulator, task, view
         self.loaded_by_declaring = loaded_by_declaring
+        """Modules that loading the entry point imported."""
         self.opening_s: float | None = None
         """Time that opening took, once it is open."""
         self.references = ReferenceImages()
@@ -89,17 +82,8 @@ class CheckedTask:
         return simulation
 
     @property
-    def why_not_open(self) -> Exception | None:
-        """The error of opening, if there was one."""
-        return self._outcome if isinstance(self._outcome, Exception) else None
-
-    @property
     def simulation(self) -> Simulation:
-        """The open task.
-
-        Raises:
-            CannotOpen: It cannot be opened.
-        """
+        """The open task; raises CannotOpen from the error of opening it."""
         if isinstance(self._outcome, Exception):
             raise CannotOpen from self._outcome
         return self._outcome
@@ -107,15 +91,6 @@ class CheckedTask:
     def open(self) -> Simulation:
         """Open the task once more; the caller closes it."""
         return self.simulator.open(self._short, self.view)
-
-    @contextmanager
-    def another(self) -> Iterator[Simulation]:
-        """Open the task once more, for a block."""
-        simulation = self.open()
-        try:
-            yield simulation
-        finally:
-            simulation.close()
 
     @property
     def scene_controls(self) -> SceneControls:
@@ -172,11 +147,6 @@ class CheckedTask:
 def describe(error: BaseException) -> str:
     """Describe an exception in one line; an AdapterError by its message alone."""
     return errors.first_line(error) if isinstance(error, AdapterError) else errors.describe(error)
-
-
-def exact(state: Mapping[str, FloatArray]) -> str:
-    """All bytes of a privileged state, as text."""
-    return b"".join(np.asarray(state[name], np.float64).tobytes() for name in sorted(state)).hex()
 
 
 def changed(before: Image, after: Image, by: int = 8) -> float:

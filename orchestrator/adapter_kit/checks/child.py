@@ -9,13 +9,13 @@ import signal
 import sys
 from dataclasses import asdict
 from functools import partial
+from importlib import metadata
 from typing import Any
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.orchestrator.adapter_kit.checks.seeds import trace
-from robogauntlet.orchestrator.adapter_kit.checks.types import modules_loaded_by
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.support.child_process import serve
 
@@ -32,7 +32,10 @@ def main() -> None:
     task, view_json, _ = sys.argv[1:]
     faulthandler.register(signal.SIGUSR1, all_threads=False)
     name, _, short = task.partition("/")
-    loaded = modules_loaded_by(name)
+    before = set(sys.modules)
+    for entry in metadata.entry_points(group=catalog.GROUP, name=name):
+        entry.load()
+    loaded = frozenset(set(sys.modules) - before)
     fields = json.loads(view_json)
     view = View(tuple(fields["cameras"]), fields["image_size"], RenderProfile(fields["render_profile"]))
     subject = CheckedTask(catalog.find(name), short, view, loaded_by_declaring=loaded)

@@ -72,7 +72,7 @@ def step_draws_nothing(subject: CheckedTask) -> Iterator[Violation]:
     if observing[renderer] < SHARE * sum(observing.values()):
         raise NotApplicable("no function of an observation takes long enough to be the renderer")
     if WAITING.intersection(re.findall(r"\w+", renderer[2])):
-        raise NotApplicable("the simulator runs in another process, where calls cannot be told apart")
+        raise NotApplicable("the simulator runs in another process, where calls cannot be distinguished")
     spent = stepping.get(renderer, 0.0)
     yield from expect(
         spent <= ALIKE * observing[renderer],

@@ -1,23 +1,80 @@
-"""Runs checks on the tasks of an adapter, each task in its own process."""
+"""Runs checks on the tasks of an adapter, each in a child process, so that a crash or a hang becomes a result."""
 
 from __future__ import annotations
 
+import json
 import os
+import re
+import signal
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from contextlib import closing
+from dataclasses import asdict, replace
+from itertools import chain
+from typing import Any
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.adapter_kit.checks.check import Check, CheckResult, Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import VIEW
-from robogauntlet.orchestrator.adapter_kit.checks.processes import TIME_LIMIT_S, Process
-from robogauntlet.support.child_process import ChildEnded, ChildTimeout
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.suites.episode import View
+from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 
+TIME_LIMIT_S = 120.0
+"""Time for one check, and for opening the task before the first (s)."""
+CLOSE_S = 10.0
+"""Time for closing the task, and for printing the stack of a hang (s)."""
+WHERE = re.compile(r'File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>\S+)')
 MAX_TASKS = 3
 """Tasks of a simulator that are checked by default."""
 MAX_CRASHES = 3
 """Crashes or hangs of a task after which the other checks are skipped."""
+
+
+class Process(JsonChild):
+    """A child process with one `simulator/task`, see `checks/child.py`."""
+
+    def __init__(self, task: str, view: View, *, own_group: bool = True) -> None:
+        """Start it, by default at the head of a process group that is killed with it."""
+        python, environment = EnvironmentResolver().subprocess_env(catalog.find(task.partition("/")[0]))
+        command = [python, "-m", "robogauntlet.orchestrator.adapter_kit.checks.child", task, json.dumps(asdict(view))]
+        super().__init__(command, environment=environment, own_group=own_group)
+
+    def ask(self, request: object, limit_s: float = TIME_LIMIT_S) -> Any:
+        """Send a request and return the answer.
+
+        Raises:
+            ChildEnded: The process died.
+            ChildTimeout: The process exceeded the limit and was killed; the message says where it was.
+        """
+        try:
+            return super().ask(request, limit_s)
+        except ChildTimeout:
+            where = self._where()
+            self.kill()
+            raise ChildTimeout(where) from None
+
+    def _where(self) -> str:
+        """Return where the process is now, from the stack that it prints on a signal."""
+        before = len(self.stderr)
+        self._process.send_signal(signal.SIGUSR1)
+        deadline = time.monotonic() + CLOSE_S
+        while self.alive and time.monotonic() < deadline:
+            if match := WHERE.search(self.stderr[before:]):
+                return f"{match['file']}:{match['line']} in {match['name']}"
+            time.sleep(0.05)
+        return "an unknown place"
+
+
+def ask_new_process(task: str, view: View, request: Mapping[str, Any]) -> Any:
+    """Return the answer of a new process; raises as `Process.ask`."""
+    process = Process(task, view, own_group=False)
+    try:
+        return process.ask(request)
+    finally:
+        process.close(CLOSE_S)
 
 
 class TaskChecker:
@@ -53,7 +110,7 @@ class TaskChecker:
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
-            self._process.close()
+            self._process.close(CLOSE_S)
             self._process = None
 
 
@@ -106,15 +163,11 @@ def run_checks(
     """
 
     def run_task(task: str) -> list[CheckResult]:
-        checker = TaskChecker(task, limit_s)
         results = []
-        try:
-            for check in planned[task]:
-                for result in checker.run(check):
-                    on_result(result)
-                    results.append(result)
-        finally:
-            checker.close()
+        with closing(TaskChecker(task, limit_s)) as checker:
+            for result in chain.from_iterable(map(checker.run, planned[task])):
+                on_result(result)
+                results.append(result)
         return results
 
     with ThreadPoolExecutor(max_workers=min(2, len(os.sched_getaffinity(0)))) as pool:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Mapping, Set
-from importlib import metadata
 
 import numpy as np
 
-from robogauntlet.adapters.catalog import GROUP
 from robogauntlet.adapters.contract import (
     ACTION_NAMES,
     PICTURE_SIZE,
@@ -21,7 +18,7 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import axis_angle
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.adapter_kit.checks.check import Violation, check, expect
-from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask, describe
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CannotOpen, CheckedTask, describe
 from robogauntlet.suites.episode import CAMERAS
 
 FARTHEST = 2.0
@@ -33,14 +30,6 @@ FLAT = 5.0
 PER_STEP = {"max_translation": (1e-4, 0.2, "m"), "max_rotation": (0.0, 1.0, "rad"), "control_hz": (1.0, 1000.0, "1/s")}
 """Plausible values for one control step: least, greatest, unit."""
 HEAVY = ("torch", "mujoco", "sapien", "pybullet", "gymnasium", "jax", "tensorflow", "cv2")
-
-
-def modules_loaded_by(simulator: str) -> frozenset[str]:
-    """Load the simulator's entry point, and return the modules that this imported."""
-    before = set(sys.modules)
-    for entry in metadata.entry_points(group=GROUP, name=simulator):
-        entry.load()
-    return frozenset(set(sys.modules) - before)
 
 
 @check("declaration", look="the imports at the top of the adapter: the simulator is imported by `open` only", once=True)
@@ -72,8 +61,10 @@ def description(subject: CheckedTask) -> Iterator[Violation]:
 @check("opens", look="Simulator.open, and reset")
 def opens(subject: CheckedTask) -> Iterator[Violation]:
     """The task opens and is reset without an error."""
-    if subject.why_not_open is not None:
-        yield Violation("the task to open", describe(subject.why_not_open))
+    try:
+        _ = subject.simulation
+    except CannotOpen as error:
+        yield Violation("the task to open", describe(error.__cause__ or error))
 
 
 @check("adjusts", look="`scene_controls` of the simulation, `adjusts` of the Simulator, `fixed` of the TaskDescription")

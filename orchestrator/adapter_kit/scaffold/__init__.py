@@ -18,15 +18,7 @@ class ScaffoldError(Exception):
 
 
 def write_package(name: str, folder: Path, taken: Collection[str]) -> list[Path]:
-    """Write a package whose adapter declares the simulator `name`.
-
-    Args:
-        name: Name of the simulator, such as `mysim`.
-        folder: Folder to create.
-        taken: Names of existing simulators.
-
-    Returns:
-        The files below `folder`, sorted.
+    """Write a package whose adapter declares the simulator `name`, and return its files below `folder`, sorted.
 
     Raises:
         ScaffoldError: The name is not valid, or the folder cannot be created or written.
@@ -44,19 +36,15 @@ def write_package(name: str, folder: Path, taken: Collection[str]) -> list[Path]
     except OSError as error:
         raise ScaffoldError(f"{folder} cannot be created: {error.strerror}") from None
     sources = [path for path in TEMPLATE.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    targets = {folder / renamed(source.relative_to(TEMPLATE).as_posix(), name): source for source in sources}
     try:
-        return sorted(_written(source, name, folder) for source in sources)
+        for target, source in targets.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(renamed(source.read_text(encoding="utf-8"), name), encoding="utf-8")
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise ScaffoldError(f"{folder} cannot be written: {error.strerror}") from None
-
-
-def _written(source: Path, name: str, folder: Path) -> Path:
-    """Write a file of the template, with the simulator's name in path and text."""
-    target = folder / renamed(source.relative_to(TEMPLATE).as_posix(), name)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(renamed(source.read_text(encoding="utf-8"), name), encoding="utf-8")
-    return target
+    return sorted(targets)
 
 
 def renamed(text: str, name: str) -> str:

@@ -17,8 +17,13 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.check import Check, CheckResult, Outcome
-from robogauntlet.orchestrator.adapter_kit.checks.processes import TIME_LIMIT_S
-from robogauntlet.orchestrator.adapter_kit.checks.runner import MAX_TASKS, checks_for, default_tasks, run_checks
+from robogauntlet.orchestrator.adapter_kit.checks.runner import (
+    MAX_TASKS,
+    TIME_LIMIT_S,
+    checks_for,
+    default_tasks,
+    run_checks,
+)
 from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.plugins import did_you_mean

@@ -1,4 +1,4 @@
-"""Declares the toy and the liars as if packages had brought them, to this process and to those that it starts."""
+"""Declares the variants like entry points of packages, in this process and its child processes."""
 
 import importlib
 import os
@@ -9,23 +9,23 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import VIEW, CheckedTask
 from robogauntlet.policies import oracles
 from robogauntlet.policies.oracles.plugins import load_oracles
-from tests.orchestrator.adapter_kit import camera_liars, object_liars  # noqa: F401  register them
-from tests.orchestrator.adapter_kit.liars import LIARS
+from tests.orchestrator.adapter_kit import camera_variants, object_variants  # noqa: F401  register them
+from tests.orchestrator.adapter_kit.variants import VARIANTS
 
 
 @pytest.fixture(scope="package", autouse=True)
 def declared(tmp_path_factory):
     folder = tmp_path_factory.mktemp("declared")
-    info = folder / "liars-0.dist-info"
+    info = folder / "variants-0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: liars\nVersion: 0\n")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: variants\nVersion: 0\n")
     lines = [
         "[robogauntlet.simulators]",
-        *(f"{name} = tests.orchestrator.adapter_kit.declared:{name}" for name in LIARS),
+        *(f"{name} = tests.orchestrator.adapter_kit.declared:{name}" for name in VARIANTS),
     ]
     lines += [
         "[robogauntlet.oracles]",
-        *(f"{name} = tests.orchestrator.adapter_kit.declared:oracle_{name}" for name in LIARS),
+        *(f"{name} = tests.orchestrator.adapter_kit.declared:oracle_{name}" for name in VARIANTS),
     ]
     (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
     with pytest.MonkeyPatch.context() as patch:
@@ -44,13 +44,13 @@ def _forget():
 
 @pytest.fixture
 def subject():
-    """The task of a liar, opened in this process."""
+    """Opens the task of a variant in this process."""
     opened = []
 
-    def open_one(name, view=VIEW):
-        opened.append(CheckedTask(LIARS[name], "Reach", view))
+    def open_variant(name, view=VIEW):
+        opened.append(CheckedTask(VARIANTS[name], "Reach", view))
         return opened[-1]
 
-    yield open_one
-    for one in opened:
-        one.close()
+    yield open_variant
+    for task in opened:
+        task.close()

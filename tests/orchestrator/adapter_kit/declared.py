@@ -1,13 +1,13 @@
-"""What the entry points of the liars point at."""
+"""The targets of the variants' entry points."""
 
 from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.oracle import Reach
-from tests.orchestrator.adapter_kit import camera_liars, object_liars  # noqa: F401  register them
-from tests.orchestrator.adapter_kit.liars import LIARS
+from tests.orchestrator.adapter_kit import camera_variants, object_variants  # noqa: F401  register them
+from tests.orchestrator.adapter_kit.variants import VARIANTS
 
 
 def __getattr__(name):
     if name.startswith("oracle_"):
         return {f"{name.removeprefix('oracle_')}/Reach": Reach}
-    if name in LIARS:
-        return LIARS[name]
+    if name in VARIANTS:
+        return VARIANTS[name]
     raise AttributeError(name)

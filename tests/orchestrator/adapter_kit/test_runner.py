@@ -1,4 +1,4 @@
-"""Checks are played in processes of their own: what crashes, hangs or leaks there is a finding, not the end."""
+"""Checks run in child processes, so that crashes, hangs and leaks become results."""
 
 import os
 
@@ -12,44 +12,44 @@ from robogauntlet.orchestrator.adapter_kit.checks.runner import TaskChecker, che
 
 
 @pytest.fixture
-def examination():
-    begun = []
+def start_checker():
+    checkers = []
 
-    def begin(liar, limit_s=60.0):
-        begun.append(TaskChecker(f"{liar}/Reach", limit_s))
-        return begun[-1]
+    def start(variant, limit_s=60.0):
+        checkers.append(TaskChecker(f"{variant}/Reach", limit_s))
+        return checkers[-1]
 
-    yield begin
-    for one in begun:
-        one.close()
+    yield start
+    for checker in checkers:
+        checker.close()
 
 
-def test_a_crash_is_a_finding_and_the_next_check_is_played_in_a_new_process(examination):
-    dying = examination("dies")
+def test_a_crash_is_a_result_and_the_next_check_runs_in_a_new_process(start_checker):
+    dying = start_checker("dies")
     (crashed,) = dying.run(CHECKS["step-outcome"])
     assert "expected the process to survive; seen: the process was killed by SIGKILL" in str(crashed)
     assert dying.run(CHECKS["description"])[0].outcome is Outcome.PASSED
 
 
-def test_after_three_crashes_the_other_checks_are_skipped(examination):
-    dying = examination("dies")
-    found = [dying.run(CHECKS[name])[0] for name in ("step-outcome", "seeds", "action-dx", "description")]
-    assert [finding.outcome for finding in found] == [Outcome.FAILED] * 3 + [Outcome.SKIPPED]
-    assert found[3].seen == "not run: the task's process has crashed or hung 3 times"
+def test_after_three_crashes_the_other_checks_are_skipped(start_checker):
+    dying = start_checker("dies")
+    results = [dying.run(CHECKS[name])[0] for name in ("step-outcome", "seeds", "action-dx", "description")]
+    assert [result.outcome for result in results] == [Outcome.FAILED] * 3 + [Outcome.SKIPPED]
+    assert results[3].seen == "not run: the task's process has crashed or hung 3 times"
 
 
-def test_a_hang_is_a_finding_that_says_where(examination):
-    hanging = examination("hangs")
+def test_a_hang_is_a_result_with_its_location(start_checker):
+    hanging = start_checker("hangs")
     hanging.run(CHECKS["description"])  # starts the process, which takes long on a busy machine
     hanging._limit_s = 4.0
     (hung,) = hanging.run(CHECKS["step-outcome"])
     assert "expected an answer within 4 s; seen: none; look at " in str(hung)
     assert hung.look.endswith("in step")
-    assert "liars.py:" in hung.look
+    assert "variants.py:" in hung.look
 
 
-def test_processes_that_are_left_are_found_and_ended(examination):
-    leaking = examination("keepsprocesses")
+def test_remaining_processes_are_reported_and_ended(start_checker):
+    leaking = start_checker("keepsprocesses")
     (left,) = leaking.run(CHECKS["closes"])
     assert "2 more child process(s)" in str(left)
     group = leaking._process._process.pid
@@ -67,41 +67,41 @@ def _words(process):
         return ""
 
 
-def test_what_differs_from_process_to_process_is_found(examination):
-    (other,) = examination("byprocess").run(CHECKS["seeds-elsewhere"])
+def test_differences_between_processes_are_reported(start_checker):
+    (other,) = start_checker("byprocess").run(CHECKS["seeds-elsewhere"])
     assert "seed 2 to be the same in another process; seen: others: start, end, exact_end" in str(other)
 
 
-def test_the_honest_toy_passes_in_a_process_of_its_own(examination):
-    honest = examination("honest")
+def test_a_correct_adapter_passes_in_its_own_process(start_checker):
+    correct = start_checker("correct")
     for name in ("declaration", "seeds-elsewhere", "closes", "axis-camera-orbit"):
-        assert honest.run(CHECKS[name])[0].outcome is Outcome.PASSED
-    assert honest.run(CHECKS["axis-table"])[0].seen == "toysim does not let its stage be adjusted"
+        assert correct.run(CHECKS[name])[0].outcome is Outcome.PASSED
+    assert correct.run(CHECKS["axis-table"])[0].seen == "toysim does not let its stage be adjusted"
 
 
-def test_findings_are_told_as_they_come_and_returned_by_task():
-    told = []
-    findings = run_checks(
-        {task: [CHECKS["description"], CHECKS["observation"]] for task in ("honest/Reach", "otherwords/Reach")},
-        on_result=told.append,
+def test_results_are_passed_on_immediately_and_returned_by_task():
+    reported = []
+    results = run_checks(
+        {task: [CHECKS["description"], CHECKS["observation"]] for task in ("correct/Reach", "otherwords/Reach")},
+        on_result=reported.append,
     )
-    assert [(f.task, f.check, f.outcome) for f in findings] == [
-        ("honest/Reach", "description", Outcome.PASSED),
-        ("honest/Reach", "observation", Outcome.PASSED),
+    assert [(f.task, f.check, f.outcome) for f in results] == [
+        ("correct/Reach", "description", Outcome.PASSED),
+        ("correct/Reach", "observation", Outcome.PASSED),
         ("otherwords/Reach", "description", Outcome.PASSED),
         ("otherwords/Reach", "observation", Outcome.FAILED),
     ]
-    assert sorted(map(str, told)) == sorted(map(str, findings))
+    assert sorted(map(str, reported)) == sorted(map(str, results))
 
 
 @pytest.mark.parametrize(("count", "chosen"), [(1, [0]), (3, [0, 1, 2]), (4, [0, 2, 3]), (130, [0, 64, 129])])
-def test_of_many_tasks_three_are_checked_evenly_spread(count, chosen):
+def test_three_evenly_spread_tasks_are_checked_by_default(count, chosen):
     cards = {f"T{i}": TaskDescription("do it", 10) for i in range(count)}
     simulator = Simulator("many", "many", cards, (), (), open=lambda task, view: None)
     assert default_tasks(simulator) == [f"many/T{i}" for i in chosen]
 
 
-def test_what_tells_of_the_simulator_is_checked_in_one_task_unless_all_is_asked_for():
+def test_checks_of_the_simulator_run_in_one_task_unless_all_are_requested():
     checks = CHECKS["description"], CHECKS["memory"]
     assert checks_for(["a/A", "a/B"], checks, every=False) == {"a/A": [*checks], "a/B": [checks[0]]}
     assert checks_for(["a/A", "a/B"], checks, every=True) == {"a/A": [*checks], "a/B": [*checks]}
@@ -109,5 +109,5 @@ def test_what_tells_of_the_simulator_is_checked_in_one_task_unless_all_is_asked_
 
 def test_a_check_leaves_no_descriptor_behind():
     before = psutil.Process(os.getpid()).num_fds()
-    run_checks({"honest/Reach": [CHECKS["description"]]})
+    run_checks({"correct/Reach": [CHECKS["description"]]})
     assert psutil.Process(os.getpid()).num_fds() == before

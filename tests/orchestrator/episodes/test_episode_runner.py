@@ -1,4 +1,4 @@
-"""What a worker does with a lease, without Ray."""
+"""The playing of leases, without Ray."""
 
 from dataclasses import replace
 
@@ -33,21 +33,21 @@ def test_a_lease_gives_a_row_per_episode_in_order(runner):
     assert {result.worker for result in results} == {"here"}
 
 
-def test_building_is_charged_to_the_first_episode_only(runner):
+def test_only_the_first_episode_has_a_build_time(runner):
     results = list(runner.play(lease()))
     assert results[0].build_s > 0
     assert [result.build_s for result in results[1:]] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("policy", ["oracle", "random", "untrained", "zero"])
-def test_rows_do_not_depend_on_order_or_company(runner, policy):
+def test_rows_do_not_depend_on_the_other_episodes(runner, policy):
     together = {r.seed: outcome_row(r) for r in runner.play(lease(policy=policy, seeds=(0, 1, 2, 3)))}
     backwards = {r.seed: outcome_row(r) for r in runner.play(lease(policy=policy, seeds=(3, 2, 1, 0)))}
     alone = {seed: outcome_row(next(runner.play(lease(policy=policy, seeds=(seed,))))) for seed in range(4)}
     assert together == backwards == alone
 
 
-def test_what_a_simulator_raises_becomes_an_error_row_and_the_rest_goes_on(runner):
+def test_an_exception_of_a_simulator_becomes_an_error_row_and_the_next_episodes_are_played(runner):
     results = list(runner.play(lease("null/Raise", seeds=(6, 7, 8))))
     assert [result.status for result in results] == ["success", "error", "success"]
     assert results[1].error.startswith("RuntimeError: the null simulator was asked to raise [null.py:")
@@ -58,8 +58,8 @@ def test_a_simulator_that_raises_once_is_tried_again(runner, tmp_path, monkeypat
     assert [result.status for result in runner.play(lease("null/Raise", seeds=(7,)))] == ["success"]
 
 
-def test_a_policy_that_is_not_what_was_planned_is_not_played():
-    """Its files were changed while the run went on, or another node has others under the same name."""
+def test_a_policy_that_differs_from_the_plan_is_not_played():
+    """Its files were changed during the run, or differ on another node."""
     planned, other = digest("zero", {}), "0" * 16
     made = EpisodeRunner({"zero": PolicySource("zero", {}, planned), "other": PolicySource("zero", {}, other)})
     (same,) = made.play(lease(policy="zero", seeds=(0,)))
@@ -96,19 +96,19 @@ def test_an_unknown_task_is_an_error_row_with_the_nearest_name(runner):
     assert result.error == "UnknownTask: unknown task 'null/Raech'; did you mean 'null/Reach'?"
 
 
-def test_preparing_opens_the_task_and_tells_what_draws(runner):
+def test_preparing_opens_the_task_and_names_the_render_device(runner):
     ready = runner.prepare("null/Reach", View())
     assert (ready.render_device, ready.frame_s) == ("none", None)
 
 
-def test_a_closed_runner_goes_on(runner):
+def test_a_closed_runner_can_play_again(runner):
     first = outcome_row(next(runner.play(lease())))
     runner.close()
     runner.close()
     assert outcome_row(next(runner.play(lease()))) == first
 
 
-def test_a_simulator_is_looked_at_after_a_reset_only(runner, monkeypatch):
+def test_a_simulation_is_observed_only_after_a_reset(runner, monkeypatch):
     begun = []
     reset, observe = NullSimulation.reset, NullSimulation.observe
     monkeypatch.setattr(NullSimulation, "reset", lambda self, *start: begun.append("reset") or reset(self, *start))

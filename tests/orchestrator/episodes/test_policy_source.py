@@ -1,4 +1,4 @@
-"""Policies built on nodes that have their files, that have others, and that have none."""
+"""Policies built on nodes with their files, with other files, and without files."""
 
 import shutil
 import tempfile
@@ -34,7 +34,7 @@ PATH = st.lists(PART, min_size=1, max_size=4).map(lambda parts: Path("/", *parts
 
 @pytest.fixture
 def folder(tmp_path):
-    """A base, three experts on it and what was merged of them."""
+    """A base, three experts and their merged model."""
     made = merging(save_experts(tmp_path / "zoo"))
     save_merged(tmp_path / "zoo" / "merged", made)
     return tmp_path / "zoo"
@@ -52,7 +52,7 @@ def planned(kind, **options):
 
 
 def with_bundle(source, fetched=None):
-    """With a bundle in this process's memory; what is fetched from it is noted."""
+    """The source with a bundle in this process's memory, which records fetched files."""
     options, files = bundle_layout(catalog.find(source.kind).files(source.options))
 
     def kept(name, content):
@@ -70,7 +70,7 @@ def sources(folder):
         "base": planned("mergevla", checkpoint=str(folder / "base")),
         "experts": planned("mergevla-experts", folder=experts),
         "merged": planned("mergevla-merged", checkpoint=str(folder / "merged"), router="oracle"),
-        "anew": planned(
+        "remerged": planned(
             "mergevla-merged",
             checkpoint=str(folder / "merged"),
             router="oracle",
@@ -81,7 +81,7 @@ def sources(folder):
 
 
 @given(st.dictionaries(PART, PATH, min_size=1, max_size=3), st.lists(PATH, min_size=1, max_size=6, unique=True))
-def test_files_lie_to_each_other_in_a_parcel_as_they_do_on_disk(options, files):
+def test_a_bundle_keeps_the_relative_paths_of_its_files(options, files):
     places, contents = bundle_layout(PolicyFiles(options, tuple(files)))
     roots = {Path(str(path)[: len(str(path)) - len(name)]) for name, path in contents.items() if name != "."}
     assert len(roots) <= 1
@@ -89,8 +89,8 @@ def test_files_lie_to_each_other_in_a_parcel_as_they_do_on_disk(options, files):
         assert {name: root / place for name, place in places.items()} == options
 
 
-@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "anew"])
-def test_a_node_without_the_files_builds_the_same_policy_from_the_parcel(folder, name):
+@pytest.mark.parametrize("name", ["one", "base", "experts", "merged", "remerged"])
+def test_a_node_without_the_files_builds_the_same_policy_from_the_bundle(folder, name):
     source = with_bundle(sources(folder)[name])
     shutil.rmtree(folder)
     copy = resolve_locally(source)
@@ -105,7 +105,7 @@ def test_a_node_with_the_files_fetches_nothing(folder):
     assert fetched == []
 
 
-def test_a_node_with_other_files_takes_the_parcel(folder):
+def test_a_node_with_other_files_uses_the_bundle(folder):
     source = with_bundle(sources(folder)["one"])
     card = folder / "experts" / "null-Reach" / "card.json"
     shutil.copy(folder / "experts" / "null-Slow" / "card.json", card)
@@ -122,8 +122,8 @@ def test_a_node_fetches_once(folder):
     assert len(fetched) == 8
 
 
-def test_a_copy_that_was_cleared_away_in_part_is_fetched_again(folder):
-    """As programs do that clean the folder for temporary files."""
+def test_a_partly_deleted_copy_is_fetched_again(folder):
+    """For example by programs that clean the folder for temporary files."""
     source = with_bundle(sources(folder)["experts"])
     shutil.rmtree(folder)
     resolve_locally(source)
@@ -132,14 +132,14 @@ def test_a_copy_that_was_cleared_away_in_part_is_fetched_again(folder):
     assert catalog.digest(copy.kind, copy.options) == source.digest
 
 
-def test_without_a_parcel_it_is_an_error(folder):
+def test_missing_files_without_a_bundle_are_an_error(folder):
     source = sources(folder)["one"]
     shutil.rmtree(folder)
     with pytest.raises(PolicyError, match="expected a checkpoint's folder or a hub id"):
         resolve_locally(source)
 
 
-def test_a_parcel_of_other_files_is_an_error(folder):
+def test_a_bundle_of_other_files_is_an_error(folder):
     one, other = with_bundle(sources(folder)["one"]), with_bundle(sources(folder)["merged"])
     wrong = PolicySource(one.kind, one.options, one.digest, PolicyBundle(one.bundle.options, other.bundle.files))
     shutil.rmtree(folder)
@@ -147,7 +147,7 @@ def test_a_parcel_of_other_files_is_an_error(folder):
         resolve_locally(wrong)
 
 
-def test_a_disk_that_takes_no_copy_is_an_error_and_nothing_half_is_left(folder, temporary):
+def test_a_full_disk_is_an_error_and_leaves_no_partial_copy(folder, temporary):
     source = with_bundle(sources(folder)["one"])
 
     def full():
@@ -164,7 +164,7 @@ def test_a_disk_that_takes_no_copy_is_an_error_and_nothing_half_is_left(folder, 
 
 
 @pytest.mark.ray
-def test_workers_that_do_not_see_the_files_play_the_same_rows(folder, ray_here, told, monkeypatch):
+def test_workers_without_the_files_play_the_same_rows(folder, ray_here, observer, monkeypatch):
     known = {name: source for name, source in sources(folder).items() if name in ("experts", "merged")}
     protocol = Protocol(8, 4, View(("third_person", "wrist"), 16))
     work = [(Cell(name, source.digest, "null/Reach", protocol), range(3)) for name, source in known.items()]
@@ -172,7 +172,7 @@ def test_workers_that_do_not_see_the_files_play_the_same_rows(folder, ray_here, 
 
     def rows(given):
         found = []
-        Scheduler(work_queues(work, 1), RayWorkerPool(given), options, found.extend, told).run()
+        Scheduler(work_queues(work, 1), RayWorkerPool(given), options, found.extend, observer).run()
         return sorted(map(outcome_row, found))
 
     before = rows(known)

@@ -1,4 +1,4 @@
-"""One episode: who is asked when, what is rendered when, and when it ends."""
+"""One episode: queries, rendering, outcome and record."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, View
 
 
 class Scripted(StatelessPolicy):
-    """Answers with chunks of a fixed length, and remembers when it was asked."""
+    """Answers with chunks of a fixed length, and records the steps of its queries."""
 
     def __init__(self, chunk=None, sees=PolicyInput.OBSERVATION):
         self.chunk = np.zeros((8, 7)) if chunk is None else chunk
@@ -25,7 +25,7 @@ class Scripted(StatelessPolicy):
 
 
 class Counting:
-    """The null simulation, counting its calls, with a success signal of our choice."""
+    """The null simulation with a given success signal; counts calls."""
 
     def __init__(self, success=lambda step: False, terminated=lambda step: False):
         self.inner = open_simulation("null/Reach", View())
@@ -51,21 +51,21 @@ def episode(horizon=40, replan_every=8, policy="p"):
     return Episode(policy, policy, "null/Reach", 3, Protocol(horizon, replan_every))
 
 
-def test_the_policy_looks_once_per_chunk_and_nothing_else_renders():
+def test_images_are_rendered_once_per_chunk():
     simulation, policy = Counting(), Scripted()
     result = rollout(simulation, policy, episode(horizon=40, replan_every=8))
     assert policy.asked == [0, 8, 16, 24, 32]
     assert (simulation.observed, result.queries, result.steps) == (5, 5, 40)
 
 
-def test_a_policy_is_asked_again_when_its_chunk_is_shorter_than_the_protocol_allows():
+def test_a_policy_is_queried_again_after_a_chunk_shorter_than_the_protocol_allows():
     policy = Scripted(np.zeros((3, 7)))
     rollout(Counting(), policy, episode(horizon=9, replan_every=8))
     assert policy.asked == [0, 3, 6]
 
 
 @pytest.mark.parametrize("sees", [PolicyInput.NOTHING, PolicyInput.PRIVILEGED_STATE])
-def test_a_policy_that_does_not_look_costs_no_rendering(sees):
+def test_a_policy_that_does_not_observe_causes_no_rendering(sees):
     simulation = Counting()
     rollout(simulation, Scripted(sees=sees), episode())
     assert simulation.observed == 0
@@ -77,7 +77,7 @@ def test_success_needs_the_predicate_for_steps_in_a_row_and_ends_the_episode():
     assert (result.status, result.steps) == ("success", 5 + SUCCESS_HOLD)
 
 
-def test_a_predicate_that_flickers_is_no_success_but_is_recorded():
+def test_a_flickering_predicate_is_recorded_but_no_success():
     simulation = Counting(success=lambda step: step % SUCCESS_HOLD != 0)
     result = rollout(simulation, Scripted(), episode())
     assert (result.status, result.success_once, result.steps) == ("failure", True, 40)
@@ -88,12 +88,12 @@ def test_success_at_the_horizon_counts():
     assert rollout(simulation, Scripted(), episode(horizon=40)).status == "success"
 
 
-def test_a_simulation_that_cannot_go_on_ends_the_episode_as_a_failure():
+def test_a_terminated_simulation_ends_the_episode_as_a_failure():
     result = rollout(Counting(terminated=lambda step: step == 7), Scripted(), episode())
     assert (result.status, result.steps) == ("failure", 7)
 
 
-def test_eager_rendering_changes_nothing_but_the_time():
+def test_eager_rendering_affects_only_the_duration():
     policy = load("untrained", {})
     lazy = rollout(Counting(), policy, episode())
     simulation = Counting()
@@ -134,7 +134,7 @@ def test_ignored_dimensions_are_zeroed_and_never_count_as_clipped():
         ([["a"] * 7], "action chunk of numbers"),
     ],
 )
-def test_an_answer_that_does_not_fit_is_refused_before_it_is_executed(chunk, message):
+def test_an_invalid_answer_is_refused_before_it_is_executed(chunk, message):
     simulation = Counting()
     policy = Scripted()
     policy.chunk = chunk
@@ -147,7 +147,7 @@ def test_the_reward_is_summed():
     assert rollout(Counting(), Scripted(), episode(horizon=10)).reward_sum == 5.0
 
 
-def test_a_reward_that_is_no_number_is_an_error_of_the_simulator():
+def test_a_reward_that_is_not_finite_is_an_error_of_the_simulator():
     simulation = Counting()
     simulation.step = lambda action: StepOutcome(float("nan"), False)
     with pytest.raises(AdapterError, match="rewards add up to nan, expected a finite number"):
@@ -183,7 +183,7 @@ def test_routing_evidence_is_recorded_rounded():
     assert (result.unknown_score, result.rejected, result.routing_s) == (1.234568, True, 0.25)
 
 
-def test_a_policy_that_does_not_route_leaves_no_evidence():
+def test_a_policy_without_a_router_records_no_routing():
     result = rollout(Counting(), Scripted(), episode())
     assert (result.inferred_task, result.unknown_score, result.rejected, result.routing_s) == (None, None, None, 0.0)
 
@@ -198,7 +198,7 @@ def test_a_policy_that_does_not_route_leaves_no_evidence():
         (Routing({"a": 0.0}, "a", 0.0, unknown=float("inf")), "score for an unknown task, got inf"),
     ],
 )
-def test_routing_evidence_that_says_nothing_is_refused(routing, message):
+def test_invalid_routing_evidence_is_refused(routing, message):
     with pytest.raises(PolicyMismatch, match=message):
         rollout(Counting(), Routes(routing), episode())
 

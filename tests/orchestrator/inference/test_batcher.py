@@ -1,4 +1,4 @@
-"""Batches of what is asked at the same time, on a real event loop."""
+"""Batches of simultaneous queries, on a real event loop."""
 
 import asyncio
 import contextlib
@@ -29,7 +29,7 @@ async def ask_all(asker, callers):
 
 @given(st.lists(st.lists(st.integers(), min_size=1, max_size=6), max_size=12), st.integers(1, 8))
 @settings(max_examples=40)
-def test_everybody_gets_the_answers_to_their_own_questions_in_order(callers, max_batch):
+def test_every_caller_gets_its_own_answers_in_order(callers, max_batch):
     with batcher(doubled, max_batch, wait_s=0.001) as asker:
         assert asyncio.run(ask_all(asker, callers)) == [doubled(questions) for questions in callers]
     assert sum(size * count for size, count in asker.batches.items()) == sum(map(len, callers))
@@ -42,13 +42,13 @@ def test_a_full_batch_does_not_wait():
     assert asker.batches == {3: 1}
 
 
-def test_a_question_waits_for_others_only_so_long():
+def test_a_question_waits_for_others_for_a_limited_time():
     with batcher(doubled, max_batch=100, wait_s=0.05) as asker:
         assert asyncio.run(ask_all(asker, [[1], [2]])) == [[2], [4]]
     assert asker.batches == {2: 1}
 
 
-def test_questions_that_come_while_a_batch_is_answered_share_the_next():
+def test_questions_that_arrive_during_a_batch_share_the_next():
     going = threading.Event()
 
     def slow(questions):
@@ -69,7 +69,7 @@ def test_questions_that_come_while_a_batch_is_answered_share_the_next():
     assert asker.batches == {1: 1, 3: 1}
 
 
-def test_a_question_that_cannot_be_answered_fails_its_own_caller_only():
+def test_a_question_that_cannot_be_answered_fails_only_its_own_caller():
     def picky(questions):
         if 13 in questions:
             raise ValueError("13 is no number")
@@ -81,14 +81,14 @@ def test_a_question_that_cannot_be_answered_fails_its_own_caller_only():
     assert isinstance(second, ValueError)
 
 
-def test_an_answer_that_is_missing_is_an_error():
+def test_a_missing_answer_is_an_error():
     with batcher(lambda questions: questions[1:]) as asker:
         (found,) = asyncio.run(ask_all(asker, [[1, 2]]))
     assert isinstance(found, ValueError)
     assert str(found) == "expected 2 answers, got 1"
 
 
-def test_a_caller_that_has_gone_away_disturbs_nobody():
+def test_a_cancelled_caller_does_not_affect_others():
     async def one_leaves(asker):
         leaving = asyncio.create_task(asker.ask([1]))
         staying = asyncio.create_task(asker.ask([2]))

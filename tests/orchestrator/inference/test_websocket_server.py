@@ -1,4 +1,4 @@
-"""The server: what is played through it is what is played without it, and no message brings it down."""
+"""The server: served policies make the same rows, and no message stops the server."""
 
 import re
 import threading
@@ -51,7 +51,7 @@ def both(kind, options, task, seeds, **more):
 
 
 @pytest.mark.parametrize("kind", ["untrained", "random", "zero", "oracle"])
-def test_a_policy_played_through_a_server_makes_the_same_rows_to_the_bit(kind):
+def test_a_served_policy_makes_bit_identical_rows(kind):
     played = both(kind, {}, "null/Reach", range(6))
     assert len({row.episode_id for row in played}) == 6
     assert kind == "zero" or len({row.actions_hash for row in played}) == 6
@@ -63,12 +63,9 @@ VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 @pytest.mark.simulator
 @pytest.mark.parametrize(
     ("kind", "options"),
-    [
-        ("mergevla-experts", {"folder": "zoo:experts"}),
-        ("mergevla-merged", {"checkpoint": "zoo:merged"}),
-    ],
+    [("mergevla-experts", {"folder": "zoo:experts"}), ("mergevla-merged", {"checkpoint": "zoo:merged"})],
 )
-def test_the_zoo_played_through_a_server_makes_the_same_rows_to_the_bit(kind, options):
+def test_the_served_zoo_makes_bit_identical_rows(kind, options):
     pytest.importorskip("torch")
     pytest.importorskip("pybullet")
     played = both(kind, options, "pybullet/PandaReach-v3", range(2), view=VIEW, horizon=12)
@@ -86,7 +83,7 @@ def test_a_remote_policy_of_a_plain_server_is_the_same_policy():
 
 
 class Remembering:
-    """Answers with how often an episode has asked it: nothing without a memory."""
+    """Answers with the number of queries of the episode, which needs state."""
 
     spec = PolicySpec(PolicyInput.OBSERVATION, 4)
 
@@ -122,7 +119,7 @@ def policy_of(server, **options):
 
 
 def settle(server, left):
-    """Wait until the server has noticed who left."""
+    """Wait until the server has noticed disconnected clients."""
     for _ in range(200):
         if len(server.policy.asked) == left:
             return
@@ -130,7 +127,7 @@ def settle(server, left):
     assert len(server.policy.asked) == left
 
 
-def test_what_the_server_remembers_begins_and_ends_with_the_episode():
+def test_the_servers_state_begins_and_ends_with_the_episode():
     with remembering() as server:
         policy = policy_of(server)
         answers = [policy.act([query(step, seed)])[0].actions[0, 0] for step, seed in ((0, 0), (0, 1), (4, 0), (8, 0))]
@@ -144,7 +141,7 @@ def test_what_the_server_remembers_begins_and_ends_with_the_episode():
         assert len(server.policy.threads) == 1
 
 
-def test_an_episode_whose_memory_is_lost_is_played_again_and_no_other_way():
+def test_an_episode_whose_state_is_lost_is_played_again():
     with remembering() as server:
         policy = policy_of(server)
         policy.act([query()])
@@ -168,7 +165,7 @@ def test_a_lost_connection_costs_no_row_and_changes_none():
     assert cut == play(catalog.load("untrained", {}))
 
 
-def test_two_clients_do_not_play_one_episode_of_a_policy_that_remembers():
+def test_two_clients_cannot_play_one_episode_of_a_policy_with_state():
     with remembering() as server:
         first, second = policy_of(server), policy_of(server)
         first.act([query()])
@@ -180,7 +177,7 @@ def test_two_clients_do_not_play_one_episode_of_a_policy_that_remembers():
         assert second.act([query()])[0].actions[0, 0] == 0.001
 
 
-def test_clients_at_the_same_time_share_batches_and_get_their_own_answers():
+def test_simultaneous_clients_share_batches_and_get_their_own_answers():
     with serving("untrained", batch=4, wait_s=0.05) as server:
         local = catalog.load("untrained", {})
         found = {}
@@ -229,7 +226,7 @@ def untrained():
 
 
 @pytest.mark.parametrize(("message", "match"), MESSAGES.values(), ids=MESSAGES)
-def test_a_bad_message_is_answered_with_one_line_and_the_next_is_answered_well(untrained, message, match):
+def test_an_invalid_message_gets_one_line_and_the_next_message_a_normal_answer(untrained, message, match):
     with connect(untrained.address) as connection:
         said = unpack(connection.recv())
         assert said["action_names"][-1] == "gripper"
@@ -258,7 +255,7 @@ def test_a_message_that_is_too_big_ends_its_connection_only(untrained):
     assert policy_of(untrained).act([query()])
 
 
-def test_a_policy_that_raises_costs_its_client_a_line(caplog):
+def test_a_policy_exception_is_reported_to_its_client_in_one_line(caplog):
     class Raising(Remembering):
         def act(self, queries):
             raise RuntimeError("the fuse is blown\nat /home/me/fuse.py")
@@ -270,7 +267,7 @@ def test_a_policy_that_raises_costs_its_client_a_line(caplog):
     assert "the policy raised" in caplog.text
 
 
-def test_a_client_that_names_no_episode_is_given_one_of_its_own():
+def test_a_client_that_names_no_episode_gets_its_own():
     with remembering() as server, connect(server.address) as one, connect(server.address) as other:
         found = []
         for connection in (one, one, other):
@@ -281,14 +278,14 @@ def test_a_client_that_names_no_episode_is_given_one_of_its_own():
         assert [value for _, value in found] == [0.001, 0.002, 0.001]
 
 
-def test_an_oracle_tells_a_client_that_shows_it_pictures_what_it_needs():
+def test_a_served_oracle_reports_the_input_that_it_expects():
     with serving("oracle", task="null/Reach") as server, connect(server.address) as connection:
         connection.recv()
         connection.send(pack(SOUND))
         assert connection.recv() == "expected robogauntlet/privileged_state, on which this policy acts, got none"
 
 
-def test_a_web_page_and_a_client_without_the_token_are_turned_away():
+def test_web_pages_and_clients_without_the_token_are_refused():
     with serving("untrained", token="sesame") as server:
         with pytest.raises(InvalidStatus, match="401"):
             connect(server.address).__enter__()
@@ -301,12 +298,12 @@ def test_a_web_page_and_a_client_without_the_token_are_turned_away():
             assert unpack(connection.recv())["policy"] == "untrained"
 
 
-def test_it_says_that_it_is_well(untrained):
+def test_the_health_check_answers(untrained):
     with urllib.request.urlopen(f"http://127.0.0.1:{untrained.port}/healthz", timeout=5) as answer:
         assert (answer.status, answer.read()) == (200, b"OK\n")
 
 
-def test_strangers_are_served_with_a_token_only():
+def test_other_machines_are_served_only_with_a_token():
     served = IdentifiedPolicy(catalog.load("zero", {}), "zero", "digest")
     for host in ("0.0.0.0", "::", "192.168.1.4", "robots.example"):
         with pytest.raises(ServeError, match="expected a token in ROBOGAUNTLET_TOKEN"):

@@ -1,4 +1,4 @@
-"""The null simulator with something to see and a world that can be adjusted, for tests in milliseconds."""
+"""The null simulator with images and scene controls, for tests that take milliseconds."""
 
 from dataclasses import replace
 
@@ -21,22 +21,22 @@ from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.suites.episode import Condition, Episode, Protocol, View
 
 TABLE = (slice(40, 90), slice(10, 90))
-"""Where the table is in every image."""
+"""Rows and columns of the table in every image."""
 
 
 class Scene:
-    """Remembers what it was told to do. Every part of it is adjusted by the scene itself."""
+    """Records actions and changes. It is its own scene control for everything."""
 
     turns = True
     drift = 1
-    """By how much each look differs from the one before, in one corner."""
+    """Difference between consecutive images, in one corner."""
     table_height = 0.0
 
     def __init__(self):
         self.inner = open_simulation("null/Reach", View())
         self.action_spec, self.observation_spec = self.inner.action_spec, self.inner.observation_spec
         self.scene_controls = SceneControls(*[self] * 6)
-        self.told, self.shown_looks = [], 0
+        self.executed, self.frames = [], 0
         aim = np.array([0.5, 0.0, 0.0])
         self.viewpoints = {
             "third_person": looking_at(aim + 0.6, aim, 0.7),
@@ -49,26 +49,26 @@ class Scene:
 
     def observe(self):
         seen = self.inner.observe()
-        self.shown_looks += 1
+        self.frames += 1
         return replace(seen, images={camera: self._image(camera) for camera in seen.images})
 
     def _image(self, camera):
-        """The viewpoint does not matter here: cameras are measured by what is read back."""
+        """Does not depend on the viewpoint, because cameras are measured by what is read back."""
         image = np.full((96, 96, 3), 90, np.uint8)
         image[TABLE] = (130, 120, 110)
         if self.texture is not None:
             n = len(self.texture)
             rows, columns = np.indices((50, 80))
             image[TABLE] = encoded(0.8 * linear(self.texture[rows * n // 50, columns * n // 80]))
-        image[20:30, 20:60] = (200, 30, self.drift * self.shown_looks % 40 + 40)
+        image[20:30, 20:60] = (200, 30, self.drift * self.frames % 40 + 40)
         for number, prop in enumerate(self.props):
             image[80:88, 8 * number : 8 * number + 6] = 255 * np.array(prop.colour)
         lit = np.clip(encoded(linear(image) * self.now.gain * (0.5 + 0.5 * self.now.direction[2])), 0, 255)
-        lit[:8] = 255  # a sky that no lamp lights
+        lit[:8] = 255  # a sky that no lamp illuminates
         return np.rint(lit).astype(np.uint8)
 
     def step(self, action):
-        self.told.append(np.array(action))
+        self.executed.append(np.array(action))
         return self.inner.step(action)
 
     def privileged_state(self):
@@ -126,8 +126,8 @@ def episode(axis="clean", severity=0, policy="p", seed=4):
     return Episode(policy, policy, "null/Reach", seed, Protocol(40), Condition(axis, severity))
 
 
-def begun(axis, severity, **which):
-    """A scene, and the episode that was begun in it."""
+def begin(axis, severity, **which):
+    """A scene, and its perturbed simulation after the reset."""
     scene = Scene()
     simulation = perturbed(scene, episode(axis, severity, **which))
     simulation.reset(4)

@@ -1,4 +1,4 @@
-"""Every axis in the three real simulators: delivered as asked for, and nothing else changed."""
+"""Every axis in the three real simulators: the level is delivered, and nothing else changes."""
 
 import json
 
@@ -16,8 +16,8 @@ from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProf
 
 pytestmark = pytest.mark.simulator
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
-FELT = {Changes.ACTIONS, Changes.OBJECTS, Changes.ARM, Changes.BODIES}
-"""What an oracle meets without looking."""
+AFFECT_ORACLES = {Changes.ACTIONS, Changes.OBJECTS, Changes.ARM, Changes.BODIES}
+"""Changes that affect an oracle, which does not observe images."""
 VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 
 
@@ -29,19 +29,19 @@ def episode(task, condition, policy):
 def played(request):
     """The record of one short episode under every axis at severities 1 and 5, and of the clean one."""
     runner = EpisodeRunner({name: PolicySource(name) for name in ("untrained", "oracle")})
-    able = [axis for axis in AXES.values() if not why_unadjusted(axis, request.param)]
-    conditions = [Condition(), *(Condition(axis.name, s) for axis in able for s in {1, len(axis.levels)})]
-    found = {
+    supported = [axis for axis in AXES.values() if not why_unadjusted(axis, request.param)]
+    conditions = [Condition(), *(Condition(axis.name, s) for axis in supported for s in {1, len(axis.levels)})]
+    results = {
         (policy, condition): runner.play_one(episode(request.param, condition, policy))
         for condition in conditions
         for policy in ("untrained", "oracle")
     }
     runner.close()
-    return found
+    return results
 
 
-def test_what_was_kept_of_other_episodes_changes_nothing(played):
-    """The last table was painted beside references that other conditions had left, this one without."""
+def test_cached_references_change_no_result(played):
+    """The first table was painted with cached references of other conditions, the second without."""
     condition = Condition("table", 5)
     kept = played["untrained", condition]
     runner = EpisodeRunner({"untrained": PolicySource("untrained")})
@@ -52,8 +52,8 @@ def test_what_was_kept_of_other_episodes_changes_nothing(played):
 
 
 @pytest.mark.parametrize("task", ["maniskill/StackCube-v1", "pybullet/PandaPush-v3", "robosuite/Stack"])
-def test_every_axis_measures_against_the_very_look_of_the_clean_episode(task):
-    """To the bit, since whichever axis comes first draws it for the others of the seed."""
+def test_every_axis_compares_with_the_bit_identical_images_of_the_clean_episode(task):
+    """Bit-identical, because the first axis renders them for the other axes of the seed."""
     simulation = open_simulation(task, VIEW)
     try:
         simulation.reset(7)
@@ -63,8 +63,8 @@ def test_every_axis_measures_against_the_very_look_of_the_clean_episode(task):
             scene = perturbed(simulation, episode(task, condition, "untrained"))
             if isinstance(scene, PerturbedScene):
                 scene.reset(7)
-                drawn = scene.clean_images()
-                assert all((drawn[camera] == clean[camera]).all() for camera in clean), axis.name
+                rendered = scene.clean_images()
+                assert all((rendered[camera] == clean[camera]).all() for camera in clean), axis.name
     finally:
         simulation.close()
 
@@ -77,27 +77,27 @@ def test_every_axis_is_delivered_within_its_tolerance(played):
             assert abs(row.delivered - axis.value(condition.severity)) <= axis.tolerance
 
 
-def test_the_world_starts_as_in_the_clean_episode_but_where_something_is_moved(played):
+def test_start_states_are_clean_unless_the_axis_changes_them(played):
     clean = played["oracle", Condition()].state_hash
     for (_, condition), row in played.items():
         if condition != Condition():
             assert (row.state_hash == clean) == AXES[condition.axis].changes.starts_clean
 
 
-def test_what_is_only_seen_changes_nothing_for_an_oracle(played):
+def test_changes_of_appearance_do_not_affect_an_oracle(played):
     clean = played["oracle", Condition()]
     for (policy, condition), row in played.items():
-        if policy == "oracle" and condition != Condition() and AXES[condition.axis].changes not in FELT:
+        if policy == "oracle" and condition != Condition() and AXES[condition.axis].changes not in AFFECT_ORACLES:
             assert (row.actions_hash, row.final_state_hash) == (clean.actions_hash, clean.final_state_hash)
 
 
-def test_what_changes_anything_but_words_changes_what_becomes_of_an_untrained_policy(played):
+def test_every_axis_except_instructions_changes_the_outcome_of_an_untrained_policy(played):
     clean = played["untrained", Condition()]
     for name, axis in AXES.items():
         row = played.get(("untrained", Condition(name, len(axis.levels))))
         if row is None:
             continue
-        # Three looks may all be fresh, and this policy neither reads nor touches anything.
+        # All three observations may be new, and this policy neither reads nor touches anything.
         if name != "frozen-frames" and axis.changes not in (Changes.INSTRUCTION, Changes.BODIES, Changes.NOTHING):
             assert row.final_state_hash != clean.final_state_hash
         found = set(json.loads(row.delivered_statistics or "{}"))
@@ -105,7 +105,7 @@ def test_what_changes_anything_but_words_changes_what_becomes_of_an_untrained_po
         assert wanted.get(axis.changes, set()) <= found
 
 
-def test_the_same_again_ends_alike_to_the_bit(played):
+def test_a_repeated_episode_is_bit_identical(played):
     for policy in ("untrained", "oracle"):
         once, again = played[policy, Condition()], played[policy, Condition("again", 1)]
         assert (once.actions_hash, once.final_state_hash) == (again.actions_hash, again.final_state_hash)

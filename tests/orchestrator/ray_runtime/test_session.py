@@ -14,6 +14,6 @@ from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for
         ({"CPU": 0.5, "memory": 0.5 * WORKER_BYTES}, 1),
     ],
 )
-def test_as_many_workers_as_fit_cores_and_memory_and_one_at_least(resources, workers, monkeypatch):
+def test_workers_fit_cores_and_memory_and_are_at_least_one(resources, workers, monkeypatch):
     monkeypatch.setattr("ray.cluster_resources", lambda: resources)
     assert room_for_workers() == workers

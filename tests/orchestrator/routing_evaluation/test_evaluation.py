@@ -15,16 +15,16 @@ from tests.results.synthetic import cells, document, run_folder
 EXPERTS = ("null/Reach", "null/Slow", "null/Raise")
 UNKNOWN = "null/Hang"
 SEEDS = range(1, 7)
-"""No multiple of seven, at which `Raise` and `Hang` misbehave."""
-ROLES = MergingEntry(expert="experts", oracle_routed="told", routed=("merged",))
+"""No multiples of seven, for which `Raise` and `Hang` fail."""
+ROLES = MergingEntry(expert="experts", oracle_routed="oracle-routed", routed=("merged",))
 THRESHOLD = 0.5
 
 
 @pytest.fixture(scope="module")
 def trials():
-    """Answers of a router that is often wrong and never as sure as it should be, for known and unknown tasks."""
+    """Answers of an inaccurate, badly calibrated router for known and unknown tasks."""
     generator = np.random.default_rng(0)
-    made = []
+    answers = []
     for task in (*EXPERTS, UNKNOWN):
         for _ in SEEDS:
             scores = np.log(generator.dirichlet([1.0] * len(EXPERTS)))
@@ -33,12 +33,12 @@ def trials():
             routing = Routing(
                 dict(zip(EXPERTS, scores.tolist(), strict=True)), choice, 0.02, unknown, unknown > THRESHOLD
             )
-            made.append(RoutedObservation(task, routing))
-    return made
+            answers.append(RoutedObservation(task, routing))
+    return answers
 
 
 class Answering:
-    """A policy that stands still and gives its answers one by one."""
+    """A policy that does not move and returns these routings one by one."""
 
     spec = PolicySpec(PolicyInput.NOTHING, chunk_length=100)
 
@@ -59,7 +59,7 @@ class Answering:
 @pytest.fixture(scope="module")
 def reported(trials, tmp_path_factory):
     """The router in the report of a run in which a policy gave these answers."""
-    plan = cells(("experts", "told", "merged"), (*EXPERTS, UNKNOWN))
+    plan = cells(("experts", "oracle-routed", "merged"), (*EXPERTS, UNKNOWN))
     rows, policy = [], Answering(trials)
     for cell in plan:
         if cell.policy == "merged":
@@ -79,7 +79,7 @@ def test_accuracy_calibration_and_detection_are_equal(trials, reported):
     assert found.detection == reported.detection
 
 
-def test_a_task_left_out_of_the_fit_is_detected_as_an_unknown_task_of_a_run(trials, reported):
+def test_detection_of_a_left_out_task_equals_that_of_an_unknown_task_in_a_run(trials, reported):
     known, unknown = (
         tuple(trial.routing.unknown for trial in trials if (trial.task == UNKNOWN) is is_unknown)
         for is_unknown in (False, True)

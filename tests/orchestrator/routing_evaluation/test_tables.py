@@ -1,4 +1,4 @@
-"""A study of routers as tables and as JSON."""
+"""A routing study as tables and as JSON."""
 
 import json
 from math import log
@@ -27,7 +27,7 @@ def trial(task, chosen):
 
 
 @pytest.fixture
-def found():
+def study():
     trials = [trial(task, task) for task in TASKS for _ in range(9)]
     trials += [trial(PICK, PUSH), trial(PUSH, LIFT), trial(PUSH, LIFT)]
     routers = (RouterResult("calibrated", False, 1, quality_of(trials), 2.0),)
@@ -36,12 +36,12 @@ def found():
         LIFT: Detection(20, 10, 0.8, 0.15, Rate.from_counts(7, 10), Rate.from_counts(3, 20)),
     }
     unknown = (UnknownResult("calibrated", False, by_task),)
-    order = RoutingStudyRequest("merged", range(5, 15))
-    return RoutingStudy(order, "digest", View(), TASKS, {}, False, 0.01, routers, unknown)
+    request = RoutingStudyRequest("merged", range(5, 15))
+    return RoutingStudy(request, "digest", View(), TASKS, {}, False, 0.01, routers, unknown)
 
 
-def test_a_router_is_a_line_and_tasks_that_share_a_scene_have_a_column(found):
-    table = router_table(found)
+def test_a_router_is_a_row_and_tasks_that_share_a_scene_have_a_column(study):
+    table = router_table(study)
     (row,) = table.rows
     assert dict(zip(table.header, row, strict=True)) == {
         "router": "calibrated",
@@ -56,28 +56,28 @@ def test_a_router_is_a_line_and_tasks_that_share_a_scene_have_a_column(found):
     }
 
 
-def test_a_table_too_wide_is_split(found):
-    table = router_table(found)
+def test_a_wide_table_is_split(study):
+    table = router_table(study)
     without, alone = split(table, 1)
     assert without.header == ("router", "instruction", "accuracy", "ECE", "Brier", "passes", "latency", "in\npasses")
     assert alone.rows == (("calibrated", "hidden", "86 % [65, 95]"),)
     assert {len(row) for row in without.rows} == {len(without.header)}
 
 
-def test_confusions_are_the_wrong_choices_most_first(found):
-    assert confusions(found.routers[0].quality.confusion) == [f"{PUSH} -> {LIFT}: 2", f"{PICK} -> {PUSH}: 1"]
+def test_confusions_are_the_wrong_choices_most_frequent_first(study):
+    assert confusions(study.routers[0].quality.confusion) == [f"{PUSH} -> {LIFT}: 2", f"{PICK} -> {PUSH}: 1"]
 
 
-def test_an_unknown_task_is_a_line_and_so_is_their_mean(found):
-    assert unknown_table(found.unknown[0]).rows == (
+def test_each_unknown_task_and_their_mean_are_rows(study):
+    assert unknown_table(study.unknown[0]).rows == (
         (PUSH, "0.900", "25 %", "50 %", "5 %"),
         (LIFT, "0.800", "15 %", "70 %", "15 %"),
         ("mean", "0.850", "20 %", "60 %", "10 %"),
     )
 
 
-def test_all_of_it_is_json(found):
-    written = json.loads(json.dumps(as_json(found), allow_nan=False))
+def test_the_study_is_valid_json(study):
+    written = json.loads(json.dumps(as_json(study), allow_nan=False))
     assert written["seeds"] == {"start": 5, "count": 10}
     (router,) = written["routers"]
     assert router["quality"]["accuracy"]["successes"] == 27

@@ -1,23 +1,18 @@
-"""Comparisons that stop when they are decided: what is played, in which rounds, and what is guaranteed."""
-
-import io
+"""Comparisons that stop when they are decided: rounds, remaining work and error rates."""
 
 import numpy as np
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.runs.adaptive_stopping import key_of, progression
 from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.report import ReportPaths
 from robogauntlet.results.run_document import RunStatus, read_run
-from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.schema import AdaptiveEntry, CompareEntry, Seeds
+from tests.orchestrator.runs.playing import play, rows_of
 from tests.results.synthetic import cells
 
 CONDITIONS = (Condition(), Condition("noise", 2), Condition("noise", 4), Condition("blind", 1))
@@ -28,8 +23,8 @@ SEEDS = Seeds(start=100, count=20)
 RULE = AdaptiveEntry(round=10, most=60)
 
 
-def play(rates, seed=0, rule=RULE, seeds=SEEDS):
-    """Plays round after round; `rates` gives the success of a policy under a condition."""
+def simulate(rates, seed=0, rule=RULE, seeds=SEEDS):
+    """Play round after round; `rates` gives the success of a policy under a condition."""
     generator, outcomes, rounds = np.random.default_rng(seed), {}, []
     while (found := progression(CELLS, seeds, rule, SIDES, outcomes)).work:
         rounds.append({cell: list(lacking) for cell, lacking in found.work})
@@ -44,8 +39,8 @@ def differ_at_4(policy, condition):
     return 0.1 if (policy, condition) == ("merged", Condition("noise", 4)) else 0.9
 
 
-def test_a_decided_condition_stops_and_what_it_saves_goes_to_the_others():
-    found, rounds, _ = play(differ_at_4)
+def test_a_decided_condition_stops_and_the_others_get_its_episodes():
+    found, rounds, _ = simulate(differ_at_4)
     (decided,) = found.decided
     assert (decided.policy, decided.axis, decided.severity) == ("merged", "noise", 4)
     assert decided.evidence >= 20
@@ -57,26 +52,26 @@ def test_a_decided_condition_stops_and_what_it_saves_goes_to_the_others():
     assert all(len(lacking) <= 10 for played in rounds for lacking in played.values())
 
 
-def test_controls_get_the_seeds_of_the_suite_and_no_more():
-    found, _, _ = play(lambda policy, condition: 0.9)
+def test_controls_get_only_the_seeds_of_the_suite():
+    found, _, _ = simulate(lambda policy, condition: 0.9)
     assert {found.planned[cell] for cell in CELLS if cell.condition == Condition("blind", 1)} == {20}
 
 
-def test_without_a_decision_everything_is_played_as_without_stopping():
-    found, _, outcomes = play(lambda policy, condition: 0.9)
+def test_without_a_decision_the_same_episodes_are_played_as_without_stopping():
+    found, _, outcomes = simulate(lambda policy, condition: 0.9)
     assert found.decided == []
     assert set(found.planned.values()) == {20}
     assert {tuple(sorted(played)) for played in outcomes.values()} == {tuple(range(100, 120))}
 
 
-def test_no_condition_gets_more_seeds_than_the_most():
+def test_no_condition_gets_more_than_the_maximum_of_seeds():
     rule = AdaptiveEntry(round=10, most=30)
-    found, _, _ = play(differ_at_4, rule=rule, seeds=Seeds(start=0, count=29))
+    found, _, _ = simulate(differ_at_4, rule=rule, seeds=Seeds(start=0, count=29))
     assert max(found.planned.values()) <= 30
 
 
-def test_the_same_outcomes_give_the_same_rounds_whatever_was_played_first():
-    found, _, outcomes = play(differ_at_4)
+def test_rounds_do_not_depend_on_the_order_of_outcomes():
+    found, _, outcomes = simulate(differ_at_4)
     shuffled = {
         key: dict(sorted(played.items(), reverse=True)) for key, played in sorted(outcomes.items(), reverse=True)
     }
@@ -84,8 +79,8 @@ def test_the_same_outcomes_give_the_same_rounds_whatever_was_played_first():
     assert (again.work, again.planned, again.decided) == ([], found.planned, found.decided)
 
 
-def test_a_round_under_way_lacks_what_has_no_row_yet():
-    _, rounds, _ = play(differ_at_4)
+def test_the_work_of_a_round_is_its_seeds_without_a_row():
+    _, rounds, _ = simulate(differ_at_4)
     first = CELLS[0]
     some = {key_of(first): dict.fromkeys(range(100, 104), "success")}
     found = progression(CELLS, SEEDS, RULE, SIDES, some)
@@ -93,17 +88,17 @@ def test_a_round_under_way_lacks_what_has_no_row_yet():
     assert dict(found.work)[CELLS[1]] == rounds[0][CELLS[1]]
 
 
-def test_errors_are_rows_and_no_evidence():
+def test_errors_count_as_rows_but_not_as_evidence():
     outcomes = {key_of(cell): dict.fromkeys(range(100, 110), "error") for cell in CELLS}
     found = progression(CELLS, SEEDS, RULE, SIDES, outcomes)
     assert found.decided == []
     assert {s for _, lacking in found.work for s in lacking} == set(range(110, 120))
 
 
-def test_true_null_hypotheses_are_decided_against_with_a_chance_of_alpha_at_most():
-    """400 runs of two perturbed conditions without a difference, looked at after every round of 5 seeds."""
+def test_true_null_hypotheses_are_rejected_with_a_probability_of_at_most_alpha():
+    """400 runs of two perturbed conditions without a difference, evaluated after every round of 5 seeds."""
     rule = AdaptiveEntry(round=5, most=200)
-    wrong = [len(play(lambda p, c: 0.6, seed, rule, Seeds(start=0, count=40))[0].decided) for seed in range(400)]
+    wrong = [len(simulate(lambda p, c: 0.6, seed, rule, Seeds(start=0, count=40))[0].decided) for seed in range(400)]
     false = sum(wrong) / (400 * 3)  # noise@2, noise@4 and the control
     assert false <= 0.05 + 2 * (0.05 * 0.95 / 1200) ** 0.5
 
@@ -131,23 +126,17 @@ def written(tmp_path):
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_an_adaptive_run_stops_when_decided_says_so_and_has_nothing_left_to_do(tmp_path, written):
+def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(tmp_path, written):
     folder = tmp_path / "run"
 
-    def run():
-        shown = Progress(Console(file=io.StringIO(), force_terminal=False))
-        return run_plan(make_plan(written(SUITE)), folder, RunOptions(media=False), shown)
-
-    outcome = run()
+    outcome = play(written(SUITE), folder)
     assert outcome.document.status is RunStatus.COMPLETE
     assert {(row.axis, row.severity) for row in outcome.document.decided} == {("noise", 1), ("noise", 2)}
     assert outcome.done == outcome.document.planned < 3 * 3 * 20
-    store = Store.open_file(folder / "episodes.sqlite", outcome.document.run_id)
-    played = {(row.axis, row.severity, row.seed) for row in store.results()}
-    store.close()
+    played = {(row.axis, row.severity, row.seed) for row in rows_of(folder)}
     assert max(seed for axis, _, seed in played if axis != "clean") == outcome.document.decided[0].seeds - 1
     assert "A condition stops when the e-value of oracle" in ReportPaths.in_folder(folder).markdown.read_text()
-    assert run().document.rows_hash == outcome.document.rows_hash
+    assert play(written(SUITE), folder).document.rows_hash == outcome.document.rows_hash
     assert read_run(folder).decided == outcome.document.decided
     planned = CliRunner().invoke(app, ["plan", str(tmp_path / "suite.yaml"), "--out", str(folder)])
     assert "180 episodes, 0 to play in the current round" in planned.output
@@ -168,6 +157,6 @@ def test_an_adaptive_run_stops_when_decided_says_so_and_has_nothing_left_to_do(t
         ),
     ],
 )
-def test_a_rule_that_cannot_work_is_refused_with_its_line(written, text, message):
+def test_an_impossible_rule_is_refused_with_its_line(written, text, message):
     with pytest.raises(SuiteError, match=message):
         make_plan(written(text))

@@ -1,17 +1,14 @@
-"""Promises of orchestrator/runs/history_writer.py: what a run tells the history while it goes on, and when it ends."""
+"""The live status and the result of a run in the history."""
 
-import io
 import threading
 import time
+from functools import partial
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
+from tests.orchestrator.runs.playing import play as play_suite
 
 SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 60}\nworkers: 2\n"
 
@@ -20,17 +17,11 @@ SUITE = "name: nights\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 60
 def play(tmp_path, ray_here):
     (tmp_path / "nights.yaml").write_text(SUITE)
 
-    def run(**options):
-        progress = Progress(Console(file=io.StringIO(), force_terminal=False))
-        return run_plan(
-            make_plan(tmp_path / "nights.yaml"), tmp_path / "run", RunOptions(media=False, **options), progress
-        )
-
-    return run
+    return partial(play_suite, tmp_path / "nights.yaml", tmp_path / "run")
 
 
 @pytest.mark.ray
-def test_a_run_says_what_it_does_while_it_runs_and_what_it_came_to_at_its_end(play, tmp_path):
+def test_a_run_writes_its_live_status_and_at_its_end_its_result(play, tmp_path):
     history, heard, over = History.open(file_url(tmp_path / "history.sqlite")), [], threading.Event()
 
     def listen():
@@ -57,7 +48,7 @@ def test_a_run_says_what_it_does_while_it_runs_and_what_it_came_to_at_its_end(pl
 
 
 @pytest.mark.ray
-def test_a_history_that_cannot_be_opened_is_told_and_ends_nothing(play, tmp_path):
+def test_a_history_that_cannot_be_opened_is_a_warning_and_the_run_goes_on(play, tmp_path):
     (tmp_path / "history.sqlite").write_text("this is no database, but a text that is long enough to be looked at")
     outcome = play(history=file_url(tmp_path / "history.sqlite"))
     assert outcome.document.status == "complete"
@@ -65,7 +56,7 @@ def test_a_history_that_cannot_be_opened_is_told_and_ends_nothing(play, tmp_path
 
 
 @pytest.mark.ray
-def test_the_store_with_the_rows_knows_the_run_too(play, tmp_path):
+def test_the_store_with_the_rows_has_an_entry_of_the_run(play, tmp_path):
     outcome = play()
     history = History.open(file_url(tmp_path / "run" / "episodes.sqlite"))
     (entry,) = history.runs()

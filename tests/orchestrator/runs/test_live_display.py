@@ -1,4 +1,4 @@
-"""What long work shows: live on a terminal, lines now and then elsewhere."""
+"""Progress displays: live on a terminal, periodic lines in other output."""
 
 from io import StringIO
 
@@ -19,15 +19,15 @@ def shown(terminal, *, transient=False):
     return said.getvalue()
 
 
-def test_without_a_terminal_lines_are_printed_now_and_then_and_when_asked_for():
+def test_without_a_terminal_lines_are_printed_periodically_and_on_request():
     assert shown(terminal=False).splitlines() == ["line 2", "line 4", "line 5"]
 
 
-def test_on_a_terminal_the_last_picture_stays():
+def test_on_a_terminal_the_last_display_remains():
     said = shown(terminal=True)
     assert "picture 5" in said
     assert "line" not in said
 
 
-def test_a_transient_picture_is_wiped():
+def test_a_transient_display_is_removed():
     assert shown(terminal=True, transient=True).rstrip().endswith("\x1b[2K")

@@ -1,16 +1,12 @@
-"""The shipped experts and merged models play in the real simulators; the report says what merging and routing cost."""
+"""The shipped experts and merged models in the real simulators; the report shows the cost of merging and routing."""
 
-import io
 import json
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
-from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
-from robogauntlet.results.store.episode_store import Store
+from robogauntlet.orchestrator.runs.plan import find_suite
 from robogauntlet.suites.selection import SuiteSelection
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
@@ -18,25 +14,21 @@ TASKS = ("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift")
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory, ray_here):
-    plan = make_plan(find_suite("mergevla"), part=SuiteSelection(tasks=TASKS, seeds=2))
-    shown = Progress(Console(file=io.StringIO(), force_terminal=False))
-    return run_plan(plan, tmp_path_factory.mktemp("runs") / "merging", RunOptions(media=False), shown)
+    folder = tmp_path_factory.mktemp("runs") / "merging"
+    return play(find_suite("mergevla"), folder, part=SuiteSelection(tasks=TASKS, seeds=1))
 
 
 @pytest.fixture(scope="module")
 def rows(outcome):
-    store = Store.open_file(outcome.folder / "episodes.sqlite", outcome.document.run_id)
-    found = list(store.results())
-    store.close()
-    return found
+    return rows_of(outcome.folder)
 
 
 def test_every_episode_is_played(outcome, rows):
-    assert len(rows) == outcome.document.planned == len(TASKS) * 2 * 5
+    assert len(rows) == outcome.document.planned == len(TASKS) * 5
     assert {row.error for row in rows} == {None}
 
 
-def test_a_routed_episode_keeps_the_scores_of_all_experts_its_choice_and_its_latency(rows):
+def test_a_routed_episode_has_the_scores_of_all_experts_a_choice_and_a_latency(rows):
     for row in rows:
         if row.policy == "experts":
             assert row.inferred_task is None
@@ -47,16 +39,16 @@ def test_a_routed_episode_keeps_the_scores_of_all_experts_its_choice_and_its_lat
         assert row.routing_s > 0 or row.policy == "merged-oracle-routed"
 
 
-def test_an_episode_that_is_routed_right_is_played_as_if_told(rows):
-    told = {row.pair_id: row for row in rows if row.policy == "merged-oracle-routed"}
-    right = [row for row in rows if row.policy.startswith("merged") and row.inferred_task == row.task]
-    assert right
-    for row in right:
-        assert row.actions_hash == told[row.pair_id].actions_hash
-        assert row.final_state_hash == told[row.pair_id].final_state_hash
+def test_a_correctly_routed_episode_is_played_like_the_oracle_routed_one(rows):
+    oracle_routed = {row.pair_id: row for row in rows if row.policy == "merged-oracle-routed"}
+    correct = [row for row in rows if row.policy.startswith("merged") and row.inferred_task == row.task]
+    assert correct
+    for row in correct:
+        assert row.actions_hash == oracle_routed[row.pair_id].actions_hash
+        assert row.final_state_hash == oracle_routed[row.pair_id].final_state_hash
 
 
-def test_the_report_compares_experts_told_and_routed(outcome):
+def test_the_report_compares_experts_with_oracle_routed_and_routed_models(outcome):
     merging = outcome.report.merging
     assert merging is not None
     assert "Merging and routing" in (outcome.folder / "report.html").read_text()

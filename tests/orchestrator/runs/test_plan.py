@@ -1,4 +1,4 @@
-"""What of a suite can be planned here, and what a run says about the rest."""
+"""Plans of suites, and reasons for what cannot be planned."""
 
 import pytest
 
@@ -25,7 +25,7 @@ def written(tmp_path):
     return write
 
 
-def test_an_axis_that_some_tasks_cannot_have_is_planned_for_the_others_and_said(written):
+def test_an_axis_that_some_tasks_do_not_support_is_planned_for_the_others_and_listed(written):
     plan = make_plan(written("null/Reach", "pybullet/PandaReach-v3"))
     played = {(cell.task, cell.condition.axis) for cell in plan.cells}
     assert ("pybullet/PandaReach-v3", "instruction") in played
@@ -37,21 +37,21 @@ def test_an_axis_that_some_tasks_cannot_have_is_planned_for_the_others_and_said(
     assert gap.reason.startswith("suites/paraphrases.py has no paraphrases of")
 
 
-def test_an_axis_that_no_task_can_have_is_refused_with_every_reason(written):
+def test_an_axis_that_no_task_supports_is_refused_with_every_reason(written):
     with pytest.raises(
         SuiteError, match=r"axis 'instruction' is unsupported in null/Reach: suites/paraphrases\.py has no paraphrases"
     ):
         make_plan(written("null/Reach"))
 
 
-def test_a_simulator_that_lets_nothing_be_adjusted_supports_no_axis_of_the_world():
+def test_a_simulator_without_scene_controls_supports_no_axis_of_the_scene():
     assert why_unadjusted(AXES["camera-orbit"], "null/Reach") == (
         "null simulator (no physics) does not let its cameras be adjusted"
     )
     assert why_unadjusted(AXES["noise"], "null/Reach") is None
 
 
-def test_what_a_task_says_is_fixed_is_the_reason():
+def test_the_reason_is_that_of_the_tasks_description():
     fixed = [(task, part) for task, card in catalog.task_descriptions().items() for part in card.fixed]
     for task, part in fixed:
         axis = next(axis for axis in AXES.values() if axis.changes == part)

@@ -1,25 +1,21 @@
-"""Runs over the three real simulators: the same rows with one worker and two, one of them killed, and in a replay."""
+"""Runs in the three real simulators: the same rows with one worker and with two, one of which is killed."""
 
-import io
 import os
 import signal
 
 import pytest
-from rich.console import Console
 
-from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.record import outcome_row
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.results.store.episode_store import Store
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.simulator, pytest.mark.usefixtures("ray_here")]
 SUITE = """
 name: one-of-each
 policies: [oracle, untrained]
 tasks: [maniskill/PushCube-v1, pybullet/PandaPickAndPlace-v3, robosuite/Lift]
-seeds: {{start: 40, count: 3}}
+seeds: {{start: 40, count: 2}}
 image_size: 64
 render_profile: fast
 horizon: 48
@@ -27,55 +23,35 @@ workers: {workers}
 """
 
 
-def run(folder, workers, *, progress=Progress, media=False):
+def run(folder, workers, *, progress=Progress):
     suite = folder.parent / f"{folder.name}.yaml"
     suite.write_text(SUITE.format(workers=workers))
-    shown = progress(Console(file=io.StringIO(), force_terminal=False))
-    return run_plan(make_plan(suite), folder, RunOptions(media=media), shown)
-
-
-def rows(outcome):
-    store = Store.open_file(outcome.folder / "episodes.sqlite", outcome.document.run_id)
-    found = sorted(outcome_row(row) for row in store.results())
-    store.close()
-    return found
+    return play(suite, folder, progress=progress)
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory, ray_here):
-    """A run with one worker per simulator, filmed."""
-    return run(tmp_path_factory.mktemp("runs") / "one", 1, media=True)
+    """A run with one worker per simulator."""
+    return run(tmp_path_factory.mktemp("runs") / "one", 1)
 
 
-def test_a_run_over_three_simulators_is_complete_and_the_oracle_succeeds(undisturbed):
-    assert (undisturbed.document.status, undisturbed.done, undisturbed.document.skipped) == (RunStatus.COMPLETE, 18, {})
-    store = Store.open_file(undisturbed.folder / "episodes.sqlite", undisturbed.document.run_id)
-    statuses = {(row.simulator, row.policy, row.status) for row in store.results()}
-    store.close()
+def test_a_run_in_three_simulators_is_complete_and_the_oracle_succeeds(undisturbed):
+    assert (undisturbed.document.status, undisturbed.done, undisturbed.document.skipped) == (RunStatus.COMPLETE, 12, {})
+    statuses = {(row.simulator, row.policy, row.status) for row in rows_of(undisturbed.folder)}
     simulators = ("maniskill", "pybullet", "robosuite")
     assert statuses == {(s, p, r) for s in simulators for p, r in (("oracle", "success"), ("untrained", "failure"))}
     assert set(undisturbed.document.render_devices) == set(simulators)
 
 
-def test_both_policies_of_a_pair_started_from_the_same_world(undisturbed):
-    store = Store.open_file(undisturbed.folder / "episodes.sqlite", undisturbed.document.run_id)
-    worlds: dict[str, set[str]] = {}
-    for row in store.results():
-        worlds.setdefault(row.pair_id, set()).add(row.state_hash)
-    store.close()
-    assert len(worlds) == 9
-    assert all(len(hashes) == 1 for hashes in worlds.values())
+def test_both_policies_of_a_pair_start_from_the_same_state(undisturbed):
+    states: dict[str, set[str]] = {}
+    for row in rows_of(undisturbed.folder):
+        states.setdefault(row.pair_id, set()).add(row.state_hash)
+    assert len(states) == 6
+    assert all(len(hashes) == 1 for hashes in states.values())
 
 
-def test_filming_replays_episodes_to_the_same_outcome(undisturbed):
-    assert undisturbed.warnings == []
-    assert len(list((undisturbed.folder / "media/videos").glob("*.mp4"))) == 6
-    assert len(list((undisturbed.folder / "media/pictures").glob("*.png"))) == 3
-    page = (undisturbed.folder / "report.html").read_text()
-    assert page.count("data:video/mp4") == 6
-
-
-def test_two_workers_per_simulator_and_a_killed_one_change_no_row(undisturbed, tmp_path):
+def test_a_second_worker_per_simulator_and_a_killed_worker_change_no_row(undisturbed, tmp_path):
     killed = []
 
     class Killing(Progress):
@@ -92,5 +68,6 @@ def test_two_workers_per_simulator_and_a_killed_one_change_no_row(undisturbed, t
 
     outcome = run(tmp_path / "two", 2, progress=Killing)
     assert killed == [0]
-    assert rows(outcome) == rows(undisturbed)
+    first, second = (sorted(map(outcome_row, rows_of(run.folder))) for run in (undisturbed, outcome))
+    assert first == second
     assert outcome.document.rows_hash == undisturbed.document.rows_hash

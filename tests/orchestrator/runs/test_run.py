@@ -1,4 +1,4 @@
-"""A run folder from beginning to end: begun, continued, refused, and readable whatever happened."""
+"""A run folder: created, continued, refused, and always readable."""
 
 import io
 import itertools
@@ -10,17 +10,16 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from rich.console import Console
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import PlanError, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.orchestrator.runs.run_document import create_or_resume
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.record import outcome_row
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
-from robogauntlet.results.store.episode_store import Store, StoreError
+from robogauntlet.results.store.episode_store import StoreError
+from tests.orchestrator.runs.playing import play, rows_of
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 SUITE = """
@@ -43,24 +42,17 @@ def suite(tmp_path):
 
 
 class Run:
-    """Runs a suite into a folder and shows what came of it."""
+    """Plays suites into a folder."""
 
     def __init__(self, folder):
         self.folder = folder
-        self.said = io.StringIO()
+        self.output = io.StringIO()
 
     def __call__(self, suite, **options):
-        progress = Progress(Console(file=self.said, force_terminal=False, width=200))
-        options = RunOptions(**{"media": False, **options})
-        return run_plan(make_plan(suite), self.folder, options, progress)
+        return play(suite, self.folder, out=self.output, **options)
 
     def rows(self, store=None):
-        document = read_run(self.folder)
-        url = store or f"sqlite:///{self.folder / 'episodes.sqlite'}"
-        opened = Store.open(url, document.run_id)
-        rows = list(opened.results())
-        opened.close()
-        return rows
+        return rows_of(self.folder, store)
 
 
 @pytest.fixture
@@ -77,7 +69,7 @@ def test_a_run_is_not_continued_into_another_store(run, suite, tmp_path):
     assert not (tmp_path / "mistaken.sqlite").exists()
 
 
-def test_a_run_leaves_its_rows_its_document_and_its_report(run, suite):
+def test_a_run_writes_its_rows_its_document_and_its_report(run, suite):
     outcome = run(suite())
     assert (outcome.document.status, outcome.done, outcome.warnings) == (RunStatus.COMPLETE, 40, [])
     assert len(run.rows()) == 40
@@ -96,7 +88,7 @@ merging: {expert: oracle, oracle_routed: random, routed: zero}
 """
 
 
-def test_which_policies_the_report_compares_may_change_when_a_run_is_continued(run, suite):
+def test_a_continued_run_may_compare_other_policies(run, suite):
     text = SUITE.replace("[oracle, random]", "[oracle, random, zero]").replace("count: 20", "count: 4")
     assert run(suite(text)).document.suite.merging is None
     outcome = run(suite(text + MERGING))
@@ -104,7 +96,7 @@ def test_which_policies_the_report_compares_may_change_when_a_run_is_continued(r
     assert "## Merging and routing" in (run.folder / "report.md").read_text()
 
 
-def test_a_run_is_not_continued_with_another_definition_of_a_task(run, suite, monkeypatch):
+def test_a_run_is_not_continued_with_a_changed_task_definition(run, suite, monkeypatch):
     def define(found):
         null = replace(catalog.find("null"), definitions={"Reach": found})
         monkeypatch.setattr(catalog, "simulators", lambda: {"null": null})
@@ -117,7 +109,7 @@ def test_a_run_is_not_continued_with_another_definition_of_a_task(run, suite, mo
         run(path)
 
 
-def test_running_again_plays_nothing_again(run, suite):
+def test_a_complete_run_plays_no_episode_again(run, suite):
     path = suite()
     first = run(path)
     started = {row.episode_id: row.started_at for row in run.rows()}
@@ -125,7 +117,7 @@ def test_running_again_plays_nothing_again(run, suite):
     assert {row.episode_id: row.started_at for row in run.rows()} == started
     assert second.document.run_id == first.document.run_id
     assert second.document.rows_hash == first.document.rows_hash
-    assert "continuing: 40 of 40 episodes are done already" in run.said.getvalue()
+    assert "continuing: 40 of 40 episodes are done already" in run.output.getvalue()
 
 
 def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, monkeypatch):
@@ -150,9 +142,9 @@ def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, m
     assert outcome.document.rows_hash == read_run(undisturbed.folder).rows_hash
 
 
-def test_what_a_session_took_that_was_killed_is_not_forgotten(run, suite, monkeypatch):
+def test_the_elapsed_time_of_a_killed_session_is_kept(run, suite, monkeypatch):
     class Killed(BaseException):
-        """Nothing catches it, so nothing is finished."""
+        """Not caught by the run, which therefore cannot finish."""
 
     def die(self, results):
         time.sleep(0.2)
@@ -173,7 +165,7 @@ def test_what_a_session_took_that_was_killed_is_not_forgotten(run, suite, monkey
     assert run(path).document.elapsed_s > taken
 
 
-def test_a_folder_of_another_suite_is_refused_and_left_alone(run, suite):
+def test_a_folder_of_another_suite_is_refused_and_unchanged(run, suite):
     run(suite())
     before = (run.folder / "run.json").read_text()
     with pytest.raises(PlanError, match="holds a run of suite 'nulls', not 'others'; give another folder with --out"):
@@ -193,7 +185,7 @@ def test_a_changed_policy_does_not_continue_an_old_run(run, suite, monkeypatch):
         run(suite())
 
 
-def test_how_a_suite_is_run_may_change_when_it_is_continued(run, suite):
+def test_a_continued_run_may_have_other_run_settings(run, suite):
     run(suite())
     assert run(suite(SUITE.replace("workers: 2", "workers: 1"))).document.status is RunStatus.COMPLETE
 
@@ -243,7 +235,7 @@ def test_a_simulator_that_is_not_installed_is_skipped_and_named(run, suite, monk
         make_plan(path, only=["robosuite"])
 
 
-def test_too_many_errors_stop_the_run_with_what_it_has(run, suite):
+def test_too_many_errors_stop_the_run_and_keep_its_rows(run, suite):
     outcome = run(
         suite(SUITE.replace("null/Reach", "null/Raise").replace("workers: 2", "workers: 1"), error_tolerance=0.0)
     )
@@ -252,7 +244,7 @@ def test_too_many_errors_stop_the_run_with_what_it_has(run, suite):
     assert 0 < outcome.done < 40
 
 
-def test_errors_are_kept_until_they_are_asked_for_again(run, suite, tmp_path, monkeypatch):
+def test_errors_are_kept_until_a_retry_is_requested(run, suite, tmp_path, monkeypatch):
     path = suite(SUITE.replace("null/Reach", "null/Raise"), error_tolerance=1.0)
     run(path)
     errors = [row for row in run.rows() if row.status == "error"]
@@ -268,7 +260,7 @@ def test_errors_are_kept_until_they_are_asked_for_again(run, suite, tmp_path, mo
 
 
 @pytest.mark.parametrize("content", [b"this is no database at all, only text", b"\0" * 5000])
-def test_a_store_that_is_not_a_store_is_refused_and_left_alone(run, suite, content):
+def test_an_invalid_store_is_refused_and_unchanged(run, suite, content):
     run.folder.mkdir()
     (run.folder / "episodes.sqlite").write_bytes(content)
     with pytest.raises(StoreError, match=r"episodes\.sqlite: expected a store, this file is something else"):
@@ -295,7 +287,7 @@ def test_a_folder_that_cannot_be_written_is_refused(suite):
         Run(Path("/proc/self/fdinfo/run"))(suite())
 
 
-def test_two_processes_do_not_run_into_one_folder(run, suite):
+def test_two_processes_do_not_write_into_one_folder(run, suite):
     from filelock import FileLock
 
     run.folder.mkdir()
@@ -315,7 +307,7 @@ def tiny_disk(tmp_path):
     subprocess.run(["umount", str(folder)], check=True)
 
 
-def test_a_full_disk_stops_the_run_with_what_it_has_and_it_continues_later(tiny_disk, suite, tmp_path):
+def test_a_full_disk_stops_the_run_which_can_be_continued(tiny_disk, suite, tmp_path):
     path = suite(SUITE.replace("count: 20", "count: 600"))
     run = Run(tiny_disk / "run")
     outcome = run(path)
@@ -327,7 +319,7 @@ def test_a_full_disk_stops_the_run_with_what_it_has_and_it_continues_later(tiny_
     assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 1200)
 
 
-def test_videos_of_a_success_and_a_failure_are_made_by_replaying(run, suite):
+def test_videos_of_a_success_and_a_failure_are_recorded_by_replay(run, suite):
     outcome = run(suite(), media=True)
     videos = {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
     rows = {row.episode_id: (row.policy, row.status, row.seed) for row in run.rows()}
@@ -336,7 +328,7 @@ def test_videos_of_a_success_and_a_failure_are_made_by_replaying(run, suite):
     assert outcome.warnings == []
 
 
-def test_a_complete_run_is_filmed_if_that_was_not_come_to_and_once_only(run, suite):
+def test_missing_videos_of_a_complete_run_are_recorded_once(run, suite):
     path = suite()
     run(path, media=False)
     assert not (run.folder / "media").exists()
@@ -357,7 +349,7 @@ def test_rows_are_the_same_for_one_and_two_workers(suite, tmp_path):
     assert len(hashes) == 1
 
 
-def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
+def test_the_place_of_inference_is_chosen_shown_and_recorded(run, suite):
     text = SUITE.replace("[oracle, random]", "[untrained]").replace("count: 20", "count: 4")
     served = run(suite(text, inference="served"))
     assert served.document.inference == "served"
@@ -365,9 +357,9 @@ def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
     run.folder = run.folder.parent / "auto"
     chosen = run(suite(text, inference="auto")).document.inference
     assert chosen in ("worker", "served")
-    assert "measuring where policies answer sooner" in run.said.getvalue()
+    assert "measuring where policies answer faster" in run.output.getvalue()
     words = {"worker": "in the workers: ", "served": "in separate inference processes: "}[chosen]
-    assert f"policies compute {words}" in run.said.getvalue()
+    assert f"policies compute {words}" in run.output.getvalue()
     assert served.document.rows_hash == read_run(run.folder).rows_hash
 
 
@@ -378,7 +370,7 @@ def test_where_policies_compute_is_chosen_said_and_recorded(run, suite):
         ({"inference": "{place: served, num_gpus: 60}"}, "inference.num_gpus"),
     ],
 )
-def test_what_no_machine_has_stops_the_run_before_anything_is_played(run, suite, asked, key):
+def test_unavailable_resources_stop_the_run_before_the_first_episode(run, suite, asked, key):
     outcome = run(suite(**asked))
     assert (outcome.document.status, outcome.done) == (RunStatus.STOPPED, 0)
     assert outcome.document.reason.startswith(f"{key}: expected at most what one node has, ")
@@ -391,7 +383,7 @@ def test_a_clock_that_is_set_back_does_not_shorten_a_run(run, suite, monkeypatch
     assert 0 < run(suite()).document.elapsed_s < 600
 
 
-def test_workers_that_all_simulators_share_are_counted_apart_from_those_of_each(run, suite):
+def test_shared_workers_are_counted_separately(run, suite):
     document = run(suite(SUITE.replace("workers: 2", "workers: auto").replace("count: 20", "count: 2"))).document
     assert document.workers == {}
     assert document.shared_workers >= 1

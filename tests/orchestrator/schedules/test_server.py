@@ -13,7 +13,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
-from tests.chaos.calendar import played, serve_and_kill
+from tests.chaos.schedules import played, serve_and_kill
 from tests.results.synthetic import document, run_folder
 
 START = 1_795_000_000.0
@@ -92,7 +92,7 @@ def test_worse_runs_are_flagged_and_no_others(service, ray_here):
 @pytest.mark.slow
 @pytest.mark.ray
 def test_a_server_killed_at_any_moment_loses_and_doubles_no_run(service):
-    """Six kills; `python -m tests.chaos.calendar` does a hundred."""
+    """Six kills; `python -m tests.chaos.schedules` does a hundred."""
     service.write(count=40)
     schedule = service.add(cron="0 0 1 1 *")
     for number in range(2):

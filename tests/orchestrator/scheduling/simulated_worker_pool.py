@@ -19,7 +19,7 @@ from tests.results.synthetic import row
 
 
 class Clock:
-    """Seconds since it was made: real ones, less those that simulating took, and those that were waited for."""
+    """Seconds since its creation: real time without that of the simulation, plus simulated waiting."""
 
     def __init__(self):
         self._start, self.waited, self.simulating = time.perf_counter(), 0.0, 0.0
@@ -29,12 +29,12 @@ class Clock:
 
     @property
     def computed(self):
-        """Real seconds that were neither waited for nor spent in simulating: the scheduler's."""
+        """Real time that the scheduler has computed (s)."""
         return time.perf_counter() - self._start - self.simulating
 
     @contextlib.contextmanager
     def stopped(self):
-        """In here, simulated workers compute, which costs the scheduler nothing."""
+        """Time in this block is that of simulated workers and does not count."""
         start = time.perf_counter()
         try:
             yield
@@ -44,7 +44,7 @@ class Clock:
 
 @dataclass(eq=False)
 class SimulatedWorker:
-    """Sends its events at the times that were drawn for them."""
+    """Sends its events at drawn times."""
 
     pool: "SimulatedWorkerPool"
     name: str
@@ -69,18 +69,18 @@ class SimulatedWorker:
 
 
 class SimulatedWorkerPool:
-    """Workers that take drawn times and die as `fate` decides.
+    """Workers with drawn durations, which die as `fate` decides.
 
     Args:
-        seconds: Of an episode.
-        clock: Also the scheduler's.
-        start_s: Time from starting a worker to its being ready.
-        event_s: Time that the scheduler needs to handle an event, beyond what it computes here.
-        wait_s: Time that it takes to look which workers have one, for each worker.
+        seconds: Duration of an episode.
+        clock: The scheduler's clock.
+        start_s: Time until a worker is ready.
+        event_s: Time to handle an event on a real Ray, besides the computation here.
+        wait_s: Time per worker to find the workers with events on a real Ray.
         fate: Called before each episode; "dies" ends the worker there, "hangs" stops its events.
         unavailable: Simulators that cannot be opened.
-        memory_bytes: Held by a worker that has played so many episodes.
-        result: What a worker returns for an episode of a lease.
+        memory_bytes: Memory of a worker by the number of its played episodes.
+        result: Returns the result of an episode of a lease.
     """
 
     def __init__(
@@ -94,7 +94,9 @@ class SimulatedWorkerPool:
         fate: Callable[[Any], str] = lambda episode: "plays",
         unavailable: Iterable[str] = (),
         memory_bytes: Callable[[int], int] = lambda played: 0,
-        result: Callable[..., Any] = lambda lease, seed, **told: row(lease.cell, seed, attempts=lease.attempt, **told),
+        result: Callable[..., Any] = lambda lease, seed, **fields: row(
+            lease.cell, seed, attempts=lease.attempt, **fields
+        ),
     ):
         self.clock, self._seconds, self._start_s, self._fate = clock, seconds, start_s, fate
         self.event_s, self._wait_s, self._result = event_s, wait_s, result
@@ -114,7 +116,7 @@ class SimulatedWorkerPool:
         pass
 
     def close(self):
-        assert not self.alive, "workers were left behind"
+        assert not self.alive, "workers still run"
 
     def start(self, name, simulator, first):
         worker = SimulatedWorker(self, name)
@@ -131,7 +133,7 @@ class SimulatedWorkerPool:
         self.ready.pop(id(worker), None)
 
     def begin(self, worker, lease):
-        """A worker begins to play."""
+        """Schedule the events of a lease that a worker starts to play."""
         now = self.clock()
         if worker.idle_since is not None:
             self.idle_s += now - worker.idle_since
@@ -156,16 +158,16 @@ class SimulatedWorkerPool:
         self.charge(self._wait_s * len(self.alive))
         with self.clock.stopped():
             until = self.clock() + timeout_s
-            self._ripen()
+            self._deliver_due_events()
             if not self.ready:
                 due = min(self._events[0][0], until) if self._events else until
                 self.clock.waited += max(0.0, due - self.clock())
-                self._ripen()
+                self._deliver_due_events()
             ready, self.ready = list(self.ready.values()), {}
             return ready
 
     def charge(self, seconds):
-        """Let the scheduler spend time that it does not spend here."""
+        """Count time that the scheduler would need on a real Ray."""
         self.charged_s += seconds
         self.clock.waited += seconds
 
@@ -177,7 +179,7 @@ class SimulatedWorkerPool:
     def _at(self, when, worker, event):
         heapq.heappush(self._events, (when, next(self._count), worker, event))
 
-    def _ripen(self):
+    def _deliver_due_events(self):
         now = self.clock()
         while self._events and self._events[0][0] <= now:
             when, _, worker, event = heapq.heappop(self._events)

@@ -1,4 +1,4 @@
-"""The scheduler on a real Ray: every row once, whatever dies on the way."""
+"""The scheduler on a real Ray: every row exactly once, despite worker failures."""
 
 import os
 import signal
@@ -29,17 +29,17 @@ def options(**changes):
     return SchedulerOptions(**{**given, **changes})
 
 
-def play(told, items, *, max_attempts=3, **changes):
+def play(observer, items, *, max_attempts=3, **changes):
     rows = []
     chosen = options(**changes)
     Scheduler(
-        work_queues(items, max_attempts), RayWorkerPool(SOURCES, chosen.resources), chosen, rows.extend, told
+        work_queues(items, max_attempts), RayWorkerPool(SOURCES, chosen.resources), chosen, rows.extend, observer
     ).run()
     return rows
 
 
 def gone(pid, within_s=120.0):
-    """Whether a process ends; its parent may take a while to notice."""
+    """Whether a process ends within this time; its parent may notice late."""
     deadline = time.monotonic() + within_s
     while time.monotonic() < deadline:
         try:
@@ -54,20 +54,20 @@ def seeds(rows):
     return Counter(row.seed for row in rows)
 
 
-def test_every_episode_comes_home_once(told):
-    rows = play(told, work(policies=("oracle", "random", "untrained")))
+def test_every_episode_is_returned_exactly_once(observer):
+    rows = play(observer, work(policies=("oracle", "random", "untrained")))
     assert len(rows) == len({row.episode_id for row in rows}) == 120
-    assert rows == told.rows
+    assert rows == observer.rows
     assert {row.worker for row in rows} <= {"null-0", "null-1"}
 
 
-def test_rows_are_the_same_with_one_worker_and_with_four(told):
+def test_rows_are_the_same_with_one_worker_and_with_four(observer):
     items = work(policies=("oracle", "random", "untrained"))
-    one, four = (play(told, items, workers={"null": n}) for n in (1, 4))
+    one, four = (play(observer, items, workers={"null": n}) for n in (1, 4))
     assert rows_hash(map(outcome_row, one)) == rows_hash(map(outcome_row, four))
 
 
-def test_a_killed_worker_costs_a_retry_and_nothing_else(told):
+def test_a_killed_worker_only_costs_a_retry(observer):
     killed = []
 
     def kill(pid):
@@ -75,120 +75,124 @@ def test_a_killed_worker_costs_a_retry_and_nothing_else(told):
         os.kill(pid, signal.SIGKILL)
 
     def kill_one_that_plays(rows):
-        if not killed and len(told.rows) > 10:
-            kill(told.ready[-1][1].pid)
+        if not killed and len(observer.rows) > 10:
+            kill(observer.ready[-1][1].pid)
 
     def kill_the_next(readiness):
         if len(killed) == 1:
             kill(readiness.pid)
 
-    told.on_rows, told.on_ready = kill_one_that_plays, kill_the_next
-    rows = play(told, work("null/Slow", range(60)))
+    observer.on_rows, observer.on_ready = kill_one_that_plays, kill_the_next
+    rows = play(observer, work("null/Slow", range(60)))
     assert len(killed) == 2
     assert seeds(rows) == Counter(range(60))
     assert all(row.status == "success" for row in rows)
-    assert any("the worker process died" in message for message in told.warnings)
-    undisturbed = play(told, work("null/Slow", range(60)))
+    assert any("the worker process died" in message for message in observer.warnings)
+    undisturbed = play(observer, work("null/Slow", range(60)))
     assert sorted(map(outcome_row, rows)) == sorted(map(outcome_row, undisturbed))
 
 
-def test_an_episode_that_kills_its_worker_once_is_done_at_the_next_attempt(told, tmp_path, monkeypatch):
+def test_an_episode_that_kills_its_worker_once_succeeds_at_the_next_attempt(observer, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "robogauntlet.orchestrator.environments.resolver._ONE_THREAD", {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}
     )
-    rows = play(told, work("null/Crash", range(15)))
+    rows = play(observer, work("null/Crash", range(15)))
     assert seeds(rows) == Counter(range(15))
     assert {row.status for row in rows} == {"success"}
 
 
-def test_an_episode_that_kills_every_worker_becomes_an_error_and_the_rest_is_done(told):
-    rows = play(told, work("null/Crash", range(1, 9)), max_attempts=2, allowed_errors=1)
+def test_an_episode_that_kills_every_worker_becomes_an_error_and_the_others_are_played(observer):
+    rows = play(observer, work("null/Crash", range(1, 9)), max_attempts=2, allowed_errors=1)
     assert seeds(rows) == Counter(range(1, 9))
-    (poison,) = [row for row in rows if row.status == "error"]
-    assert (poison.seed, poison.error, poison.attempts) == (7, "WorkerDied: the worker process died (attempts: 2)", 2)
+    (error_row,) = [row for row in rows if row.status == "error"]
+    assert (error_row.seed, error_row.error, error_row.attempts) == (
+        7,
+        "WorkerDied: the worker process died (attempts: 2)",
+        2,
+    )
 
 
-def test_a_hung_episode_is_ended_from_outside(told):
-    rows = play(told, work("null/Hang", range(5, 9)), episode_time_limit_s=10.0, max_attempts=1, allowed_errors=1)
+def test_a_hanging_episode_is_ended(observer):
+    rows = play(observer, work("null/Hang", range(5, 9)), episode_time_limit_s=10.0, max_attempts=1, allowed_errors=1)
     assert seeds(rows) == Counter(range(5, 9))
     (hung,) = [row for row in rows if row.status == "error"]
     assert (hung.seed, hung.error) == (7, "WorkerDied: an episode took longer than 10 s (attempts: 1)")
 
 
-def test_a_stopped_process_is_ended_too(told):
+def test_a_stopped_process_is_ended(observer):
     stopped = []
 
     def stop_one(rows):
         if not stopped:
-            stopped.append(told.ready[0][1].pid)
+            stopped.append(observer.ready[0][1].pid)
             os.kill(stopped[0], signal.SIGSTOP)
 
-    told.on_rows = stop_one
-    rows = play(told, work("null/Slow", range(12)), episode_time_limit_s=10.0, workers={"null": 1})
+    observer.on_rows = stop_one
+    rows = play(observer, work("null/Slow", range(12)), episode_time_limit_s=10.0, workers={"null": 1})
     assert seeds(rows) == Counter(range(12))
     assert gone(stopped[0])
 
 
-def test_too_many_errors_end_the_run_and_keep_what_came(told):
+def test_too_many_errors_end_the_run_and_keep_returned_rows(observer):
     rows = []
     pool = RayWorkerPool(SOURCES)
     queues = work_queues(work("null/Raise", range(100)), 3)
-    scheduler = Scheduler(queues, pool, options(allowed_errors=3), rows.extend, told)
-    # As many as were in the message that brought the fourth.
+    scheduler = Scheduler(queues, pool, options(allowed_errors=3), rows.extend, observer)
+    # The message that brings the fourth error may hold more.
     with pytest.raises(
         TooManyErrors, match=r"\d+ episodes ended in errors, the suite tolerates 3; latest: RuntimeError"
     ):
         scheduler.run()
     assert 4 <= len(rows) < 100
-    assert rows == told.rows
+    assert rows == observer.rows
 
 
-def test_an_interruption_keeps_what_came_and_leaves_no_process(told):
+def test_an_interruption_keeps_returned_rows_and_leaves_no_process(observer):
     rows = []
 
     def interrupt(_):
-        if len(told.rows) >= 5:
+        if len(observer.rows) >= 5:
             raise KeyboardInterrupt
 
-    told.on_rows = interrupt
+    observer.on_rows = interrupt
     with pytest.raises(KeyboardInterrupt):
         Scheduler(
-            work_queues(work("null/Slow", range(100)), 3), RayWorkerPool(SOURCES), options(), rows.extend, told
+            work_queues(work("null/Slow", range(100)), 3), RayWorkerPool(SOURCES), options(), rows.extend, observer
         ).run()
     assert 5 <= len(rows) < 100
-    assert all(gone(ready.pid) for _, ready in told.ready)
+    assert all(gone(ready.pid) for _, ready in observer.ready)
 
 
-def test_a_sink_that_fails_ends_the_run(told):
+def test_a_sink_that_fails_ends_the_run(observer):
     def full(rows):
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OSError, match="No space left"):
-        Scheduler(work_queues(work(), 3), RayWorkerPool(SOURCES), options(), full, told).run()
+        Scheduler(work_queues(work(), 3), RayWorkerPool(SOURCES), options(), full, observer).run()
 
 
-def test_a_simulator_that_cannot_be_opened_is_left_out_with_its_reason(told, monkeypatch):
+def test_a_simulator_that_cannot_be_opened_is_skipped_with_its_reason(observer, monkeypatch):
     items = [*work(), (Cell("oracle", "oracle", "broken/Task", Protocol(10)), range(5))]
     from robogauntlet.adapters import catalog
 
     null = catalog.find("null")
     monkeypatch.setattr("robogauntlet.adapters.catalog.find", lambda name: null)
-    rows = play(told, items, workers={"null": 1, "broken": 1})
+    rows = play(observer, items, workers={"null": 1, "broken": 1})
     assert seeds(rows) == Counter(range(40))
-    ((name, reason, episodes),) = told.left_out
+    ((name, reason, episodes),) = observer.skipped
     assert (name, episodes) == ("broken", 5)
     assert reason.startswith("unknown simulator 'broken'")
 
 
-def test_workers_are_replaced_after_a_bounded_number_of_episodes(told, monkeypatch):
+def test_workers_are_replaced_after_a_bounded_number_of_episodes(observer, monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.scheduling.scheduler.RECYCLE_AFTER", 20)
-    rows = play(told, work(seeds=range(200)), workers={"null": 1})
+    rows = play(observer, work(seeds=range(200)), workers={"null": 1})
     assert seeds(rows) == Counter(range(200))
-    assert len({ready.pid for _, ready in told.ready}) >= 3
+    assert len({ready.pid for _, ready in observer.ready}) >= 3
 
 
-def test_more_workers_than_there_are_places_take_turns(told):
-    """Each asks for half of the places. One with nothing left to do gives its own up."""
+def test_more_workers_than_ray_has_room_for_take_turns(observer):
+    """Each worker requests half of the cores. A worker without work makes room."""
     items = [
         (Cell("zero", "zero", task, Protocol(20)), range(6))
         for task in ("null/Reach", "pybullet/PandaReach-v3", "pybullet/PandaPush-v3")
@@ -197,33 +201,33 @@ def test_more_workers_than_there_are_places_take_turns(told):
     sources = {"zero": PolicySource("zero")}
     given = options(workers={"null": 2, "pybullet": 2})
     pool = RayWorkerPool(sources, dict.fromkeys(("null", "pybullet"), Resources(num_cpus=3.0)))
-    Scheduler(work_queues(items, 3), pool, given, rows.extend, told).run()
+    Scheduler(work_queues(items, 3), pool, given, rows.extend, observer).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 12}
-    assert not told.warnings
+    assert not observer.warnings
 
 
-def test_one_place_for_all_simulators_works_for_one_after_the_other(told):
+def test_one_slot_serves_all_simulators_in_turn(observer):
     items = [(Cell("zero", "zero", task, Protocol(20)), range(6)) for task in ("null/Reach", "pybullet/PandaReach-v3")]
     rows = []
     given = options(workers=lambda: 1)
-    Scheduler(work_queues(items, 3), RayWorkerPool({"zero": PolicySource("zero")}), given, rows.extend, told).run()
+    Scheduler(work_queues(items, 3), RayWorkerPool({"zero": PolicySource("zero")}), given, rows.extend, observer).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 6}
-    assert [simulator for simulator, _ in told.ready] in (["null", "pybullet"], ["pybullet", "null"])
+    assert [simulator for simulator, _ in observer.ready] in (["null", "pybullet"], ["pybullet", "null"])
 
 
-def test_places_that_are_added_while_it_runs_are_taken_up(told, monkeypatch):
+def test_slots_that_are_added_during_the_run_are_used(observer, monkeypatch):
     monkeypatch.setattr("robogauntlet.orchestrator.scheduling.scheduler.GROW_S", 0.1)
     monkeypatch.setattr("robogauntlet.orchestrator.scheduling.work_queue.START_S", 0.0)
-    rows = play(told, work("null/Slow", range(80)), workers=lambda: 3 if len(told.rows) > 10 else 1)
+    rows = play(observer, work("null/Slow", range(80)), workers=lambda: 3 if len(observer.rows) > 10 else 1)
     assert seeds(rows) == Counter(range(80))
-    assert len(told.ready) == 3
+    assert len(observer.ready) == 3
 
 
-def test_a_worker_that_holds_more_memory_than_it_may_is_replaced(told):
-    rows = play(told, work(seeds=range(60)), workers={"null": 1}, resources={"null": Resources(memory_gb=1e-9)})
+def test_a_worker_above_the_memory_limit_is_replaced(observer):
+    rows = play(observer, work(seeds=range(60)), workers={"null": 1}, resources={"null": Resources(memory_gb=1e-9)})
     assert seeds(rows) == Counter(range(60))
-    assert len({ready.pid for _, ready in told.ready}) >= 3
-    assert not told.warnings
+    assert len({ready.pid for _, ready in observer.ready}) >= 3
+    assert not observer.warnings
 
 
 @pytest.mark.parametrize(
@@ -234,6 +238,6 @@ def test_a_worker_that_holds_more_memory_than_it_may_is_replaced(told):
         ({"memory_gb": 9999}, r"resources.null.memory_gb: expected at most what one node has, .*; got 9999"),
     ],
 )
-def test_what_no_node_has_is_refused_instead_of_waited_for(asked, message):
+def test_resources_that_no_node_has_are_refused(asked, message):
     with pytest.raises(NoRoom, match=message):
         RayWorkerPool(SOURCES, {"null": Resources(**asked)})

@@ -1,4 +1,4 @@
-"""The scheduler over simulated workers: many of them, and whatever happens to them, in no time."""
+"""The scheduler with many simulated workers and failures, in a short time."""
 
 from collections import Counter
 from random import Random
@@ -21,11 +21,11 @@ def work(plan):
 
 
 def play(items, pool, workers, **changes):
-    told, rows = RecordingObserver(), []
+    observer, rows = RecordingObserver(), []
     given = {"workers": workers, "episode_time_limit_s": 30.0, "allowed_errors": 10**6}
     chosen = SchedulerOptions(**{**given, **changes})
-    Scheduler(work_queues(items, 3), pool, chosen, rows.extend, told, now=pool.clock).run()
-    return rows, told
+    Scheduler(work_queues(items, 3), pool, chosen, rows.extend, observer, now=pool.clock).run()
+    return rows, observer
 
 
 @given(
@@ -35,9 +35,9 @@ def play(items, pool, workers, **changes):
     st.integers(0, 2**32),
 )
 @settings(max_examples=200)
-def test_every_episode_comes_home_once_whoever_dies_or_hangs(plan, count, shared, seed):
-    """Of each fate a few percent; an episode is given up as an error after three in a row when alone."""
-    random = Random(seed)  # not hypothesis' own: how much is drawn depends on the time that the scheduler takes
+def test_every_episode_is_returned_exactly_once_despite_dead_and_hanging_workers(plan, count, shared, seed):
+    """A few percent of each failure. An episode becomes an error after three failures in a row when leased alone."""
+    random = Random(seed)  # not hypothesis', because the number of draws depends on the scheduler's timing
     pool = SimulatedWorkerPool(
         lambda episode: random.uniform(0.01, 3.0),
         Clock(),
@@ -53,22 +53,22 @@ def test_a_hanging_worker_is_ended_after_the_time_limit():
     pool = SimulatedWorkerPool(
         lambda episode: 1.0, Clock(), fate=lambda episode: "hangs" if pool.clock() < 10.0 else "plays"
     )
-    rows, told = play(work({("a/1", "p"): 5}), pool, {"a": 1})
+    rows, observer = play(work({("a/1", "p"): 5}), pool, {"a": 1})
     assert Counter(row.seed for row in rows) == Counter(range(5))
-    assert told.warnings == ["a-0: an episode took longer than 30 s; its episodes go back into the queue"]
+    assert observer.warnings == ["a-0: an episode took longer than 30 s; its episodes go back into the queue"]
     assert 30.0 < pool.clock() < 60.0
 
 
-def test_a_worker_that_is_to_be_heard_rarely_is_not_taken_for_a_hanging_one():
-    """Of a thousand workers each sends a message every two seconds, an episode may take one."""
+def test_a_worker_with_rare_messages_is_not_mistaken_for_a_hanging_one():
+    """Each of a thousand workers sends a message every two seconds, while the time limit is one second."""
     pool = SimulatedWorkerPool(lambda episode: 0.1, Clock())
-    rows, told = play(work({("a/1", "p"): 60_000}), pool, lambda: 1000, episode_time_limit_s=1.0)
+    rows, observer = play(work({("a/1", "p"): 60_000}), pool, lambda: 1000, episode_time_limit_s=1.0)
     assert len(rows) == 60_000
-    assert not told.warnings
+    assert not observer.warnings
 
 
-def test_a_clock_that_jumps_ends_no_worker_that_had_something_to_say():
-    """As when the scheduler was stopped for an hour, and its workers went on."""
+def test_a_clock_jump_ends_no_worker_with_pending_events():
+    """As if the scheduler was stopped for an hour while its workers went on."""
     pool = SimulatedWorkerPool(lambda episode: 1.0, Clock())
     jumped = []
 
@@ -79,29 +79,29 @@ def test_a_clock_that_jumps_ends_no_worker_that_had_something_to_say():
         return "plays"
 
     pool._fate = jump
-    rows, told = play(work({("a/1", "p"): 40}), pool, {"a": 3})
+    rows, observer = play(work({("a/1", "p"): 40}), pool, {"a": 3})
     assert Counter(row.seed for row in rows) == Counter(range(40))
     assert jumped
-    assert not told.warnings
+    assert not observer.warnings
 
 
-def test_a_simulator_that_cannot_be_opened_leaves_the_others_alone():
+def test_a_simulator_that_cannot_be_opened_does_not_affect_the_others():
     pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), unavailable=["b"])
-    rows, told = play(work({("a/1", "p"): 5, ("b/1", "p"): 7}), pool, lambda: 2)
+    rows, observer = play(work({("a/1", "p"): 5, ("b/1", "p"): 7}), pool, lambda: 2)
     assert Counter(row.simulator for row in rows) == {"a": 5}
-    assert told.left_out == [("b", "not here", 7)]
+    assert observer.skipped == [("b", "not here", 7)]
 
 
-def test_a_worker_that_holds_too_much_memory_is_replaced_after_its_lease():
+def test_a_worker_above_the_memory_limit_is_replaced_after_its_lease():
     pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), memory_bytes=lambda played: 100 * played)
-    rows, told = play(work({("a/1", "p"): 40}), pool, {"a": 1}, resources={"a": Resources(memory_gb=950 / 1024**3)})
+    rows, observer = play(work({("a/1", "p"): 40}), pool, {"a": 1}, resources={"a": Resources(memory_gb=950 / 1024**3)})
     assert Counter(row.seed for row in rows) == Counter(range(40))
-    assert len(told.ready) == 4
-    assert not told.warnings
+    assert len(observer.ready) == 4
+    assert not observer.warnings
 
 
 @pytest.mark.parametrize("workers", [10, 300])
-def test_workers_are_busy_whatever_episodes_take(workers):
+def test_workers_are_busy_with_any_episode_durations(workers):
     """Durations over two decades, some tasks short and some long: idle for less than 2 % of the time between leases."""
     rng = np.random.default_rng(0)
     mean_s = {f"a/{i}": seconds for i, seconds in enumerate(np.geomspace(0.1, 10.0, 9))}

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robogauntlet.orchestrator.episodes.lease import Lease
-from robogauntlet.orchestrator.scheduling.work_queue import LEASE_S, START_S, Backlog, WorkQueue, next_simulator
+from robogauntlet.orchestrator.scheduling.work_queue import LEASE_S, START_S, WorkQueue, next_simulator
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.suites.episode import Cell, Protocol
 
-DEMANDS = st.dictionaries(st.sampled_from("abc"), st.builds(Backlog, st.floats(0, 1e6), st.integers(0, 4)))
+BACKLOGS = st.dictionaries(st.sampled_from("abc"), st.tuples(st.floats(0, 1e6), st.integers(0, 4)))
 
 
 def cell(task="sim/A", policy="p"):
@@ -34,7 +34,7 @@ def drain(queue, open_task=None):
     st.integers(1, 4),
     st.data(),
 )
-def test_every_episode_is_handed_out_until_it_comes_back_and_never_twice_at_once(plan, workers, data):
+def test_every_episode_is_leased_until_its_result_returns_and_never_twice_at_the_same_time(plan, workers, data):
     work = [(cell(f"sim/{task}", policy), range(n)) for (task, policy), n in plan.items()]
     queue = WorkQueue(work, workers=workers, max_attempts=2)
     back, given_up, out = Counter(), Counter(), set()
@@ -66,7 +66,7 @@ def test_workers_spread_over_tasks():
     assert {queue.lease(None).cell.task, queue.lease(None).cell.task} == {"sim/A", "sim/B"}
 
 
-def test_the_longest_work_comes_first_by_the_times_that_were_measured():
+def test_the_longest_work_by_measured_durations_comes_first():
     work = [(cell("sim/A", "p"), range(9)), (cell("sim/A", "q"), range(6)), (cell("sim/B"), range(9))]
     queue = WorkQueue(work, workers=1, max_attempts=3)
     for (one, _), seconds in zip(work, (1.0, 2.0, 0.1), strict=True):
@@ -78,13 +78,13 @@ def test_the_longest_work_comes_first_by_the_times_that_were_measured():
     assert order[-1] == ("sim/B", "p")
 
 
-def test_an_idle_worker_helps_with_a_task_that_another_has_open():
+def test_an_idle_worker_helps_with_another_workers_task():
     queue = WorkQueue([(cell("sim/A"), range(50))], workers=2, max_attempts=3)
     queue.lease("sim/A")
     assert queue.lease("sim/B").cell.task == "sim/A"
 
 
-def test_a_lease_is_one_episode_until_a_duration_is_known_then_about_its_share_of_time():
+def test_a_lease_is_one_episode_until_a_duration_is_known_then_lasts_a_fixed_time():
     queue = WorkQueue([(cell(), range(1000))], workers=1, max_attempts=3)
     first = queue.lease(None)
     assert len(first.seeds) == 1
@@ -92,7 +92,7 @@ def test_a_lease_is_one_episode_until_a_duration_is_known_then_about_its_share_o
     assert len(queue.lease(None).seeds) == 20
 
 
-def test_of_many_workers_each_is_heard_less_often_so_that_the_scheduler_keeps_up():
+def test_with_many_workers_each_sends_fewer_messages():
     few, many = (WorkQueue([(cell(), range(10**6))], workers=n, max_attempts=3) for n in (10, 1000))
     for queue in (few, many):
         lease = Lease(cell(), (0,))
@@ -123,7 +123,7 @@ def test_after_a_death_each_episode_of_the_lease_is_played_alone():
     assert sorted(x.seeds for x in alone) == [(seed,) for seed in lease.seeds[1:]]
 
 
-def test_an_episode_that_ends_its_worker_alone_too_often_is_given_up_with_its_reason():
+def test_an_episode_that_alone_kills_its_worker_too_often_is_given_up_with_its_reason():
     queue = WorkQueue([(cell(), range(1))], workers=1, max_attempts=3)
     for attempt in (1, 2):
         lease = queue.lease(None)
@@ -142,7 +142,7 @@ def test_dropped_work_is_counted_and_gone():
     assert queue.lease(None) is None
 
 
-def test_a_lease_is_never_empty_though_its_cell_has_not_been_measured_yet():
+def test_a_lease_is_never_empty_even_if_its_cell_is_unmeasured():
     queue = WorkQueue([(cell("sim/A", "p"), range(1)), (cell("sim/A", "q"), range(3))], workers=4, max_attempts=3)
     played = Lease(cell("sim/A", "q"), (0,))
     queue.returned(played, took(played, 1.0))
@@ -150,7 +150,7 @@ def test_a_lease_is_never_empty_though_its_cell_has_not_been_measured_yet():
 
 
 @given(st.lists(st.tuples(st.sampled_from("ABC"), st.integers(1, 30), st.floats(1e-3, 100)), min_size=1, max_size=8))
-def test_what_waits_is_what_was_given_less_what_was_handed_out(plan):
+def test_waiting_episodes_are_all_episodes_minus_leased_ones(plan):
     work = [(cell(f"sim/{task}", f"p{i}"), range(n)) for i, (task, n, _) in enumerate(plan)]
     seconds = {one: s for (one, _), (_, _, s) in zip(work, plan, strict=True)}
     queue = WorkQueue(work, workers=2, max_attempts=3)
@@ -166,23 +166,23 @@ def test_what_waits_is_what_was_given_less_what_was_handed_out(plan):
 
 
 def test_a_simulator_without_a_worker_comes_first():
-    assert next_simulator({"a": Backlog(1000.0, 1), "b": Backlog(1.0, 0)}) == "b"
+    assert next_simulator({"a": (1000.0, 1), "b": (1.0, 0)}) == "b"
 
 
-def test_then_the_one_with_the_most_work_left_for_each_worker():
-    assert next_simulator({"a": Backlog(1000.0, 3), "b": Backlog(900.0, 1)}) == "b"
+def test_then_the_simulator_with_the_most_work_left_per_worker():
+    assert next_simulator({"a": (1000.0, 3), "b": (900.0, 1)}) == "b"
 
 
-def test_a_place_stays_idle_where_starting_a_worker_would_take_longer_than_the_work():
-    assert next_simulator({"a": Backlog(1.9 * START_S, 1)}) is None
-    assert next_simulator({"a": Backlog(2.1 * START_S, 1)}) == "a"
+def test_a_slot_stays_idle_if_starting_a_worker_takes_longer_than_the_work():
+    assert next_simulator({"a": (1.9 * START_S, 1)}) is None
+    assert next_simulator({"a": (2.1 * START_S, 1)}) == "a"
 
 
-@given(DEMANDS)
-def test_a_place_goes_where_there_is_work_and_no_simulator_is_left_without_a_worker(demands):
-    chosen = next_simulator(demands)
-    unattended = {name for name, demand in demands.items() if demand.waiting_s > 0 and not demand.workers}
+@given(BACKLOGS)
+def test_a_slot_serves_a_simulator_with_work_and_first_one_without_a_worker(backlogs):
+    chosen = next_simulator(backlogs)
+    unattended = {name for name, (waiting_s, workers) in backlogs.items() if waiting_s > 0 and not workers}
     if chosen is not None:
-        assert demands[chosen].waiting_s > 0
+        assert backlogs[chosen][0] > 0
     if unattended:
         assert chosen in unattended

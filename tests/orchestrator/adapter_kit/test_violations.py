@@ -1,4 +1,4 @@
-"""Each lie of an adapter is told by the check that is meant for it, in one clear line."""
+"""Each violation of the contract is reported by its check in one line."""
 
 import os
 
@@ -7,10 +7,10 @@ import pytest
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS, resources
 from robogauntlet.orchestrator.adapter_kit.checks.check import Outcome
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
-from tests.orchestrator.adapter_kit import camera_liars, object_liars  # noqa: F401  register them
-from tests.orchestrator.adapter_kit.liars import LIARS
+from tests.orchestrator.adapter_kit import camera_variants, object_variants  # noqa: F401  register them
+from tests.orchestrator.adapter_kit.variants import VARIANTS
 
-LIES = [
+VIOLATIONS = [
     ("wrongshape", "observation", "the image of third_person as (96, 96, 3), uint8; seen: (96, 96, 4), uint8"),
     ("wrongtype", "observation", "the image of third_person as (96, 96, 3), uint8; seen: (96, 96, 3), float32"),
     ("singleprecision", "privileged-state", "tcp_position as (3,), float64; seen: (3,), float32"),
@@ -52,7 +52,7 @@ LIES = [
     ("endsathorizon", "survives", "steps beyond the horizon of 60; seen: ValueError: executing action in terminated"),
     ("mirrored", "camera-viewpoint", "they move as in an image that is mirrored"),
     (
-        "upsidedownuntold",
+        "upsidedownwithoutcontrols",
         "camera-upright",
         "motion to go up in the third-person image as the tool goes up; seen: it goes down",
     ),
@@ -77,7 +77,7 @@ LIES = [
         "objects-box",
         "ball to be put anywhere in a box of (0.500, 0.240) m; seen: 12 seeds spread over (0.1",
     ),
-    ("slidesuntold", "objects-box", "ball between (0.400, -0.120) m and (0.600, 0.120) m; seen: from (0.4"),
+    ("slidesundeclared", "objects-box", "ball between (0.400, -0.120) m and (0.600, 0.120) m; seen: from (0.4"),
     ("rollsaway", "objects-move", "ball to stay at rest there; seen: it drifts by [0.006"),
     ("keepsmemory", "memory", "memory to grow by less than 16 MB in 400 resets"),
     ("keepsfiles", "closes", "2 more file descriptor(s)"),
@@ -86,56 +86,58 @@ LIES = [
 ]
 
 
-@pytest.mark.parametrize(("liar", "check", "line"), LIES, ids=[f"{liar}-{check}" for liar, check, _ in LIES])
-def test_a_lie_is_told_in_a_line_by_its_check(subject, liar, check, line):
-    findings = CHECKS[check].run(subject(liar))
-    assert {finding.outcome for finding in findings} == {Outcome.FAILED}
-    told = str(findings[0])
-    assert told.startswith(f"{check}: expected ")
-    assert line in told
-    assert "\n" not in told
+@pytest.mark.parametrize(
+    ("variant", "check", "line"), VIOLATIONS, ids=[f"{variant}-{check}" for variant, check, _ in VIOLATIONS]
+)
+def test_each_broken_promise_is_reported_in_a_line_by_its_check(subject, variant, check, line):
+    results = CHECKS[check].run(subject(variant))
+    assert {result.outcome for result in results} == {Outcome.FAILED}
+    text = str(results[0])
+    assert text.startswith(f"{check}: expected ")
+    assert line in text
+    assert "\n" not in text
 
 
-@pytest.mark.parametrize("check", sorted({check for _, check, _ in LIES}))
-def test_the_honest_toy_passes_every_check_that_finds_a_lie(subject, check):
-    honest = "movestheball" if check.startswith("objects-") else "honest"
-    assert {finding.outcome for finding in CHECKS[check].run(subject(honest))} == {Outcome.PASSED}
+@pytest.mark.parametrize("check", sorted({check for _, check, _ in VIOLATIONS}))
+def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, check):
+    correct = "movestheball" if check.startswith("objects-") else "correct"
+    assert {result.outcome for result in CHECKS[check].run(subject(correct))} == {Outcome.PASSED}
 
 
-def test_a_start_may_lie_outside_the_box_by_as_much_as_things_slid(subject):
-    assert CHECKS["objects-box"].run(subject("slidesandsaysso"))[0].outcome is Outcome.PASSED
+def test_a_start_may_be_outside_the_box_by_the_settling_shift(subject):
+    assert CHECKS["objects-box"].run(subject("slidesasdeclared"))[0].outcome is Outcome.PASSED
 
 
-def test_a_thing_is_moved_to_where_no_other_is(subject):
+def test_an_object_is_moved_away_from_all_others(subject):
     assert CHECKS["objects-move"].run(subject("hasaneighbour"))[0].outcome is Outcome.PASSED
 
 
-def test_a_declaration_that_imports_its_simulator_is_told():
-    subject = CheckedTask(LIARS["honest"], "Reach", loaded_by_declaring=frozenset({"mujoco", "json"}))
-    (finding,) = CHECKS["declaration"].run(subject)
-    assert "seen: it imports mujoco;" in str(finding)
+def test_a_declaration_that_imports_its_simulator_is_reported():
+    subject = CheckedTask(VARIANTS["correct"], "Reach", loaded_by_declaring=frozenset({"mujoco", "json"}))
+    (result,) = CHECKS["declaration"].run(subject)
+    assert "seen: it imports mujoco;" in str(result)
 
 
-def test_where_an_adapter_raised_is_told_by_file_and_line(subject):
-    (finding,) = CHECKS["observation"].run(subject("raisesinobserve"))
-    file, _, rest = finding.look.partition(":")
-    assert file.endswith("liars.py")
+def test_file_and_line_of_an_adapters_exception_are_reported(subject):
+    (result,) = CHECKS["observation"].run(subject("raisesinobserve"))
+    file, _, rest = result.look.partition(":")
+    assert file.endswith("variants.py")
     assert rest.endswith("in observe")
 
 
-def test_a_step_that_takes_longer_than_a_run_can_wait_is_told(subject, monkeypatch):
+def test_a_step_that_is_too_slow_for_a_run_is_reported(subject, monkeypatch):
     monkeypatch.setitem(resources.LIMITS_S, "step", 0.02)
     assert "step to take less than 0.02 s; seen: 0.03" in str(CHECKS["pace"].run(subject("slow"))[0])
-    assert CHECKS["pace"].run(subject("honest"))[0].outcome is Outcome.PASSED
+    assert CHECKS["pace"].run(subject("correct"))[0].outcome is Outcome.PASSED
 
 
-def test_memory_that_others_left_free_in_the_process_does_not_hide_what_grows(subject):
+def test_free_memory_of_the_process_does_not_hide_growth(subject):
     several = [os.urandom(1 << 10) * 100 for _ in range(1000)]
     last = several.pop()  # keeps what is below it in the heap from going back to the system
     del several
-    (finding,) = CHECKS["memory"].run(subject("keepsmemory"))
+    (result,) = CHECKS["memory"].run(subject("keepsmemory"))
     del last
-    assert finding.outcome is Outcome.FAILED
+    assert result.outcome is Outcome.FAILED
 
 
 def test_a_task_that_does_not_open_fails_once_and_skips_the_rest(subject):

@@ -1,4 +1,4 @@
-"""What perturbs images and actions alike everywhere."""
+"""The perturbation of images and actions, which is the same in every simulator."""
 
 import math
 
@@ -7,16 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.perturbations.operators import (
+from robogauntlet.orchestrator.perturbations.actions import delay_steps, step_deviation
+from robogauntlet.orchestrator.perturbations.base import generator_for
+from robogauntlet.orchestrator.perturbations.images import (
     add_noise,
     blur,
-    delay_steps,
     gaussian_kernel,
-    generator_for,
     is_frozen,
     noise_deviation,
     psnr,
-    step_deviation,
 )
 
 GREY = np.full((96, 96, 3), 128, np.uint8)
@@ -33,29 +32,29 @@ def edge():
     return image
 
 
-def test_the_ratio_by_hand():
+def test_psnr_of_a_known_difference():
     assert psnr(GREY, GREY) == math.inf
     assert psnr(GREY + np.uint8(1), GREY) == pytest.approx(20 * math.log10(255))
 
 
 @pytest.mark.parametrize(("deviation", "ratio"), [(0.02, 34.0), (0.04, 28.0), (0.08, 22.0), (0.12, 18.4), (0.18, 14.9)])
-def test_where_nothing_saturates_the_levels_are_the_published_deviations(deviation, ratio):
+def test_without_saturation_the_levels_match_the_published_deviations(deviation, ratio):
     assert psnr(add_noise(GREY, deviation, pattern(GREY)), GREY) == pytest.approx(ratio, abs=0.15)
 
 
 @pytest.mark.parametrize("image", [GREY, WHITE, edge()], ids=["grey", "white", "edge"])
 @pytest.mark.parametrize("ratio", [34.0, 28.0, 22.0, 18.4, 14.9])
-def test_the_ratio_that_is_asked_for_is_delivered_whatever_saturates(image, ratio):
+def test_the_requested_psnr_is_delivered_despite_saturation(image, ratio):
     noise = pattern(image)
     assert psnr(add_noise(image, noise_deviation(image, ratio, noise), noise), image) == pytest.approx(ratio, abs=0.1)
 
 
-def test_a_white_image_needs_more_noise_for_the_same_ratio():
+def test_a_white_image_needs_more_noise_for_the_same_psnr():
     ours, theirs = (noise_deviation(image, 22.0, pattern(image)) for image in (GREY, WHITE))
     assert theirs == pytest.approx(ours * 2**0.5, rel=0.05)
 
 
-def test_a_blur_keeps_what_is_even_and_spreads_an_edge_by_its_deviation():
+def test_a_blur_keeps_uniform_images_and_spreads_an_edge_by_its_deviation():
     assert (blur(GREY, 2.7) == GREY).all()
     profile = blur(edge(), 2.7)[50, :, 0] / 255
     position = np.arange(96) + 0.5 - 48
@@ -64,42 +63,42 @@ def test_a_blur_keeps_what_is_even_and_spreads_an_edge_by_its_deviation():
 
 
 @pytest.mark.parametrize("deviation", [0.2, 0.288, 1.0, 2.6])
-def test_the_kernel_has_the_deviation_that_is_asked_for_even_below_a_pixel(deviation):
+def test_the_kernel_has_the_requested_deviation_even_below_a_pixel(deviation):
     kernel = gaussian_kernel(deviation)
     places = np.arange(len(kernel)) - len(kernel) // 2
     assert (kernel * places**2).sum() == pytest.approx(deviation**2, rel=1e-3)
     assert kernel.sum() == pytest.approx(1)
 
 
-def test_the_least_blur_changes_a_small_image():
+def test_the_smallest_blur_changes_a_small_image():
     assert (blur(edge(), 0.3) != edge()).any()
 
 
-def test_a_blur_is_measured_in_shares_of_the_width_so_that_image_sizes_agree():
+def test_a_blur_is_relative_to_the_width():
     small, large = edge(), np.kron(edge(), np.ones((2, 2, 1), np.uint8))
     np.testing.assert_allclose(blur(large, 1.8)[1::2, 1::2], blur(small, 1.8), atol=30)
 
 
 @settings(max_examples=50)
 @given(st.floats(0.5, 99), st.floats(0, 1, exclude_max=True), st.integers(2, 400))
-def test_frozen_looks_have_the_share_that_is_asked_for_evenly_spread_and_never_the_first(share, phase, looks):
+def test_frozen_observations_have_the_requested_share_are_evenly_spread_and_never_first(share, phase, looks):
     frozen = [is_frozen(look, share, phase) for look in range(looks)]
     assert not frozen[0]
     assert abs(sum(frozen) - (looks - 1) * share / 100) <= 1
 
 
-def test_delays_are_whole_steps_and_one_at_least():
+def test_delays_are_whole_steps_and_at_least_one():
     assert [delay_steps(ms, 20.0) for ms in (50, 100, 200, 300, 400)] == [1, 2, 4, 6, 8]
     assert [delay_steps(ms, 25.0) for ms in (50, 100, 200, 300, 400)] == [1, 2, 5, 8, 10]
     assert delay_steps(10, 20.0) == 1
 
 
-def test_noise_of_steps_adds_up_to_the_same_spread_after_a_second_at_any_rate():
+def test_step_noise_adds_up_to_the_same_deviation_after_a_second_at_any_rate():
     for hz in (20.0, 25.0, 100.0):
         steps = np.random.default_rng(0).standard_normal((4000, int(hz))) * step_deviation(2.0, hz)
         assert steps.sum(axis=1).std() == pytest.approx(0.02, rel=0.05)
 
 
-def test_draws_depend_on_their_key_alone():
+def test_draws_depend_only_on_their_key():
     assert generator_for("ab", 1).random() == generator_for("ab", 1).random()
     assert len({generator_for(key, n).random() for key in ("ab", "ac") for n in (0, 1)}) == 4

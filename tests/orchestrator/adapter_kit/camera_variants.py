@@ -1,4 +1,4 @@
-"""Adapters whose cameras lie, each in one way, see `tests.orchestrator.adapter_kit.liars`."""
+"""Adapters with one violation each in their cameras, see `tests.orchestrator.adapter_kit.variants`."""
 
 from dataclasses import replace
 
@@ -6,32 +6,32 @@ import numpy as np
 
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.cameras import ToysimCameras
-from tests.orchestrator.adapter_kit.liars import Liar
+from tests.orchestrator.adapter_kit.variants import Variant
 
 
-class Mirrored(Liar):
+class Mirrored(Variant):
     def draw(self, camera, size):
         return super().draw(camera, size)[:, ::-1].copy()
 
 
-class UpsideDown(Liar):
+class UpsideDown(Variant):
     def draw(self, camera, size):
         return super().draw(camera, size)[::-1].copy()
 
 
-class WristTurnedRound(Liar):
+class WristTurnedRound(Variant):
     def draw(self, camera, size):
         image = super().draw(camera, size)
         return image[::-1, ::-1].copy() if camera == "wrist" else image
 
 
-class PictureUpsideDown(Liar):
+class PictureUpsideDown(Variant):
     def picture(self):
         return super().picture()[::-1].copy()
 
 
-class UpsideDownUntold(UpsideDown):
-    """Its cameras are not told, so they cannot be turned to find out."""
+class UpsideDownWithoutControls(UpsideDown):
+    """Offers no camera controls, so the cameras cannot be turned for the check."""
 
     def __init__(self, view):
         super().__init__(view)
@@ -39,7 +39,7 @@ class UpsideDownUntold(UpsideDown):
 
 
 class Rolled(ToysimCameras):
-    """Hangs from the ceiling, and says so."""
+    """Mounted on the ceiling, with the correct viewpoint."""
 
     def viewpoint(self, camera):
         own = super().viewpoint(camera)
@@ -66,7 +66,7 @@ class Deaf(ToysimCameras):
         pass
 
 
-class _OtherCameras(Liar):
+class _OtherCameras(Variant):
     cameras = ToysimCameras
 
     def __init__(self, view):
@@ -98,7 +98,7 @@ class CameraKeepsItsPlace(_OtherCameras):
         self._cameras.now = now
 
 
-class OffersNothing(Liar):
+class OffersNothing(Variant):
     def __init__(self, view):
         super().__init__(view)
         self.scene_controls = SceneControls()

@@ -1,4 +1,4 @@
-"""Kills the schedule server again and again: `python -m tests.chaos.calendar --kills 100`."""
+"""Kills the schedule server repeatedly: `python -m tests.chaos.schedules --kills 100`."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ STOP_TIMEOUT_S = 300.0
 
 
 def serve_and_kill(url: str, kills: int, done: Callable[[], bool], seed: int = 5) -> int:
-    """Serve the calendar at `url` until all is done, killing the process `kills` times; return how often it was."""
+    """Run the schedule server until `done`, and kill it up to `kills` times; return how often it was killed."""
     environment, generator = {**os.environ, "ROBOGAUNTLET_HISTORY": url}, random.Random(seed)
     killed = 0
     while not done():
         process = subprocess.Popen(SERVE, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        lives_s = generator.uniform(0.5, 6.0) if killed < kills else STOP_TIMEOUT_S
-        until = time.monotonic() + lives_s
+        lifetime_s = generator.uniform(0.5, 6.0) if killed < kills else STOP_TIMEOUT_S
+        until = time.monotonic() + lifetime_s
         while time.monotonic() < until and not done():
             time.sleep(0.1)
         process.send_signal(signal.SIGKILL)
@@ -44,20 +44,20 @@ def serve_and_kill(url: str, kills: int, done: Callable[[], bool], seed: int = 5
 
 
 def played(root: Path, history: History) -> dict[str, int]:
-    """Folder of each complete run to its number of rows. Raises AssertionError: one is in the history twice."""
+    """Folder of each run to its number of rows, or -1 if it is incomplete. Each may be in the history only once."""
     folders = [entry.name for entry in history.runs()]
     assert len(folders) == len(set(folders))
-    found = {}
+    rows = {}
     for name in folders:
         run = read_run(root / name)
         store = Store.open_file(root / name / "episodes.sqlite", run.run_id)
-        found[name] = len(list(store.results())) if run.status is RunStatus.COMPLETE else -1
+        rows[name] = len(list(store.results())) if run.status is RunStatus.COMPLETE else -1
         store.close()
-    return found
+    return rows
 
 
 def main() -> None:
-    """Fire runs, kill servers, count what there is."""
+    """Trigger runs, kill servers, and count the runs and rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--runs", type=int, default=20)
@@ -81,7 +81,7 @@ def main() -> None:
         rows = played(root, history)
         whole = sum(count == 40 for count in rows.values())
         print(f"{killed} kills: {states.count('done')} of {options.runs} runs done, {whole} complete runs of 40 rows,")
-        print(f"{options.runs - whole} lost, {len(rows) - options.runs} more than were due")
+        print(f"{options.runs - whole} lost, {len(rows) - options.runs} more than were triggered")
         schedule_store.close()
         history.close()
         sys.exit(whole != options.runs or len(rows) != options.runs)

@@ -1,13 +1,13 @@
-"""Adapters that let their ball be moved, and lie about it, see `tests.orchestrator.adapter_kit.liars`."""
+"""Adapters whose ball can be moved, with one violation each, see `tests.orchestrator.adapter_kit.variants`."""
 
 import numpy as np
 
 from robogauntlet.adapters.scene_control import PlacementRegion, SceneControls
-from tests.orchestrator.adapter_kit.liars import Liar
+from tests.orchestrator.adapter_kit.variants import Variant
 
 
-class MovesTheBall(Liar):
-    """Honest."""
+class MovesTheBall(Variant):
+    """Correct."""
 
     low, high = np.array([0.4, -0.12]), np.array([0.6, 0.12])
 
@@ -30,7 +30,7 @@ class TooLargeABox(MovesTheBall):
     high = np.array([0.9, 0.12])
 
 
-class SlidesUntold(MovesTheBall):
+class SlidesUndeclared(MovesTheBall):
     """The ball slides by 5 cm after each reset."""
 
     def reset(self, seed):
@@ -38,8 +38,8 @@ class SlidesUntold(MovesTheBall):
         self._world.ball[0] += 0.05
 
 
-class SlidesAndSaysSo(SlidesUntold):
-    """Honest."""
+class SlidesAsDeclared(SlidesUndeclared):
+    """Correct."""
 
     def privileged_state(self):
         return super().privileged_state() | {"settling_shift": np.array([0.05])}
@@ -52,7 +52,7 @@ class RollsAway(MovesTheBall):
 
 
 class HasANeighbour(MovesTheBall):
-    """Honest: a wall beside the ball pushes it away where they meet."""
+    """Correct: a wall beside the ball pushes it away where they meet."""
 
     wall = np.zeros(3)
 

@@ -16,99 +16,99 @@ from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim
 from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.adapter import ToysimSimulation
 from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.world import World
 
-LIARS = {}
+VARIANTS = {}
 KEPT = []
 
 
-class Liar(ToysimSimulation):
+class Variant(ToysimSimulation):
     """Registers each subclass under its name."""
 
     def __init__(self, view):
         super().__init__(World(), adapter.TASKS["Reach"], view)
 
     def observe(self):
-        """A lie in the privileged state is none in the proprioception, so that the two can be told apart."""
+        """Proprioception is that of the correct privileged state, so that a violation affects only one of them."""
         return replace(super().observe(), proprioception=proprioception(ToysimSimulation.privileged_state(self)))
 
     def __init_subclass__(cls):
         name = cls.__name__.lower()
-        LIARS[name] = replace(
+        VARIANTS[name] = replace(
             adapter.SIMULATOR, name=name, modules=(), distributions=(), open=lambda task, view: cls(view)
         )
 
 
-class Honest(Liar):
+class Correct(Variant):
     pass
 
 
 # Types, shapes, units
 
 
-class WrongShape(Liar):
+class WrongShape(Variant):
     def observe(self):
         seen = super().observe()
         return replace(seen, images={c: np.dstack([i, i[..., :1]]) for c, i in seen.images.items()})
 
 
-class WrongType(Liar):
+class WrongType(Variant):
     def observe(self):
         seen = super().observe()
         return replace(seen, images={c: i.astype(np.float32) / 255 for c, i in seen.images.items()})
 
 
-class SinglePrecision(Liar):
+class SinglePrecision(Variant):
     def privileged_state(self):
         return {name: value.astype(np.float32) for name, value in super().privileged_state().items()}
 
 
-class Centimetres(Liar):
+class Centimetres(Variant):
     def privileged_state(self):
         return {n: v * 100 if "position" in n else v for n, v in super().privileged_state().items()}
 
 
-class Degrees(Liar):
+class Degrees(Variant):
     def observe(self):
         seen = super().observe()
         return replace(seen, proprioception=seen.proprioception * np.repeat([1.0, 180 / np.pi, 1.0], [3, 3, 2]))
 
 
-class WorldFrame(Liar):
+class WorldFrame(Variant):
     def privileged_state(self):
         return {n: v - [0.6, 0, 0] if n == "tcp_position" else v for n, v in super().privileged_state().items()}
 
 
-class ScalarFirst(Liar):
+class ScalarFirst(Variant):
     def privileged_state(self):
         return {n: np.roll(v, 1) if "quat" in n else v for n, v in super().privileged_state().items()}
 
 
-class NumpyBool(Liar):
+class NumpyBool(Variant):
     def step(self, action):
         return replace(super().step(action), success=np.bool_(False))
 
 
-class ConstantHash(Liar):
+class ConstantHash(Variant):
     def state_hash(self):
         return "0" * 16
 
 
-class OtherWords(Liar):
+class OtherWords(Variant):
     def observe(self):
         return replace(super().observe(), instruction="do something")
 
 
-class BlackImages(Liar):
+class BlackImages(Variant):
     def observe(self):
         seen = super().observe()
         return replace(seen, images={camera: image * 0 for camera, image in seen.images.items()})
 
 
-class RaisesAtOpen(Liar):
+class RaisesAtOpen(Variant):
     def __init__(self, view):
         raise SimulatorUnavailable("no licence for the engine: run `licence --renew`")
 
 
-class RaisesInObserve(Liar):
+class RaisesInObserve(Variant):
     def observe(self):
         raise KeyError("agentview")
 
@@ -116,18 +116,18 @@ class RaisesInObserve(Liar):
 # Seeds
 
 
-class Unseeded(Liar):
+class Unseeded(Variant):
     def reset(self, seed):
         super().reset(seed)
         self._world.ball[0] += np.random.uniform(0.0, 0.01)
 
 
-class SameForAll(Liar):
+class SameForAll(Variant):
     def reset(self, seed):
         super().reset(0)
 
 
-class KeepsFingers(Liar):
+class KeepsFingers(Variant):
     def reset(self, seed):
         fingers = getattr(self._world, "fingers", None)
         super().reset(seed)
@@ -135,7 +135,7 @@ class KeepsFingers(Liar):
             self._world.fingers = fingers
 
 
-class DriftsUnseen(Liar):
+class DriftsUnseen(Variant):
     """Less than the state hash tells: as a warm start of a solver would."""
 
     drift = 0.0
@@ -146,19 +146,19 @@ class DriftsUnseen(Liar):
         self._world.tool[0] += DriftsUnseen.drift
 
 
-class Flickers(Liar):
+class Flickers(Variant):
     def observe(self):
         seen = super().observe()
         return replace(seen, images={c: i ^ np.uint8(os.urandom(1)[0]) for c, i in seen.images.items()})
 
 
-class ByProcess(Liar):
+class ByProcess(Variant):
     def reset(self, seed):
         super().reset(seed)
         self._world.ball[0] += os.getpid() % 1000 * 1e-5
 
 
-class OneWorld(Liar):
+class OneWorld(Variant):
     world = World()
 
     def __init__(self, view):
@@ -169,13 +169,13 @@ class OneWorld(Liar):
 # Looking
 
 
-class LookingSteps(Liar):
+class LookingSteps(Variant):
     def observe(self):
         self.step(np.array([0.0, 0.0, -0.001, 0.0, 0.0, 0.0, -1.0]))
         return super().observe()
 
 
-class Stale(Liar):
+class Stale(Variant):
     def reset(self, seed):
         super().reset(seed)
         self._first = super().observe().images
@@ -184,7 +184,7 @@ class Stale(Liar):
         return replace(super().observe(), images=self._first)
 
 
-class OneBuffer(Liar):
+class OneBuffer(Variant):
     def observe(self):
         seen = super().observe()
         if not hasattr(self, "_buffers"):
@@ -194,7 +194,7 @@ class OneBuffer(Liar):
         return replace(seen, images=self._buffers)
 
 
-class DrawsInStep(Liar):
+class DrawsInStep(Variant):
     def step(self, action):
         self.observe()
         return super().step(action)
@@ -203,55 +203,55 @@ class DrawsInStep(Liar):
 # Actions
 
 
-class ActsInCentimetres(Liar):
+class ActsInCentimetres(Variant):
     def step(self, action):
         return super().step(action * np.repeat([0.01, 1.0], [3, 4]))
 
 
-class ActsInDegrees(Liar):
+class ActsInDegrees(Variant):
     def step(self, action):
         return super().step(action * np.repeat([1.0, np.pi / 180, 1.0], [3, 3, 1]))
 
 
-class FlippedY(Liar):
+class FlippedY(Variant):
     def step(self, action):
         return super().step(action * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
 
 
-class ToolFrame(Liar):
+class ToolFrame(Variant):
     def step(self, action):
         return super().step(np.concatenate([self._world.turn.apply(action[:3]), action[3:]]))
 
 
-class TurnsInToolFrame(Liar):
+class TurnsInToolFrame(Variant):
     def step(self, action):
         turned = self._world.turn.apply(action[3:6])
         return super().step(np.concatenate([action[:3], turned, action[6:]]))
 
 
-class OpensAtPlusOne(Liar):
+class OpensAtPlusOne(Variant):
     def step(self, action):
         return super().step(action * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0]))
 
 
-class IgnoresInSecret(Liar):
+class IgnoresInSecret(Variant):
     def step(self, action):
         return super().step(action * np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
 
 
-class ActsThoughIgnored(Liar):
+class ActsThoughIgnored(Variant):
     def __init__(self, view):
         super().__init__(view)
         self.action_spec = replace(self.action_spec, ignored=("gripper",))
 
 
-class Unclipped(Liar):
+class Unclipped(Variant):
     def step(self, action):
         self._world.tool = self._world.tool + np.sign(action[:3]) * np.maximum(np.abs(action[:3]) - 0.03, 0.0)
         return super().step(action)
 
 
-class ClipsInPlace(Liar):
+class ClipsInPlace(Variant):
     def step(self, action):
         action *= 0.5
         return super().step(action)
@@ -260,17 +260,17 @@ class ClipsInPlace(Liar):
 # Success
 
 
-class AlwaysSuccess(Liar):
+class AlwaysSuccess(Variant):
     def step(self, action):
         return replace(super().step(action), success=True)
 
 
-class NeverSuccess(Liar):
+class NeverSuccess(Variant):
     def step(self, action):
         return replace(super().step(action), success=False)
 
 
-class EndsAtHorizon(Liar):
+class EndsAtHorizon(Variant):
     def reset(self, seed):
         super().reset(seed)
         self._left = 60
@@ -285,48 +285,48 @@ class EndsAtHorizon(Liar):
 # What is taken and not given back
 
 
-class KeepsMemory(Liar):
+class KeepsMemory(Variant):
     def reset(self, seed):
         super().reset(seed)
         KEPT.append(os.urandom(1 << 10) * 100)
 
 
-class KeepsFiles(Liar):
+class KeepsFiles(Variant):
     def __init__(self, view):
         super().__init__(view)
         KEPT.append(os.open(os.devnull, os.O_RDONLY))
 
 
-class KeepsThreads(Liar):
+class KeepsThreads(Variant):
     def __init__(self, view):
         super().__init__(view)
         threading.Thread(target=time.sleep, args=(20,), daemon=True).start()
 
 
-class KeepsProcesses(Liar):
+class KeepsProcesses(Variant):
     def __init__(self, view):
         super().__init__(view)
         subprocess.Popen([sys.executable, "-S", "-c", f"import time; time.sleep(20)  # of {os.getpgrp()}"])
 
 
-class ClosesOnce(Liar):
+class ClosesOnce(Variant):
     def close(self):
         if getattr(self, "_closed", False):
             raise AdapterError("already closed")
         self._closed = True
 
 
-class Dies(Liar):
+class Dies(Variant):
     def step(self, action):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-class Hangs(Liar):
+class Hangs(Variant):
     def step(self, action):
         time.sleep(60)
 
 
-class Slow(Liar):
+class Slow(Variant):
     def step(self, action):
         time.sleep(0.03)
         return super().step(action)
