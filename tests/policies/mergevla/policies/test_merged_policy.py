@@ -199,7 +199,7 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
 
 
 @pytest.mark.parametrize("kind", ["experts", "oracle-routed"])
-def test_it_plays_an_episode_twice_the_same(folders, merged, kind):
+def test_an_episode_is_the_same_when_played_twice(folders, merged, kind):
     kind, options = {
         "experts": (EXPERTS, {"folder": str(folders[0].parent)}),
         "oracle-routed": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
@@ -365,7 +365,7 @@ def test_a_query_without_an_observation_is_refused(kind_and_options):
     )
 
 
-def test_no_queries_get_no_answers(kind_and_options):
+def test_no_queries_give_no_decisions(kind_and_options):
     kind, options = kind_and_options
     assert kind.load(options).act([]) == []
 

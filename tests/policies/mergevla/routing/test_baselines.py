@@ -40,5 +40,5 @@ def test_the_oracle_needs_an_expert_of_the_task(model):
         OracleRouter().route([replace(observation(0), task="null/Pusch")], model)
 
 
-def test_experts_are_the_candidates(model):
+def test_scores_are_of_the_models_experts(model):
     assert RandomRouter().route(observations(1), model)[0].scores.keys() == set(EXPERTS)

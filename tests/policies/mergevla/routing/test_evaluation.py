@@ -45,7 +45,7 @@ class Turns:
         return float(next(self.ticks))
 
 
-def test_every_router_is_tried_with_the_instruction_and_without(stored):
+def test_every_router_is_evaluated_with_the_instruction_and_without(stored):
     assert [(one.name, one.sees_instruction) for one in all_routers(stored)] == [
         (name, sees) for name in NAMES for sees in (True, False)
     ]
