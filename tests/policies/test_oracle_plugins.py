@@ -71,7 +71,7 @@ def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
     assert len(set(second)) == 3
 
 
-def test_a_tasks_digest_covers_the_module_that_its_script_is_borrowed_from(monkeypatch):
+def test_a_tasks_digest_covers_the_module_that_defines_its_script(monkeypatch):
     before = oracles.digest_of_task("gymnasium/FetchReach-v4")
     original = oracles.source_digest
 

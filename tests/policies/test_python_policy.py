@@ -91,7 +91,7 @@ def refused(options, match):
 @pytest.mark.parametrize(
     ("name", "options"), [("towards", {}), ("towards", {"speed": 0.02}), ("Caller", {"speed": 1.0})]
 )
-def test_a_plain_function_or_one_that_a_class_makes_acts(module, name, options):
+def test_a_function_or_a_callable_object_acts(module, name, options):
     given = module(FUNCTION)(name, options=options)
     assert catalog.spec("python", given).sees is PolicyInput.OBSERVATION
     assert [row.status for row in play(given)] == ["failure"] * 3
@@ -106,7 +106,7 @@ def test_a_class_or_a_factory_of_a_package_acts(package, name):
     assert rows[0].queries == 6
 
 
-def test_the_content_is_source_and_options_and_files(package):
+def test_the_digest_covers_source_options_and_files(package):
     options = {"callable": "robot_brains.still:Still", "folder": str(package.parent), "files": ["weights.bin"]}
     weights = package.parent / "weights.bin"
     weights.write_bytes(b"1")

@@ -36,7 +36,7 @@ def test_a_name_that_is_not_in_the_zoo_is_refused(merged, name):
         shipped(f"zoo:{name}")
 
 
-def test_a_misspelt_name_is_answered_with_the_nearest(merged):
+def test_the_message_for_a_misspelt_name_has_the_nearest_one(merged):
     with pytest.raises(NotShipped, match="got 'mergd'; did you mean 'merged'"):
         shipped("zoo:mergd")
 

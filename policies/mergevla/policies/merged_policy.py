@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -106,7 +107,7 @@ class MergedPolicy:
         answers = self._router.route(list(new.values()), self._model)
         waited = time.perf_counter() - started
         self._chosen |= {name: routed.choice for name, routed in zip(new, answers, strict=True)}
-        return {name: routed.timed(waited) for name, routed in zip(new, answers, strict=True)}
+        return {name: replace(routed, latency_s=waited) for name, routed in zip(new, answers, strict=True)}
 
     def _network(self, expert: str) -> Network:
         parts = self._model.parts

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Routed, RoutingError, answer
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError, answer
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.plugins import did_you_mean
 
@@ -27,7 +28,7 @@ class RandomRouter(_WithoutPass):
 
     name = "random"
 
-    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order."""
         return [
             answer({expert: _uniform(observation.episode_id, expert) for expert in model.experts})
@@ -40,7 +41,7 @@ class InstructionMatchRouter(_WithoutPass):
 
     name = "instruction-match"
 
-    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order; `unknown` is 1 minus the best score."""
         known = {expert: _words(model.instructions[expert]) for expert in model.experts}
         answers = []
@@ -56,7 +57,7 @@ class OracleRouter(_WithoutPass):
 
     name = "oracle"
 
-    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order. Raises RoutingError if its task has no expert."""
         for observation in observations:
             if observation.task not in model.experts:

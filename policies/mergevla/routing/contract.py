@@ -46,23 +46,6 @@ class FirstObservation:
             raise RoutingError(f"expected proprioception of shape ({PROPRIOCEPTION_DIM},), got {state.shape}")
 
 
-@dataclass(frozen=True)
-class Routed:
-    """A router's decision for one observation."""
-
-    scores: Mapping[str, float]
-    """Expert name to score, higher is likelier; natural log-probabilities from calibrated routers."""
-    choice: str
-    unknown: float | None = None
-    """Distance from every known task, higher is less alike; None if the router has no such score."""
-    rejected: bool | None = None
-    """Whether `unknown` is above the threshold fitted to known tasks; None without such a threshold."""
-
-    def timed(self, latency_s: float) -> Routing:
-        """Return the decision as a policy reports it; all episodes of one batch have the batch's latency (s)."""
-        return Routing(self.scores, self.choice, latency_s, self.unknown, self.rejected)
-
-
 class Router(Protocol):
     """Infers the task. Without state: a score depends on its own observation alone."""
 
@@ -77,15 +60,18 @@ class Router(Protocol):
     def passes(self, experts: int) -> int:
         """Backbone passes for one decision among this number of experts."""
 
-    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
-        """Route each observation, in order. Raises PolicyError if the router does not fit observations or model."""
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
+        """Route each observation, in order; the caller sets the latency.
+
+        Raises PolicyError if the router does not fit the observations or the model.
+        """
 
 
-def answer(scores: Mapping[str, float], unknown: float | None = None, threshold: float | None = None) -> Routed:
-    """Choose the expert of the highest score, in a tie the first by name."""
+def answer(scores: Mapping[str, float], unknown: float | None = None, threshold: float | None = None) -> Routing:
+    """Choose the expert of the highest score, in a tie the first by name. The caller sets the latency."""
     choice = min(scores, key=lambda expert: (-scores[expert], expert))
     rejected = None if unknown is None or threshold is None else unknown > threshold
-    return Routed(scores, choice, unknown, rejected)
+    return Routing(scores, choice, 0.0, unknown, rejected)
 
 
 def hidden_states(

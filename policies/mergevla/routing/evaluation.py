@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -109,7 +109,8 @@ def evaluate_routers(
         for tested, routed in zip(routers, answers, strict=True):
             started = clock()
             (decision,) = tested.route([observation], model)
-            routed.append(RoutedObservation(observation.task, decision.timed(clock() - started)))
+            decision = replace(decision, latency_s=clock() - started)
+            routed.append(RoutedObservation(observation.task, decision))
     listener(len(observations), len(observations))
     experts = len(model.experts)
     results = (

@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.routing.contract import (
     FirstObservation,
-    Routed,
     RoutingError,
     answer,
     check_experts,
@@ -108,7 +108,7 @@ class FittedRouter:
         """One pass of the base, for any number of experts."""
         return 1
 
-    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order.
 
         Raises PolicyError for images of another shape, or other experts than those that the router was fitted to.

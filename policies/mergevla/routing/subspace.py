@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
-from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Routed, answer, hidden_states
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, answer, hidden_states
 
 RANK = 8
 """k_r, the number of right singular vectors that span a subspace."""
@@ -59,7 +60,7 @@ class _SubspaceRouter:
         """Backbone passes for one decision: one per expert."""
         return experts
 
-    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routed]:
+    def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route by the raw scores r_m. The paper's softmax of them changes no choice and is not a probability."""
         if self._fitted_to is not model:
             self._subspaces = {expert: self._subspaces_of(model, expert) for expert in model.experts}

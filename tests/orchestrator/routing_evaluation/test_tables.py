@@ -1,6 +1,7 @@
 """A routing study as tables and as JSON."""
 
 import json
+from dataclasses import replace
 from math import log
 
 import pytest
@@ -23,7 +24,8 @@ TASKS = (PICK, PUSH, LIFT)
 
 
 def trial(task, chosen):
-    return RoutedObservation(task, answer({name: log(0.8 if name == chosen else 0.1) for name in TASKS}).timed(0.02))
+    routing = answer({name: log(0.8 if name == chosen else 0.1) for name in TASKS})
+    return RoutedObservation(task, replace(routing, latency_s=0.02))
 
 
 @pytest.fixture

@@ -216,7 +216,7 @@ def test_without_lerobot_the_message_says_how_to_install_it(bare):
         catalog.load("lerobot", {"checkpoint": str(bare())})
 
 
-def test_an_option_that_is_none_fits_a_mismatch_of_images(bare):
+def test_images_of_another_size_do_not_fit(bare):
     from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
     from robogauntlet.policies.contract import check_fit
 

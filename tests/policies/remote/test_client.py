@@ -38,7 +38,7 @@ def refused(address, match, **options):
     assert address.removeprefix("ws://") in str(caught.value)
 
 
-def test_the_observation_is_sent_under_openpis_keys_and_the_chunk_comes_back():
+def test_the_observation_is_sent_under_openpis_keys_and_the_chunk_is_returned():
     seen = []
     with speaking(answering({**CHUNK, "server_timing": {"infer_ms": 1.0}}, seen=seen)) as address:
         policy = remote(address)
@@ -79,7 +79,7 @@ def test_options_define_the_conversion_of_observations_and_answers():
     np.testing.assert_allclose(decision.actions[:, 3:], [[0, 0, 0, -1], [0, 0, 0, 0.5]])
 
 
-def test_a_gripper_may_be_cut_at_a_threshold_in_the_servers_numbers():
+def test_the_gripper_can_have_a_threshold_in_the_servers_units():
     options = read_options({"address": "a:1", "gripper_open": 1, "gripper_closed": 0, "gripper_threshold": 0.5})
     rows = np.zeros((3, 7))
     rows[:, 6] = [0.9, 0.1, 0.5]
@@ -329,7 +329,7 @@ def test_wrong_options_are_one_line(options, match):
     assert "\n" not in str(caught.value)
 
 
-def test_a_token_is_taken_from_the_environment_and_shown(monkeypatch):
+def test_a_token_is_read_from_the_environment_and_sent(monkeypatch):
     with serving("untrained", token="open sesame") as server:
         refused(server.address, "expected a websocket, got HTTP 401; give its token by option token_variable")
         refused(server.address, "expected its token in the environment variable HAND, got none", token_variable="HAND")

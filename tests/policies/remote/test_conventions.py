@@ -25,7 +25,7 @@ def server_options(**options):
 
 @pytest.mark.parametrize("rotation", AS_WRITTEN)
 @given(SEEDS)
-def test_a_rotation_is_the_same_however_it_is_written(rotation, seed):
+def test_a_rotation_is_the_same_in_every_representation(rotation, seed):
     turns = Rotation.random(5, rng=np.random.default_rng(seed))
     rows = np.concatenate([np.ones((5, 3)), AS_WRITTEN[rotation](turns), np.ones((5, 1))], axis=1)
     chunk = decode_chunk(server_options(rotation=rotation), {"actions": rows})

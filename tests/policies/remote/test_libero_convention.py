@@ -30,7 +30,7 @@ def test_an_answer_is_scaled_by_the_controllers_range_and_the_gripper_is_unchang
     np.testing.assert_allclose(chunk, [[0.0131, 0, 0, 0, 0, -0.118, -1.0]])
 
 
-def test_every_task_has_a_place_of_the_robot():
+def test_every_task_has_a_base_position():
     arenas = {"kitchen_tabletop": "kitchen", "living_room_tabletop": "livingroom", "study_tabletop": "study"}
     for name, task in libero_tasks().items():
         assert tuple(base_of(f"libero/{name}")) == BASES[arenas.get(task.arena, task.arena)]

@@ -43,7 +43,7 @@ def test_a_packed_message_unpacks_bit_identical(message):
     assert same(message, unpack(pack(message)))
 
 
-def test_a_slice_and_a_number_of_numpy_come_back_and_can_be_written_to():
+def test_slices_and_numpy_numbers_are_unpacked_writable():
     image = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)[::-1, ::2]
     found = unpack(pack({"image": image, "one": np.float32(1.5)}))
     np.testing.assert_array_equal(found["image"], image)

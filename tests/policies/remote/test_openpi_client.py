@@ -70,7 +70,7 @@ def test_our_client_reads_messages_of_openpis_packer(query):
     np.testing.assert_array_equal(seen[0]["observation/wrist_image"], picture)
 
 
-def test_frames_and_pictures_are_theirs_to_the_byte(query):
+def test_frames_and_images_are_byte_identical_to_openpis(query):
     message = {**shown(query.observation), "one": np.float32(2), "plain": [1, 2.5, None, True]}
     assert pack(message) == packing.packb(message)
     for size in ((20, 40), (41, 20), (224, 300), (33, 97)):

@@ -83,7 +83,7 @@ def test_the_hash_does_not_depend_on_files_or_order(dataset, recordings, tmp_pat
     assert pooled_hash(parts) == dataset.content_hash
 
 
-def test_the_hash_notices_a_missing_episode(dataset, recordings, tmp_path):
+def test_the_hash_changes_without_an_episode(dataset, recordings, tmp_path):
     write(tmp_path / "fewer", recordings[:2])
     assert Demonstrations(tmp_path / "fewer").content_hash != dataset.content_hash
 
@@ -185,7 +185,7 @@ def test_data_files_of_other_columns_than_the_first_are_refused(dataset, tmp_pat
         Demonstrations(tmp_path / "set")
 
 
-def test_a_record_of_the_collection_that_does_not_read_is_not_passed_over(tmp_path):
+def test_an_unreadable_record_of_the_collection_is_an_error(tmp_path):
     write(tmp_path, [recording()])
     assert Demonstrations(tmp_path).task == "null/Reach"
     (tmp_path / "meta/robogauntlet.json").write_text("{")

@@ -42,7 +42,7 @@ def test_a_data_file_has_a_row_group_per_episode(tmp_path, recordings):
     assert pq.ParquetFile(tmp_path / "data/chunk-000/file-001.parquet").num_row_groups == 2
 
 
-def test_a_dataset_that_is_continued_is_the_one_written_at_once(tmp_path, recordings):
+def test_a_continued_dataset_equals_one_written_at_once(tmp_path, recordings):
     at_once = write(tmp_path / "at_once", recordings)
     write(tmp_path / "later", recordings[:3])
     later = write(tmp_path / "later", recordings[3:])
@@ -115,7 +115,7 @@ def test_a_dataset_of_another_source_is_not_continued(tmp_path, recordings):
         DatasetWriter(tmp_path, {**SOURCE, "noise": 0.2})
 
 
-def test_a_foreign_dataset_is_left_alone(tmp_path):
+def test_a_dataset_of_another_origin_is_unchanged(tmp_path):
     (tmp_path / "meta").mkdir()
     with pytest.raises(DatasetError, match="expected an empty folder or a dataset of ours"):
         DatasetWriter(tmp_path, SOURCE)

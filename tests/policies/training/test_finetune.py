@@ -140,7 +140,7 @@ def test_images_are_shifted_up_to_the_setting(tmp_path):
     assert metadata[0].tensor_hash != metadata[1].tensor_hash
 
 
-def test_adapters_begin_by_their_seed(pool, base, tmp_path):
+def test_adapters_are_initialised_by_their_seed(pool, base, tmp_path):
     barely = replace(QUICK, steps=1, learning_rate=1e-9)
     for seed in (0, 1):
         finetune(pool, base, tmp_path / str(seed), replace(barely, seed=seed), lora=LORA)
@@ -162,7 +162,7 @@ def test_stopped_and_continued_equals_uninterrupted_bit_for_bit(data, base, tmp_
     assert not (tmp_path / "parts" / STATE_FILE).exists()
 
 
-def test_a_network_with_weights_that_no_gradient_reaches_is_continued(tmp_path):
+def test_a_training_of_weights_without_gradient_is_continued(tmp_path):
     """The large size's towers: their last block is not read."""
     pool = DatasetMixture.open([dataset(tmp_path, "Reach", range(3), size=LITTLE.image_size, steps=4)])
     brief = replace(QUICK, steps=2, batch_size=2)

@@ -52,7 +52,7 @@ def test_equal_recordings_have_equal_hashes():
 
 
 @pytest.mark.parametrize("what", ["states", "actions", "success", "images", "instruction", "control_hz", "cameras"])
-def test_the_hash_notices_every_change(what):
+def test_the_hash_changes_with_every_value(what):
     base = recording()
     changed = {
         "states": {"states": base.states + 1e-6},
@@ -84,7 +84,7 @@ def test_the_columns_are_those_that_lerobot_expects():
 
 
 @given(arrays.arrays(np.float32, (20, 3), elements=st.floats(-5, 5, width=32)))
-def test_statistics_are_numpys(values):
+def test_statistics_are_equal_to_numpys(values):
     found = number_statistics(values)
     wide = values.astype(np.float64)
     assert np.allclose(found["mean"], wide.mean(0))

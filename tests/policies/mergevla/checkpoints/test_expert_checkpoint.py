@@ -54,7 +54,7 @@ def test_a_saved_checkpoint_loads_unchanged(saved):
     assert sorted(file.name for file in saved.iterdir()) == [METADATA_FILE, WEIGHTS]
 
 
-def test_adapters_come_back_as_factors_under_the_plain_networks_names(tmp_path):
+def test_adapters_are_loaded_as_factors_by_the_plain_networks_names(tmp_path):
     model = small_model()
     add_lora(model, LoraSettings(rank=2), seed=7)
     save_checkpoint(tmp_path, model, example_metadata(lora=LoraSettings(rank=2)))

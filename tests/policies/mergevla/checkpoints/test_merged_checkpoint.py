@@ -163,7 +163,7 @@ def test_row_scales_for_another_model_are_refused(folders, tmp_path):
     refused(tmp_path, f"row scales are for another model: weight {name} is missing")
 
 
-def test_all_rounds_come_back(folders, tmp_path):
+def test_all_rounds_are_loaded(folders, tmp_path):
     made = merging(folders, operator="magnitude", masks=MaskRule.SIGNS, rounds=2)
     save_merged(tmp_path, made, FITTED)
     ours, theirs = MergedModel(made.parts), MergedModel(load_merged(tmp_path).parts)

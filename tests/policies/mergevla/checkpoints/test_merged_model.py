@@ -87,7 +87,7 @@ def test_networks_run_with_the_weights_of_their_expert(folders):
     assert torch.equal(model.model(None)(*inputs(SMALL)), small_model()(*inputs(SMALL)))
 
 
-def test_only_so_many_networks_stay_in_memory(folders, monkeypatch):
+def test_the_number_of_networks_in_memory_is_limited(folders, monkeypatch):
     monkeypatch.setattr("robogauntlet.policies.mergevla.checkpoints.merged_model.MOST_MODELS", 2)
     model = MergedModel(merging(folders).parts)
     first = model.model(TASKS[0])

@@ -81,7 +81,7 @@ def test_the_cosine_has_known_values():
     assert cosine(a, {"w": torch.zeros(1), "v": torch.zeros(1)}) == 0.0
 
 
-def test_independent_experts_are_as_selfish_as_the_null_says():
+def test_independent_experts_are_as_selfish_as_the_null():
     experts = random_task_vectors(4, shape=(300, 300))
     observed = mask_statistics(experts, merge(experts, Recipe("ties")))
     assert observed.selfish == pytest.approx(0.727, abs=0.01)

@@ -84,7 +84,7 @@ def test_each_task_may_have_its_own_lambda():
     assert equal(both["expert1"], task_mask(experts["expert1"], merged, 1.5))
 
 
-def test_masks_leave_their_arguments_alone():
+def test_masks_do_not_change_their_arguments():
     experts = random_task_vectors(2)
     merged = task_arithmetic(experts)
     before = copied({**experts, "merged": merged})
@@ -103,7 +103,7 @@ def test_a_packed_mask_unpacks_to_itself(mask):
         assert packed[f"bits/{name}"].numel() == packed_bytes(kept.numel())
 
 
-def test_a_packed_mask_survives_safetensors():
+def test_a_packed_mask_can_be_stored_as_safetensors():
     from safetensors.torch import load, save
 
     mask = task_mask(*random_task_vectors(2, shape=(13, 7)).values())

@@ -77,7 +77,7 @@ def test_wudi_lowers_the_interference_that_it_is_defined_by():
     assert torch.equal(wudi(experts, steps=0)["w"], task_arithmetic(experts)["w"])
 
 
-def test_wudi_with_enough_steps_reaches_the_least_interference_there_is():
+def test_wudi_with_enough_steps_reaches_the_least_interference():
     experts = random_task_vectors(3, scale=0.05)
     deltas = [vector["w"].double() for vector in experts.values()]
     grams = [delta.T @ delta / delta.square().sum() for delta in deltas]

@@ -18,7 +18,7 @@ from robogauntlet.policies.mergevla.network.config import (
 
 
 @pytest.mark.parametrize("architecture", [*SIZES.values(), replace(TINY, quirks=PaperCodeQuirks.paper())])
-def test_an_architecture_survives_json(architecture):
+def test_an_architecture_is_read_back_from_json(architecture):
     assert Architecture.from_json(architecture.as_json()) == architecture
 
 

@@ -66,7 +66,7 @@ def test_the_last_hidden_states_alone_went_through_the_final_norm():
     assert [bool(states.any()) for states in hidden.action] == [True] * SMALL.language.layers + [False]
 
 
-def test_equal_seeds_give_equal_weights_and_leave_the_global_generator_alone():
+def test_equal_seeds_give_equal_weights_and_keep_the_global_generator():
     torch.manual_seed(5)
     expected = torch.rand(1)
     torch.manual_seed(5)
@@ -94,7 +94,7 @@ def test_an_answer_does_not_depend_on_the_rest_of_its_batch_nor_on_padding(quirk
 
 
 @pytest.mark.parametrize("blind", [False, True])
-def test_patches_see_the_instruction_unless_blind(blind):
+def test_patches_attend_to_the_instruction_unless_language_blind(blind):
     model = small_model(quirks=PaperCodeQuirks(language_blind=blind))
     images = inputs(SMALL, batch=1)[0]
     push, pull = (model.hidden_states(images, tokenizer_for(SMALL)([words])) for words in ("push it", "pull it"))
@@ -133,7 +133,7 @@ def test_without_skip_a_blocks_tokens_are_the_feed_forwards_output():
     assert (Block(SMALL)(tokens, keys, keys) < 0).any()
 
 
-def test_training_noise_is_there_in_training_only():
+def test_training_noise_is_added_in_training_only():
     noisy, quiet = small_model(**with_quirk("training_noise")), small_model()
     batch = inputs(SMALL)
     assert not torch.equal(noisy.train()(*batch), noisy(*batch))
@@ -141,7 +141,7 @@ def test_training_noise_is_there_in_training_only():
     assert torch.equal(quiet.train()(*batch), quiet(*batch))
 
 
-def test_only_self_attention_lets_a_chunks_steps_see_each_other():
+def test_only_self_attention_connects_a_chunks_steps():
     for variant in (False, True):
         block = Block(replace(SMALL, expert=ExpertConfig(heads=2, self_attention=variant)))
         tokens, keys = torch.randn(1, 8, 16), torch.randn(1, 4, 16)
@@ -175,7 +175,7 @@ def test_inputs_of_another_shape_are_refused():
         model(images, prompts, proprioception[:, :7])
 
 
-def test_the_tiny_size_can_learn_eight_samples_by_heart():
+def test_the_tiny_size_can_overfit_eight_samples():
     torch.set_num_threads(1)
     model, steps = build(TINY, 0).train(), 80
     batch = inputs(TINY, batch=8)

@@ -50,7 +50,7 @@ def test_the_gripper_is_only_clipped():
     assert statistics.restore_actions(actions)[:, GRIPPER].tolist() == [-1.0, 0.25, 1.0]
 
 
-def test_statistics_survive_json():
+def test_statistics_are_read_back_from_json():
     assert Statistics.from_json(some_statistics().as_json()) == some_statistics()
 
 
@@ -76,14 +76,14 @@ def test_each_row_is_normalised_by_its_own_task_and_restored():
     np.testing.assert_allclose(both.normalise_actions(["b/y", "a/x"], restored), unit, atol=1e-9)
 
 
-def test_statistics_of_one_task_serve_any_other_and_those_of_several_do_not():
+def test_statistics_of_one_task_are_used_for_any_other_and_those_of_several_are_not():
     assert TaskStatistics({"a/x": some_statistics()}).of("b/y") == some_statistics()
     both = TaskStatistics({"a/x": some_statistics(0), "b/y": some_statistics(1)})
     with pytest.raises(StatisticsError, match="one of the trained tasks a/x, b/y, got 'c/z'"):
         both.of("c/z")
 
 
-def test_numbers_of_an_action_that_hardly_vary_are_not_blown_up_and_constant_ones_stay_so():
+def test_small_ranges_of_actions_are_widened_and_constant_ones_stay_constant():
     actions = np.zeros((101, 7))
     actions[:, 0] = np.linspace(-0.02, 0.02, 101)
     actions[:, 4] = np.linspace(0.0, 0.02, 101)

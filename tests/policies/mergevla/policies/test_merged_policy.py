@@ -14,7 +14,7 @@ import torch
 
 from robogauntlet.adapters.catalog import open_simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.policies.contract import PolicyError, check_fit
+from robogauntlet.policies.contract import PolicyError, Routing, check_fit
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -22,7 +22,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetada
 from robogauntlet.policies.mergevla.kinds import EXPERTS, KIND, MERGED
 from robogauntlet.policies.mergevla.policies.merged_policy import MergedPolicy
 from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers
-from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Routed
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests import ROOT
 from tests.policies.mergevla.experts import TASKS, merging, save_base, save_expert, save_experts
@@ -74,7 +74,7 @@ class Fixed:
 
     def route(self, observations, model):
         self.asked += [observation.episode_id for observation in observations]
-        return [Routed({self.choice: 1.0}, self.choice) for _ in observations]
+        return [Routing({self.choice: 1.0}, self.choice, 0.0) for _ in observations]
 
 
 @pytest.mark.parametrize("kind", [EXPERTS, MERGED])
@@ -199,7 +199,7 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
 
 
 @pytest.mark.parametrize("kind", ["experts", "oracle-routed"])
-def test_it_plays_an_episode_twice_the_same(folders, merged, kind):
+def test_an_episode_is_the_same_when_played_twice(folders, merged, kind):
     kind, options = {
         "experts": (EXPERTS, {"folder": str(folders[0].parent)}),
         "oracle-routed": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
@@ -365,7 +365,7 @@ def test_a_query_without_an_observation_is_refused(kind_and_options):
     )
 
 
-def test_no_queries_get_no_answers(kind_and_options):
+def test_no_queries_give_no_decisions(kind_and_options):
     kind, options = kind_and_options
     assert kind.load(options).act([]) == []
 

@@ -43,7 +43,7 @@ def test_the_entry_point_names_the_kind():
     assert metadata.EntryPoint(KIND.name, place, "robogauntlet.policies").load() is KIND
 
 
-def test_it_plays_an_episode_twice_the_same(options):
+def test_an_episode_is_the_same_when_played_twice(options):
     view = View(image_size=SMALL.image_size)
     simulation, policy = open_simulation("null/Reach", view), KIND.load(options)
     check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)

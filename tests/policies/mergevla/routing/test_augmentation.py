@@ -13,7 +13,7 @@ WORDS = "push the green cube onto the red goal"
 
 
 @given(st.integers(0, 2**62))
-def test_words_are_only_left_out_and_images_stay_images(seed):
+def test_variants_leave_out_words_and_keep_images_in_range(seed):
     own, fewer, seen, both = augmented([replace(observation(seed), instruction=WORDS)], sees_instruction=True)
     assert (own.images is fewer.images, own.instruction) == (True, WORDS)
     assert (seen.images is both.images, seen.instruction) == (True, WORDS)
@@ -40,7 +40,7 @@ def test_a_hidden_instruction_is_not_varied():
     assert torch.equal(seen.images, augmented([own], sees_instruction=True)[2].images)
 
 
-def test_an_even_image_stays_even_in_the_light_of_all_its_cameras():
+def test_a_uniform_image_stays_uniform_under_the_same_light():
     grey = replace(observation(5), images=torch.full((2, 3, 16, 16), 0.4))
     seen = augmented([grey], sees_instruction=False)[1].images
     assert torch.allclose(seen, seen[:1, :, :1, :1].expand_as(seen), atol=1e-6)

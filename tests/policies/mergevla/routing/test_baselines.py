@@ -7,12 +7,7 @@ import pytest
 
 from robogauntlet.policies.mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observation, observations
-
-
-@pytest.fixture(scope="module")
-def model():
-    return SmallMergedModel()
+from tests.policies.mergevla.routing.synthetic import EXPERTS, observation, observations
 
 
 def test_random_choices_are_uniform_and_keyed_by_the_episode(model):
@@ -45,5 +40,5 @@ def test_the_oracle_needs_an_expert_of_the_task(model):
         OracleRouter().route([replace(observation(0), task="null/Pusch")], model)
 
 
-def test_experts_are_the_candidates(model):
+def test_scores_are_of_the_models_experts(model):
     assert RandomRouter().route(observations(1), model)[0].scores.keys() == set(EXPERTS)

@@ -16,23 +16,13 @@ from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel,
 FITTED = ("calibrated", "nearest-centroid")
 
 
-@pytest.fixture(scope="module")
-def model():
-    return SmallMergedModel()
-
-
-@pytest.fixture(scope="module")
-def stored(model):
-    return fit_routers(model, frames(0, 8), frames(50, 6))
-
-
-def test_all_routers_are_there():
+def test_the_names_are_those_of_all_routers():
     assert set(NAMES) == {"paper-coded", "paper-written", "random", "instruction-match", "oracle", *FITTED}
 
 
 @pytest.mark.parametrize("name", FITTED)
 @pytest.mark.parametrize("sees_instruction", [True, False])
-def test_fitted_routers_route_new_frames_right_after_safetensors(name, sees_instruction, model, stored):
+def test_fitted_routers_from_safetensors_route_new_frames_correctly(name, sees_instruction, model, stored):
     chosen = router(name, sees_instruction=sees_instruction, stored=load(save(stored)))
     new = [observation(9000 + i, task) for i in range(4) for task in EXPERTS]
     routed = chosen.route(new, model)
@@ -52,7 +42,7 @@ def test_the_calibrated_scores_are_log_probabilities(model, stored):
         assert torch.tensor(list(routed.scores.values())).exp().sum() == pytest.approx(1.0)
 
 
-def test_flat_features_keep_the_patches_places_and_the_mean_does_not(model):
+def test_flat_features_keep_the_patches_positions_and_the_mean_does_not(model):
     batch, width = observations(5), 16
     patches = model.hidden_states(None, batch[0].images[None], [""]).task[-1].shape[1]
     shapes = {
@@ -65,7 +55,7 @@ def test_flat_features_keep_the_patches_places_and_the_mean_does_not(model):
         features_of(model, batch, FeatureSpec(layer=3))
 
 
-def test_another_layer_is_remembered(model):
+def test_another_layer_is_stored(model):
     feature_spec = FeatureSpec(False, 1)
     parts = (labelled_features(model, part, feature_spec) for part in (frames(0, 4), frames(50, 4)))
     back = GaussianRouterFit.from_tensors(fit(*parts, feature_spec).as_tensors())
@@ -79,14 +69,14 @@ def test_fitted_routers_use_the_middle_layer(name, prefix, sees_instruction, mod
     assert FeatureSpec.from_tensor(stored[f"{name}/{prefix}/reading"]) == FeatureSpec(sees_instruction, layer=1)
 
 
-def test_a_sentence_of_which_half_is_missing_is_routed_as_the_whole(model, stored):
+def test_half_a_sentence_is_routed_as_the_whole(model, stored):
     new = [observation(9000 + i, task) for i in range(4) for task in EXPERTS]
     short = [replace(one, instruction=" ".join(one.instruction.split()[::2])) for one in new]
     routed = router("calibrated", stored=stored).route(short, model)
     assert [one.choice for one in routed] == [one.task for one in new]
 
 
-def test_a_misspelt_router_gets_the_nearest_name():
+def test_the_message_for_a_misspelt_router_has_the_nearest_name():
     with pytest.raises(PolicyError, match="unknown router 'paper-code'; did you mean 'paper-coded'"):
         router("paper-code")
 

@@ -6,21 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers, router
+from robogauntlet.policies.mergevla.routing.catalog import NAMES, router
 from robogauntlet.policies.mergevla.routing.contract import RoutingError, answer
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, observation, observations
+from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observation, observations
 
 PASSES = {"paper-coded": 3, "paper-written": 3, "calibrated": 1, "nearest-centroid": 1}
-
-
-@pytest.fixture(scope="module")
-def model():
-    return SmallMergedModel()
-
-
-@pytest.fixture(scope="module")
-def stored(model):
-    return fit_routers(model, frames(0, 8), frames(50, 6))
 
 
 def close(a, b):

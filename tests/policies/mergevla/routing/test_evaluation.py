@@ -6,7 +6,7 @@ from itertools import count
 import numpy as np
 import pytest
 
-from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, UNFITTED, fit_routers, router
+from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, UNFITTED, router
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
 from robogauntlet.policies.mergevla.routing.evaluation import (
@@ -18,17 +18,7 @@ from robogauntlet.policies.mergevla.routing.evaluation import (
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec
 from robogauntlet.policies.mergevla.routing.fitted_router import fit_centroids
 from robogauntlet.policies.mergevla.routing.gaussian import fit
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, frames, gaussians
-
-
-@pytest.fixture(scope="module")
-def model():
-    return SmallMergedModel()
-
-
-@pytest.fixture(scope="module")
-def stored(model):
-    return fit_routers(model, frames(0, 8), frames(50, 6))
+from tests.policies.mergevla.routing.synthetic import EXPERTS, frames, gaussians
 
 
 @pytest.fixture
@@ -55,7 +45,7 @@ class Turns:
         return float(next(self.ticks))
 
 
-def test_every_router_is_tried_with_the_instruction_and_without(stored):
+def test_every_router_is_evaluated_with_the_instruction_and_without(stored):
     assert [(one.name, one.sees_instruction) for one in all_routers(stored)] == [
         (name, sees) for name in NAMES for sees in (True, False)
     ]

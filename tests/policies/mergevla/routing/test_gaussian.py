@@ -99,7 +99,7 @@ def test_a_constant_feature_is_harmless():
     assert torch.isfinite(fitted.scores(with_constant(gaussians(2)).features)).all()
 
 
-def test_overconfidence_is_cooled_and_confidence_never_exceeds_the_model():
+def test_the_temperature_lowers_overconfidence_and_is_at_least_one():
     generator = torch.Generator().manual_seed(0)
     logits = torch.randn(2000, 3, generator=generator).double() * 2
     truth = torch.distributions.Categorical(logits=logits).sample()
@@ -114,7 +114,7 @@ def test_the_threshold_is_the_conformal_quantile():
         conformal_threshold(torch.empty(0))
 
 
-def test_tensors_give_the_same_calibration_back(calibration):
+def test_a_calibration_is_read_back_from_tensors(calibration):
     tensors = calibration.as_tensors()
     back = GaussianRouterFit.from_tensors(tensors)
     assert back.as_tensors().keys() == tensors.keys()

@@ -24,7 +24,7 @@ def hidden(model, expert, one):
 
 
 @pytest.mark.parametrize(("kept_blocks", "layer"), [(1, 2), (0, 2)])
-def test_the_coded_router_projects_like_onto_like_one_layer_on(kept_blocks, layer):
+def test_the_coded_router_projects_the_same_states_one_layer_on(kept_blocks, layer):
     model, batch = SmallMergedModel(kept_blocks=kept_blocks), observations(3)
     for one, routed in zip(batch, PaperCodedRouter().route(batch, model), strict=True):
         for expert in EXPERTS:
@@ -61,7 +61,7 @@ def test_subspaces_are_computed_once_per_model(kind):
     assert other.factorised == 2
 
 
-def test_stored_singular_vectors_serve_as_well_as_the_weights():
+def test_stored_singular_vectors_give_the_same_scores_as_the_weights():
     generator = torch.Generator().manual_seed(0)
     weight, states = torch.randn(16, 16, generator=generator), torch.randn(2, 5, 16, generator=generator)
     vectors = leading_right_vectors(weight)
