@@ -17,7 +17,7 @@ def accept(
 ) -> None:
     """Make a run the baseline of later runs.
 
-    Use it for a run that was found worse than its baseline, or not comparable with it, and is right nevertheless.
+    Use it for a run that is correct although it was found worse than its baseline or not comparable with it.
     """
     with open_history(url) as history:
         entry = history.find(Path(run).name)

@@ -245,9 +245,9 @@ def _open_task(
     task: str, request: CollectionRequest, folder: Path, environments: EnvironmentResolver
 ) -> CollectionTask:
     """A task to collect, with its dataset, which may exist already."""
-    card = simulators.task_descriptions()[task]
+    description = simulators.task_descriptions()[task]
     made_by: dict[str, Any] = {"oracle": digest_of_task(task), "noise": request.noise}
-    horizon = card.horizon
+    horizon = description.horizon
     if learner := request.learners.get(task):
         made_by["learner"] = digest_of(str(learner))
         if request.whole:

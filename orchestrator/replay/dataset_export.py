@@ -127,8 +127,7 @@ def write_datasets(
         document: The run.
         sources: Its policies.
         folder: The folder of the datasets, one per task.
-        on_start: Called with the export and the number of episodes to replay. The returned function is called after
-            each.
+        on_start: Called with the export and the number of episodes to replay; returns a function to call after each.
         environments: The environment of each simulator.
 
     Raises:

@@ -247,15 +247,15 @@ def test_an_interrupted_run_ends_soon_with_a_report_and_says_how_to_continue(tmp
 @pytest.mark.ray
 def test_a_killed_run_loses_and_doubles_no_row_when_continued(tmp_path, suite):
     folder, undisturbed = tmp_path / "run", tmp_path / "undisturbed"
-    process = start(suite, folder)
+    process = start(suite, folder, "--seeds", "30")
     process.kill()
     process.communicate(timeout=30)
-    there = count(folder)
-    assert 10 <= there < 120
-    done = run_command("run", suite, "--out", folder, "--no-media")
+    stored = count(folder)
+    assert 10 <= stored < 60
+    done = run_command("run", suite, "--seeds", 30, "--out", folder, "--no-media")
     assert done.returncode == 0, done.stderr
-    assert f"continuing: {there} of 120 episodes are done already" in done.stdout
-    assert count(folder) == 120
-    run_command("run", suite, "--out", undisturbed, "--no-media")
+    assert f"continuing: {stored} of 60 episodes are done already" in done.stdout
+    assert count(folder) == 60
+    run_command("run", suite, "--seeds", 30, "--out", undisturbed, "--no-media")
     hashes = [json.loads((path / "run.json").read_text())["rows_hash"] for path in (folder, undisturbed)]
     assert hashes[0] == hashes[1]
