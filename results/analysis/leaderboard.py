@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status")
-"""Fields of the record that a leaderboard needs."""
+"""Fields of the record that are needed."""
 
 
 @dataclass(frozen=True)
