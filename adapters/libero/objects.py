@@ -59,12 +59,9 @@ class LiberoObjects:
     """`Objects` of `scene_control`. Every reset sets the whole state, so there is no `undo`."""
 
     def __init__(self, physics: MujocoPhysics, objects: Mapping[str, LiberoObject], states: FloatArray) -> None:
-        """Take the objects.
+        """Take the movable objects that stand on the ground, by name, the main object of the task first.
 
-        Args:
-            physics: Of the objects.
-            objects: Movable objects that stand on the ground, by name, the main object of the task first.
-            states: The stored states, shape (n, 1 + nq + nv).
+        `states` are the stored states, shape (n, 1 + nq + nv).
         """
         self._physics, self._model, self._data = physics, physics.model, physics.data
         self._objects = objects

@@ -49,7 +49,7 @@ def test_a_run_that_could_not_be_judged_is_told_since_nobody_watches_any_more():
     found = compared(lambda seed: True, name="another")
     told = message_for(ended, found, None)
     assert told.title == "NOT COMPARABLE: tuesday against monday"
-    assert told.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
+    assert told.lines[0].startswith("suite differs: suite 'another', the baseline has 'synthetic'")
     assert told.lines[-1].endswith("robogauntlet accept tuesday")
 
 

@@ -190,16 +190,16 @@ def test_the_text_says_which_task_by_how_much_and_how_surely(regressed):
     assert lines[2].startswith("- p, all tasks: ")
 
 
-def test_a_policy_that_did_not_change_and_acts_otherwise_is_told():
+def test_an_unchanged_policy_with_different_actions_is_reported():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    said = "not changed, and yet 1 of 180 episodes have other actions"
-    assert f"{said}: the program or a library acts differently" in as_text(compare_runs(new, old))
+    said = "not changed, but 1 of 180 episodes have different actions"
+    assert f"{said}: the program or a library changed" in as_text(compare_runs(new, old))
     now, before = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
         for one, processor in ((new, "a 586"), (old, "a 486"))
     )
-    why = "another processor rounds differently (a 486 before, a 586 now), or the program does"
+    why = "the processor (a 486 before, a 586 now) or the program changed"
     assert f"{said}: {why}" in as_text(compare_runs(now, before))
     assert f"{said}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
 
