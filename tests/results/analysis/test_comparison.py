@@ -97,7 +97,7 @@ def test_errors_and_what_only_one_has_are_in_no_pair_and_are_counted():
     assert found.unpaired == {"p": (0, 3)}
 
 
-def test_without_a_shared_episode_nothing_can_be_said():
+def test_runs_without_a_shared_episode_are_not_comparable():
     found = compare_runs(run("new", always, of=cells(("p",), TASKS[:1])), run("old", always, of=cells(("q",), TASKS)))
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert as_text(found).splitlines()[-1] == "- expected episodes that new shares with old, got none"
@@ -183,7 +183,7 @@ def regressed():
     return compare_runs(run("new|run", worse_in_b, digest="other"), run("old", always))
 
 
-def test_the_text_says_which_task_by_how_much_and_how_surely(regressed):
+def test_the_text_has_task_difference_and_p_value(regressed):
     lines = as_text(regressed).splitlines()
     assert lines[0] == "REGRESSED: new|run against old"
     assert lines[1].startswith("- p, pybullet/B: 75 % before, 50 % now of 60 episodes, -25.0 points [")
@@ -223,6 +223,6 @@ def test_junit_fails_the_cases_that_became_worse(regressed):
 
 
 @pytest.mark.parametrize("told", FORMATS)
-def test_every_way_of_telling_says_that_runs_are_not_comparable(told):
+def test_every_format_states_that_runs_are_not_comparable(told):
     found = compare_runs(run("new", always, name="other"), run("old", always))
     assert "suite" in FORMATS[told](found)

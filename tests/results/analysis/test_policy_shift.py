@@ -1,4 +1,4 @@
-"""What a policy loses against another when the world changes, and whether its router gave way first."""
+"""Success lost against a baseline policy under perturbations, and whether the router failed first."""
 
 import dataclasses
 
@@ -69,7 +69,7 @@ def test_losing_more_than_in_the_clean_world_is_shown_where_it_is_so():
     assert corrected.low < own.low < own.high < corrected.high
 
 
-def test_the_interval_of_the_extra_loss_contains_the_truth_as_often_as_it_says():
+def test_the_interval_of_the_extra_loss_covers_the_true_loss_with_its_confidence():
     """200 experiments of two tasks with 50 seeds; the true extra loss is 0.5."""
     generator, hits = np.random.default_rng(11), 0
     for _ in range(200):
@@ -101,7 +101,7 @@ def routers(results):
     return [r for r in built(results).policy_shift.routers if r.axis == "noise"]
 
 
-def test_a_router_gives_way_first_if_what_is_lost_is_lost_on_misrouted_episodes():
+def test_the_router_fails_first_if_the_loss_is_on_misrouted_episodes():
     by_policy, by_router = routers(rows()), routers([*rows(1, wrong=0.9)])
     assert [r.severity for r in by_policy] == [0, 2, 4]
     assert by_policy[2].right.rate == 1.0
@@ -126,7 +126,7 @@ def test_episodes_played_again_are_compared_to_the_bit():
     assert found.controls == ()
 
 
-def test_without_a_second_playing_the_report_says_that_chance_was_not_tested():
+def test_without_repeated_episodes_the_report_states_that_determinism_was_not_tested():
     assert "was not tested" in words.repeats_sentence(built())
 
 
@@ -195,7 +195,7 @@ def test_heat_maps_stand_beside_each_other_and_those_of_floors_apart():
     assert words.heat_map_groups(built(), no_skill_baselines=True) == ()
 
 
-def test_what_needs_no_skill_is_taken_off_before_shares_are_said():
+def test_no_skill_success_is_subtracted_before_shares_are_computed():
     """Rates .9, .5 with a floor of .1: (.5 - .1) / (.9 - .1) is kept at level 4, not .5 / .9."""
     plan = cells(("expert", "replay"), TASKS, (Condition(), Condition("noise", 4)))
     left = {("expert", 0): 45, ("expert", 4): 25, ("replay", 0): 5, ("replay", 4): 5}

@@ -52,7 +52,7 @@ def of(policy, task, condition):
     return next(c for c in PLAN if (c.policy, c.task, c.condition) == (policy, task, condition))
 
 
-def test_what_fell_is_the_mildest_filmed_failure_of_each_simulator_and_not_of_the_gate(folder):
+def test_a_new_failure_is_the_mildest_recorded_one_per_simulator_and_not_of_the_gate(folder):
     for task in TASKS:
         film(folder, of("experts", task, BLUR4), 0)
         film(folder, of("oracle", task, BLUR4), 0)

@@ -1,4 +1,4 @@
-"""Promises of the report's section about merging and routing."""
+"""Tests of the report's section about merging and routing."""
 
 from __future__ import annotations
 

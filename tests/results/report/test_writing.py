@@ -1,4 +1,4 @@
-"""Promises of write_report: four files that agree, whatever the run looks like."""
+"""Tests of write_report: four files that agree, whatever the run looks like."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_parquet_is_written_in_pieces(tmp_path, monkeypatch):
     assert [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)] == [10, 10, 10, 2]
 
 
-def test_summary_is_what_its_model_says(tmp_path):
+def test_the_summary_matches_its_model(tmp_path):
     run, results = document(4), rows(planned=4, errors=1)
     content = report(tmp_path, run, results).summary.read_text()
     summary = Summary.model_validate_json(content)
@@ -212,7 +212,7 @@ def test_an_interrupted_run_still_gives_a_readable_report(tmp_path):
 
 
 @pytest.mark.parametrize("status", list(RunStatus))
-def test_a_run_without_rows_says_so(tmp_path, status):
+def test_the_report_of_a_run_without_rows_states_it(tmp_path, status):
     paths = report(tmp_path, document(4, status=status, elapsed_s=0.0), [])
     assert "This run has no results yet" in Page(paths.html.read_text()).text
     assert "This run has no results yet" in paths.markdown.read_text()
@@ -269,7 +269,7 @@ def test_a_mistaken_store_leaves_the_report_as_it_was_and_makes_nothing(tmp_path
     assert {path.name for path in tmp_path.iterdir()} == {"run", "other"}
 
 
-def test_videos_are_the_first_success_and_the_first_failure_that_were_filmed(tmp_path):
+def test_videos_are_the_first_recorded_success_and_failure(tmp_path):
     cell = cells()[0]
     results = [row(cell, seed, "success" if seed in (1, 3, 4) else "failure") for seed in range(6)]
     results.append(row(cell, 6, "error"))
