@@ -110,7 +110,7 @@ def table(one: PolicyComparison, alpha: float) -> TextTable:
 
 def _row(line: Line, alpha: float) -> tuple[str, ...]:
     pairs = line.pairs
-    said = "worse" if line.p_worse <= alpha else "better" if line.p_better <= alpha else ""
+    effect = "worse" if line.p_worse <= alpha else "better" if line.p_better <= alpha else ""
     return (
         line.task or ALL,
         f"{pairs.trials:,}",
@@ -121,7 +121,7 @@ def _row(line: Line, alpha: float) -> tuple[str, ...]:
         f"{pairs.first_only:,}",
         p_text(line.p_worse),
         p_text(line.p_better),
-        said,
+        effect,
     )
 
 
@@ -166,13 +166,13 @@ def as_junit(comparison: Comparison) -> str:
     for one in comparison.policies:
         for line in one.lines:
             case = ElementTree.SubElement(suite, "testcase", classname=one.policy, name=line.task or ALL)
-            said = f"{rates(line.pairs)} of {line.pairs.trials} episodes, {points(line.difference)}"
+            text = f"{rates(line.pairs)} of {line.pairs.trials} episodes, {points(line.difference)}"
             if comparison.verdict is Verdict.NOT_COMPARABLE:
                 ElementTree.SubElement(case, "skipped", message="; ".join(comparison.differences.values()))
             elif line.p_worse <= comparison.alpha:
                 failures += 1
-                ElementTree.SubElement(case, "failure", message=f"{said}, p {p_text(line.p_worse)}")
-            ElementTree.SubElement(case, "system-out").text = said
+                ElementTree.SubElement(case, "failure", message=f"{text}, p {p_text(line.p_worse)}")
+            ElementTree.SubElement(case, "system-out").text = text
     if not comparison.policies:
         case = ElementTree.SubElement(suite, "testcase", classname="comparison", name="shared episodes")
         ElementTree.SubElement(case, "error", message=reasons(comparison)[-1])
