@@ -108,11 +108,8 @@ def test_a_file_without_a_mapping_is_refused_in_one_line(tmp_path, text):
 def test_a_further_folder_adds_tasks_and_a_broken_file_does_not_affect_others(tmp_path):
     written(tmp_path)
     (tmp_path / "Broken.yaml").write_text("horizon: 3")
-    code = """
-from robogauntlet.adapters.catalog import task_descriptions
-for name, task in task_descriptions().items():
-    print(name, task.instruction)
-"""
+    code = "from robogauntlet.adapters.catalog import task_descriptions as tasks\n"
+    code += "print(*(f'{name} {task.instruction}' for name, task in tasks().items()), sep='\\n')"
     environment = {**os.environ, mappings.FOLDERS: str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert "gymnasium/Mine move the tip to the red dot" in done.stdout
