@@ -196,5 +196,5 @@ def test_the_tasks_that_were_written_down_are_those_of_the_package() -> None:
     kept = Path(tasks.__file__).with_name("tasks.json").read_text(encoding="utf-8")
     assert generate_tasks.written(generate_tasks.survey()) == kept
     for suite, theirs in tasks.SUITES.items():
-        said = [task.language for task in get_benchmark(theirs)().tasks]
-        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == said
+        instructions = [task.language for task in get_benchmark(theirs)().tasks]
+        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == instructions

@@ -193,15 +193,15 @@ def test_the_text_has_task_difference_and_p_value(regressed):
 def test_an_unchanged_policy_with_different_actions_is_reported():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    said = "not changed, but 1 of 180 episodes have different actions"
-    assert f"{said}: the program or a library changed" in as_text(compare_runs(new, old))
+    reason = "not changed, but 1 of 180 episodes have different actions"
+    assert f"{reason}: the program or a library changed" in as_text(compare_runs(new, old))
     now, before = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
         for one, processor in ((new, "a 586"), (old, "a 486"))
     )
     why = "the processor (a 486 before, a 586 now) or the program changed"
-    assert f"{said}: {why}" in as_text(compare_runs(now, before))
-    assert f"{said}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
+    assert f"{reason}: {why}" in as_text(compare_runs(now, before))
+    assert f"{reason}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
 
 
 def test_markdown_keeps_names_harmless_and_has_a_table_per_policy(regressed):
@@ -222,7 +222,7 @@ def test_junit_fails_the_cases_that_became_worse(regressed):
     assert [case.get("name") for case in suite if case.find("failure") is not None] == ["pybullet/B", "all tasks"]
 
 
-@pytest.mark.parametrize("told", FORMATS)
-def test_every_format_states_that_runs_are_not_comparable(told):
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_states_that_runs_are_not_comparable(name):
     found = compare_runs(run("new", always, name="other"), run("old", always))
-    assert "suite" in FORMATS[told](found)
+    assert "suite" in FORMATS[name](found)

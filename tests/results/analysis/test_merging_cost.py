@@ -21,11 +21,11 @@ def frame_of(results):
     return pd.DataFrame({name: [getattr(r, name) for r in results] for name in COLUMNS})
 
 
-def compared(expert, told, routed, task=TASKS[0], wrong=()):
+def compared(expert, oracle_routed, routed, task=TASKS[0], wrong=()):
     """The comparison of one task, a letter per seed: success, failure, error, or a dot for no row."""
     of = plan(SIDES, (task,))
     results = []
-    for cell, letters in zip(of, (expert, told, routed), strict=True):
+    for cell, letters in zip(of, (expert, oracle_routed, routed), strict=True):
         for seed, letter in enumerate(letters):
             routing = evidence(TASKS[-1] if seed in wrong else task) if cell.policy == "merged" else {}
             if letter != ".":

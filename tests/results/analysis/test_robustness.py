@@ -135,7 +135,7 @@ def test_what_was_delivered_is_compared_across_simulators():
 def test_perturbed_episodes_with_another_start_state_are_counted():
     assert built().start_states.differing == 0
     assert built().start_states.compared == 2 * 2 * 3 * SEEDS
-    moved = [dataclasses.replace(r, state_hash="elsewhere") if r.axis == "blur" else r for r in rows()]
+    moved = [dataclasses.replace(r, state_hash="other") if r.axis == "blur" else r for r in rows()]
     assert built(moved).start_states.differing == 2 * 2 * SEEDS
 
 

@@ -23,8 +23,8 @@ def frame(*inferred, **changes):
     """Rows of one routing policy: (true, inferred) each."""
     cells = {cell.task: cell for cell in plan(("merged",), (*TASKS, "robosuite/Door"))}
     results = [
-        row(cells[true], seed, **{**evidence(said), **changes}) if said else row(cells[true], seed)
-        for seed, (true, said) in enumerate(inferred)
+        row(cells[true], seed, **{**evidence(guess), **changes}) if guess else row(cells[true], seed)
+        for seed, (true, guess) in enumerate(inferred)
     ]
     return pd.DataFrame({name: [getattr(r, name) for r in results] for name in COLUMNS})
 

@@ -60,5 +60,5 @@ def test_one_of_several_policies_has_to_be_named(run):
     rows.loc[0, "policy"] = "other"
     with pytest.raises(RunError, match="the run has other, mine; name one with --policy"):
         export_formats.of_policy(rows, None)
-    with pytest.raises(RunError, match="no episode of a policy 'nobody'"):
-        export_formats.of_policy(rows, "nobody")
+    with pytest.raises(RunError, match="no episode of a policy 'unknown'"):
+        export_formats.of_policy(rows, "unknown")

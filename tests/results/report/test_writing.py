@@ -60,7 +60,7 @@ def report(tmp_path, run=None, results=None):
     return write_report(folder).paths
 
 
-def film(folder, result, frames=12, colour=(10, 200, 30), name=None):
+def record_video(folder, result, frames=12, colour=(10, 200, 30), name=None):
     path = folder / "media" / "videos" / f"{name or result.episode_id}.mp4"
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = imageio_ffmpeg.write_frames(str(path), (64, 64), fps=20, codec="libx264", ffmpeg_log_level="error")
@@ -159,7 +159,7 @@ def test_the_shape_of_the_summary_is_stable():
 
 def test_the_page_fetches_nothing_and_runs_nothing(tmp_path):
     folder = run_folder(tmp_path / "run", document(4), results := rows(planned=4))
-    film(folder, results[0])
+    record_video(folder, results[0])
     picture(folder, results[0].task)
     text = write_report(folder).paths.html.read_text()
     page = Page(text)
@@ -275,8 +275,8 @@ def test_videos_are_the_first_recorded_success_and_failure(tmp_path):
     results.append(row(cell, 6, "error"))
     folder = run_folder(tmp_path / "run", document(7, [cell]), results)
     for result in (results[3], results[4], results[5], results[2], results[6]):
-        film(folder, result)
-    film(folder, None, name="0123456789abcdef")
+        record_video(folder, result)
+    record_video(folder, None, name="0123456789abcdef")
     page = Page(write_report(folder).paths.html.read_text())
     assert [(video["aria-label"].split(" of ")[0], video["aria-label"][-1]) for video in page.videos] == [
         ("success", "3"),
@@ -323,7 +323,7 @@ def test_a_broken_picture_or_video_does_not_cost_the_report(tmp_path):
 
 
 def test_a_still_is_the_last_frame_of_its_video(tmp_path):
-    path = film(tmp_path, None, frames=30, colour=(10, 200, 30), name="x")
+    path = record_video(tmp_path, None, frames=30, colour=(10, 200, 30), name="x")
     red, green, blue = Image.open(BytesIO(last_frame(path))).convert("RGB").getpixel((32, 32))
     assert green > 150 > red
     assert blue < 100

@@ -66,7 +66,7 @@ def test_a_policy_is_followed_from_run_to_run_the_oldest_first(history):
     assert [one.counts.rate for one in history.policy_history("oracle")] == [1.0, 0.75, 0.25]
     assert [one.counts.verdicts for one in history.policy_history("oracle", task=cells()[0].task)] == [4, 4, 4]
     assert [one.run.run_id for one in history.policy_history("oracle", limit=2)] == ["run-1", "run-2"]
-    assert history.policy_history("nobody") == []
+    assert history.policy_history("unknown") == []
 
 
 def test_the_baseline_is_the_last_good_run_of_the_suite_before_it(history):
@@ -131,11 +131,11 @@ def test_the_url_of_the_rows_is_that_of_the_entry(history, tmp_path):
     (folder / "episodes.sqlite").unlink()
     with pytest.raises(RunError, match="they are gone"):
         rows_url(history.find("one"), history.url)
-    elsewhere = "postgresql+psycopg://me:***@far/db"
-    history.record(night(2, store_url=elsewhere), tmp_path / "two")
+    url = "postgresql+psycopg://me:***@far/db"
+    history.record(night(2, store_url=url), tmp_path / "two")
     with pytest.raises(RunError, match="give that address with --store"):
         rows_url(history.find("run-2"), history.url)
-    assert rows_url(history.find("run-2"), elsewhere.replace("***", "secret")).startswith("postgresql")
+    assert rows_url(history.find("run-2"), url.replace("***", "secret")).startswith("postgresql")
 
 
 def test_rows_and_runs_may_share_a_store(history):
