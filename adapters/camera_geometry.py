@@ -31,13 +31,9 @@ def aim_point(viewpoint: Viewpoint, height: float) -> FloatArray:
 
 
 def orbit(viewpoint: Viewpoint, centre: FloatArray, azimuth: float, elevation: float) -> Viewpoint:
-    """Rotate a viewpoint around a centre (3,), about the vertical and then upwards, still aimed at the centre.
+    """Rotate a viewpoint, aimed at a centre (3,) with an upright image, around that centre.
 
-    Args:
-        viewpoint: Its optical axis passes through the centre, its image is upright.
-        centre: Centre of the rotation (m).
-        azimuth: Anticlockwise seen from above (rad).
-        elevation: Upwards (rad).
+    The rotation is about the vertical, anticlockwise seen from above, and then upwards (rad).
     """
     turned = Rotation.from_rotvec(azimuth * UP).apply(viewpoint.position - centre)
     sideways = np.cross(UP, turned)

@@ -56,13 +56,9 @@ class MujocoScene:
         """Image size to MuJoCo's renderer, created at first use."""
 
     def image(self, camera: Any, size: int, add: Callable[[Any], None] | None = None, data: Any = None) -> Image:
-        """Render a new upright RGB image, shape (size, size, 3).
+        """Render a new upright RGB image, shape (size, size, 3), of a camera by name or an `MjvCamera`.
 
-        Args:
-            camera: Name of a camera of the model, or an `MjvCamera`.
-            size: Height and width (px).
-            add: Adds shapes to the `MjvScene` before it is rendered.
-            data: Data to use instead of those of the constructor.
+        `add` adds shapes to the `MjvScene` before it is rendered; `data` replaces the data of the constructor.
 
         Raises:
             SimulatorUnavailable: This machine cannot render.

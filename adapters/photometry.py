@@ -58,11 +58,8 @@ def gain_of(factor: Floats, usual: float) -> Floats:
 def channel_gains(pairs: Iterable[tuple[Image, Image]]) -> tuple[Floats, float]:
     """Measure the factors of the linear light of red, green and blue: medians over all usable pixels.
 
-    A pixel is usable for a channel if its value is in range before and after, and if any channel has changed, which
-    excludes an unlit background.
-
-    Args:
-        pairs: Images of the same view, before and after.
+    Each pair shows the same view before and after. A pixel is usable for a channel if its value is in range before and
+    after, and if any channel has changed, which excludes an unlit background.
 
     Returns:
         Factors (3,), NaN for a channel without usable pixels, and the share of the pixels that changed.

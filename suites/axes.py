@@ -1,4 +1,4 @@
-"""Perturbation axes: what each changes, in which physical unit, and its five fixed severities. Standard library only.
+"""Perturbation axes with their physical units and five fixed severities, and controls. Standard library only.
 
 Severities are physical quantities, not parameters of a simulator: halving every light leaves 73 % of the pixel value in
 SAPIEN and 51 % in MuJoCo. They were set before any policy was evaluated and are not tuned to results. An episode is
@@ -28,9 +28,7 @@ class Changes(StrEnum):
     ACTIONS = "actions"
     """The executed actions, by the same operator in every simulator."""
     INSTRUCTION = "instruction"
-    """The instruction."""
     LIGHTS = "lights"
-    """The lights of the scene."""
     STAGE = "stage"
     """The appearance of the table, and distractors on it that cannot be touched."""
     OBJECTS = "objects"
@@ -40,7 +38,6 @@ class Changes(StrEnum):
     BODIES = "bodies"
     """Mass and friction of the task's objects."""
     NOTHING = "nothing"
-    """Nothing."""
 
     @property
     def starts_clean(self) -> bool:
@@ -265,8 +262,6 @@ _ALL = (
         "objects by kind or place, 5 adds an irrelevant clause.",
         references="types as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
     ),
-)
-_CONTROLS = (
     Axis(
         name="blind",
         changes=Changes.IMAGES,
@@ -294,7 +289,7 @@ _CONTROLS = (
         references="users of LIBERO-Plus report that repeated runs agree on 91 % of the episodes (its issue 61)",
     ),
 )
-AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in (*_ALL, *_CONTROLS)})
+AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
 """All axes by name, the controls last."""
 
 
@@ -315,7 +310,5 @@ def axis_of(condition: Condition) -> Axis | None:
 
 def why_unsupported(axis: Axis, instruction: str) -> str | None:
     """Return the reason why a task with this instruction cannot have an axis, or None if it can."""
-    table = {"instruction": PARAPHRASES, "wrong-goal": OTHER_GOALS}.get(axis.name)
-    if table is not None and instruction not in table:
-        return f"suites/paraphrases.py has no paraphrases of '{instruction}'"
-    return None
+    known = {"instruction": PARAPHRASES, "wrong-goal": OTHER_GOALS}.get(axis.name, {instruction})
+    return None if instruction in known else f"suites/paraphrases.py has no paraphrases of '{instruction}'"

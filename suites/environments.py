@@ -52,7 +52,7 @@ class EnvironmentEntry(BaseModel):
     @model_validator(mode="after")
     def _one_or_the_other(self) -> EnvironmentEntry:
         if self.interpreter is not None and self.model_fields_set - {"interpreter"}:
-            raise ValueError("expected an interpreter alone, or the definition of an environment without one")
+            raise ValueError("expected an interpreter alone, or a definition without one")
         if self.installer == "uv" and self.inherit:
             raise ValueError("expected inherit: false with uv, which ignores inherited packages")
         return self

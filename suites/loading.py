@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
@@ -130,10 +130,7 @@ def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place
     try:
         node = loader.get_single_node()
         lines: dict[Place, int] = {}
-        problems: list[Problem] = []
-        if node is not None:
-            _index(node, (), lines, problems, str(path), frozenset())
-        if problems:
+        if node is not None and (problems := [Problem(str(path), *found) for found in _index(node, (), lines)]):
             raise SuiteError(problems)
         data = loader.construct_document(node) if node is not None else None
     except yaml.constructor.ConstructorError as error:
@@ -155,25 +152,27 @@ def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place
 
 
 def _index(
-    node: yaml.Node, place: Place, lines: dict[Place, int], problems: list[Problem], path: str, above: frozenset[int]
-) -> None:
-    lines.setdefault(place, node.start_mark.line + 1)
+    node: yaml.Node, place: Place, lines: dict[Place, int], above: frozenset[int] = frozenset()
+) -> Iterator[tuple[int, str]]:
+    """Add the line number of each place below a node to `lines`, and yield mistakes with theirs."""
+    line = node.start_mark.line + 1
+    lines.setdefault(place, line)
     if id(node) in above:
-        problems.append(Problem(path, node.start_mark.line + 1, "an alias that contains itself"))
+        yield line, "an alias that contains itself"
         return
     above |= {id(node)}
     if isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, value in node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else str(key.tag)
+            line = lines[(*place, name)] = key.start_mark.line + 1
             if name in seen:
-                problems.append(Problem(path, key.start_mark.line + 1, f"duplicate key '{name}'"))
+                yield line, f"duplicate key '{name}'"
             seen.add(name)
-            lines[(*place, name)] = key.start_mark.line + 1
-            _index(value, (*place, name), lines, problems, path, above)
+            yield from _index(value, (*place, name), lines, above)
     elif isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
-            _index(item, (*place, i), lines, problems, path, above)
+            yield from _index(item, (*place, i), lines, above)
 
 
 def _line(lines: dict[Place, int], place: Place) -> int | None:
@@ -191,7 +190,7 @@ def _place(loc: Place) -> Place:
 def _message(error: Any, model: type[BaseModel]) -> str:
     place = _place(error["loc"])
     where = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
-    came = error.get("input")
+    value = error.get("input")
     match error["type"]:
         case "missing":
             return f"missing key '{place[-1]}'"
@@ -203,15 +202,15 @@ def _message(error: Any, model: type[BaseModel]) -> str:
         case "too_short":
             return f"{where}: expected at least one entry, found an empty list"
         case "greater_than_equal" | "greater_than" | "less_than_equal" | "less_than":
-            return f"{where}: {error['msg'].replace('Input should be', 'expected a value')}, found {came!r}"
+            return f"{where}: {error['msg'].replace('Input should be', 'expected a value')}, found {value!r}"
         case "enum" | "literal_error":
-            return f"{where}: expected {error['ctx']['expected']}, found {came!r}"
+            return f"{where}: expected {error['ctx']['expected']}, found {value!r}"
         case "string_pattern_mismatch":
             rule = "letters, digits, '.', '_' or '-', starting with a letter or digit"
-            return f"{where}: expected {rule}; found {came!r}"
+            return f"{where}: expected {rule}; found {value!r}"
         case _:
             expected = error["msg"].replace("Input should be", "expected").replace("Value error, ", "")
-            return f"{where}: {expected}, found {_kind(came)}"
+            return f"{where}: {expected}, found {_kind(value)}"
 
 
 def _fields(place: Place, root: type[BaseModel]) -> list[str]:

@@ -32,7 +32,7 @@ def survey() -> list[dict[str, Any]]:
 
 
 def _suite(suite: str, names: Sequence[str], package: Any) -> Iterator[dict[str, Any]]:
-    """Yield a suite's tasks; words with which all its names begin or end are left out of ours."""
+    """Yield a suite's tasks. Our names omit words with which all of LIBERO's names begin or end."""
     words = {name: [*SCENE.sub(_scene, name).split("_")] for name in names}
     head, tail = _shared(list(words.values())), _shared([each[::-1] for each in words.values()])
     for number, name in enumerate(names):

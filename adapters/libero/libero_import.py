@@ -63,10 +63,7 @@ class Libero:
 
 
 def import_libero(assets: Assets | None = None) -> Libero:
-    """Import LIBERO.
-
-    Args:
-        assets: Assets to use, without which no task can be opened.
+    """Import LIBERO. Without assets, no task can be opened.
 
     Raises:
         SimulatorUnavailable: LIBERO is not installed, or a dependency has a version that would change its results.
@@ -108,10 +105,7 @@ def check_versions(robosuite: str, mujoco: str) -> None:
 
 
 def read_states(path: Path) -> FloatArray:
-    """Read the stored initial states of a task.
-
-    Args:
-        path: A file of `torch.save` with one array.
+    """Read the stored initial states of a task from a file of `torch.save` with one array.
 
     Returns:
         Shape (50, 1 + nq + nv): time, joint positions and velocities of MuJoCo's model.

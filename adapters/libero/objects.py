@@ -55,25 +55,13 @@ def _corners(model: Any, geom: int) -> FloatArray:
     return np.asarray(turn.apply(box[:3] + CORNERS * box[3:]) + model.geom_pos[geom])
 
 
-def stored_centres(states: FloatArray, start: int, centre: FloatArray) -> FloatArray:
-    """Return an object's centre in stored joint positions (n, nq): (n, 3), m, world.
-
-    `start` is the index of its pose among the positions, and `centre` (3,) is in its body's frame (m).
-    """
-    turns = Rotation.from_quat(np.roll(states[:, start + 3 : start + 7], -1, axis=1))
-    return np.asarray(states[:, start : start + 3] + turns.apply(centre))
-
-
 class LiberoObjects:
     """`Objects` of `scene_control`. Every reset sets the whole state, so there is no `undo`."""
 
     def __init__(self, physics: MujocoPhysics, objects: Mapping[str, LiberoObject], states: FloatArray) -> None:
-        """Take the objects.
+        """Take the movable objects that stand on the ground, by name, the main object of the task first.
 
-        Args:
-            physics: Of the objects.
-            objects: Movable objects that stand on the ground, by name, the main object of the task first.
-            states: The stored states, shape (n, 1 + nq + nv).
+        `states` are the stored states, shape (n, 1 + nq + nv).
         """
         self._physics, self._model, self._data = physics, physics.model, physics.data
         self._objects = objects
@@ -94,6 +82,8 @@ class LiberoObjects:
         return int(self._model.jnt_qposadr[self._model.body_jntadr[movable.body.id]])
 
     def _box(self, movable: LiberoObject) -> PlacementRegion:
-        centres = stored_centres(self._stored, self._start(movable), movable.centre)
+        poses = self._stored[:, self._start(movable) :][:, :7]
+        turns = Rotation.from_quat(np.roll(poses[:, 3:], -1, axis=1))
+        centres = poses[:, :3] + turns.apply(movable.centre)
         points = np.array([self._physics.from_world(point) for point in centres])[:, :2]
         return PlacementRegion(points.min(axis=0) - SLIP, points.max(axis=0) + SLIP)

@@ -64,7 +64,7 @@ class LiberoTask:
             fixed["objects"] = f"{self.things[0]} starts in one place, or on or in something else"
         if self.arena not in TABLES:
             surface = "the floor" if self.arena == "floor" else "a table of another shape than a box"
-            fixed["stage"] = f"things stand on {surface}"
+            fixed["stage"] = f"objects stand on {surface}"
         return fixed
 
 

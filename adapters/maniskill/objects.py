@@ -17,12 +17,9 @@ class ManiSkillObjects:
     """`Objects` of `scene_control`. The cubes can be moved, a goal region cannot."""
 
     def __init__(self, objects: Mapping[str, Any], spread: tuple[float, float], base_from_world: Any) -> None:
-        """Take the objects.
+        """Take SAPIEN's entities by name, and its pose of the world in the base frame.
 
-        Args:
-            objects: Names to SAPIEN's entities.
-            spread: Largest distance of a centre from the world's origin after a reset, along x and y (m).
-            base_from_world: SAPIEN's pose of the world in the base frame.
+        `spread` is the largest distance of a centre from the world's origin after a reset, along x and y (m).
         """
         self._objects = objects
         self._turn = Rotation.from_quat(wxyz_to_xyzw(base_from_world.q))

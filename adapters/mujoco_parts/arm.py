@@ -24,12 +24,9 @@ class MujocoArm:
     turns = True
 
     def __init__(self, physics: MujocoPhysics, controller: Callable[[], Any], tool: tuple[str, str]) -> None:
-        """Take the arm.
+        """Take the names of the tool centre point's site and of the hand's body.
 
-        Args:
-            physics: Of the arm.
-            controller: Returns robosuite's present controller; resets create a new one.
-            tool: Names of the tool centre point's site and of the hand's body.
+        `controller` returns robosuite's present controller, of which resets create a new one.
         """
         self._physics, self._controller = physics, controller
         self._mujoco, self._model, self._data = physics.mujoco, physics.model, physics.data

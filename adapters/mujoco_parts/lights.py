@@ -21,12 +21,9 @@ class MujocoLights:
     """`Lights` of `scene_control`. Images pass through `develop`; directions follow at the next rendering."""
 
     def __init__(self, physics: MujocoPhysics, key: int = 0, *, lit: FloatArray | None = None) -> None:
-        """Take the lamps.
+        """Take the number of the key light; the headlight, which follows the camera, has no direction.
 
-        Args:
-            physics: Of the scene.
-            key: Number of the key light. The headlight, which follows the camera, has no direction.
-            lit: For a key light with a position: the point (3,) of the world, m, about which it is rotated.
+        A key light with a position is rotated about `lit`, a point (3,) of the world (m).
         """
         self._physics, self._model, self._key, self._lit = physics, physics.model, key, lit
         model = physics.model

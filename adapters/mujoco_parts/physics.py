@@ -42,14 +42,9 @@ class MujocoPhysics:
         return np.asarray(self.rotation.inv().apply(point - self._base.xpos))
 
     def pose_from_world(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Convert a world pose to the base frame.
+        """Convert a world pose to position (3,) and quaternion xyzw (4,) in the base frame.
 
-        Args:
-            position: Shape (3,), m.
-            rotation: A quaternion xyzw (4,) or a matrix, row by row, (9,).
-
-        Returns:
-            Position (3,) and quaternion xyzw (4,).
+        `rotation` is a quaternion xyzw (4,) or a matrix, row by row, (9,).
         """
         quaternion = rotation if rotation.size == 4 else Rotation.from_matrix(rotation.reshape(3, 3)).as_quat()
         return relative_pose(self._base.xpos, self.rotation.as_quat(), position, quaternion)

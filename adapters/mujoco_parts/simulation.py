@@ -103,10 +103,10 @@ class MujocoSimulation(BaseSimulation):
         fingers = np.abs([finger.qpos[0] for finger in self._fingers])  # Distances from the middle (m).
         return {"tcp_position": position, "tcp_quaternion": quaternion, "finger_positions": fingers}
 
-    def _poses(self, things: Mapping[str, Any]) -> dict[str, FloatArray]:
+    def _poses(self, parts: Mapping[str, Any]) -> dict[str, FloatArray]:
         """Return `<name>_position` and `<name>_quaternion` of bodies or sites of the data, in the base frame."""
         state: dict[str, FloatArray] = {}
-        for name, pose in things.items():
+        for name, pose in parts.items():
             position, quaternion = self._physics.pose_from_world(pose.xpos, pose.xmat)
             state |= {f"{name}_position": position, f"{name}_quaternion": quaternion}
         return state

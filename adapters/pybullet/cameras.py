@@ -41,7 +41,13 @@ class PyBulletCameras:
 
     def camera(self, name: str) -> Camera:
         """Return the camera to render from, exactly the original if it was not moved."""
-        return _camera(self._viewpoints[name]) if name in self._viewpoints else CAMERAS[name]
+        if name not in self._viewpoints:
+            return CAMERAS[name]
+        viewpoint = self._viewpoints[name]
+        _, down, forward = viewpoint.rotation.T
+        vectors = (viewpoint.position, viewpoint.position + forward, -down)
+        eye, target, up = (tuple(vector.tolist()) for vector in vectors)
+        return Camera(eye, target, up, math.degrees(viewpoint.fovy))
 
     def viewpoint(self, camera: str) -> Viewpoint:
         """Return a camera's viewpoint; that of the wrist in the tool's frame."""
@@ -54,9 +60,3 @@ class PyBulletCameras:
     def set_viewpoint(self, camera: str, viewpoint: Viewpoint) -> None:
         """Move a camera, until the next reset."""
         self._viewpoints[camera] = viewpoint
-
-
-def _camera(viewpoint: Viewpoint) -> Camera:
-    _, down, forward = viewpoint.rotation.T
-    eye, target, up = (tuple(part.tolist()) for part in (viewpoint.position, viewpoint.position + forward, -down))
-    return Camera(eye, target, up, math.degrees(viewpoint.fovy))

@@ -20,13 +20,9 @@ class RobosuiteObjects:
     def __init__(
         self, physics: MujocoPhysics, objects: Mapping[str, str], attached: Mapping[str, tuple[str, ...]], sampler: Any
     ) -> None:
-        """Take the objects.
+        """Take the objects' bodies by name, the main object of the task first, and robosuite's placement initializer.
 
-        Args:
-            physics: Of the objects.
-            objects: Names to bodies, the main object of the task first.
-            attached: Names to the bodies that are mounted on each.
-            sampler: robosuite's placement initializer.
+        `attached` has the names of the bodies that are mounted on each object.
         """
         self._physics, self._model, self._data = physics, physics.model, physics.data
         self._attached, self._sampler = attached, sampler

@@ -1,1 +1,1 @@
-"""From rows to tables, comparisons, leaderboards and robustness."""
+"""Tables, comparisons, leaderboards and robustness, computed from rows."""

@@ -221,17 +221,18 @@ def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Differenc
     now, before = run.document, baseline.document
     for side in (run, baseline):
         if side.document.status is not RunStatus.COMPLETE:
-            played = f"{len(side.rows):,} of {side.document.planned:,} episodes are played"
-            found[Difference.UNFINISHED] = f"{side.name} is {side.document.status}, {played}"
+            done = f"{len(side.rows):,} of {side.document.planned:,} episodes are done"
+            found[Difference.UNFINISHED] = f"{side.name} is {side.document.status}, {done}"
     if now.suite.name != before.suite.name:
-        found[Difference.SUITE] = f"suite '{now.suite.name}', the baseline is of '{before.suite.name}'"
+        found[Difference.SUITE] = f"suite '{now.suite.name}', the baseline has '{before.suite.name}'"
     elif (lines := _plan(now)) != (others := _plan(before)):
-        found[Difference.SUITE] = f"the suite plans other episodes: {len(lines - others)} cells are new, "
-        found[Difference.SUITE] += f"{len(others - lines)} are gone or have another number of seeds"
+        new, gone = len(lines - others), len(others - lines)
+        text = f"the suite plans other episodes: {new} cells are new, {gone} are gone or have another number of seeds"
+        found[Difference.SUITE] = text
     if versions := _versions(now.provenance, before.provenance):
         found[Difference.SIMULATOR] = ", ".join(versions)
     devices = [
-        f"{name} drew on {before.render_devices[name]}, now on {device}"
+        f"{name} rendered on {before.render_devices[name]}, now on {device}"
         for name, device in now.render_devices.items()
         if before.render_devices.get(name, device) != device
     ]

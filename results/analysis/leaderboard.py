@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLUMNS = ("pair_id", "policy", "policy_digest", "task", "severity", "status")
-"""Fields of the record that a leaderboard needs."""
+"""Fields of the record that are needed."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +89,9 @@ def latest_results_per_policy(
 
 
 def leaderboard(played: Sequence[PolicyEpisodes], alpha: float = ALPHA) -> list[LeaderboardRow]:
-    """Rank policies by success on clean episodes without an error.
+    """Rank the policies of a suite by success on clean episodes without an error, highest rate first.
 
-    Args:
-        played: Episodes of each policy, all of one suite.
-        alpha: Maximum probability that any two policies that do not differ share no letter.
-
-    Returns:
-        A row per policy, the highest rate first.
+    `alpha` is the maximum probability that any two policies that do not differ share no letter.
     """
     outcomes = [_outcomes(one.rows) for one in played]
     order = sorted((i for i, rows in enumerate(outcomes) if len(rows)), key=lambda i: -_task_mean(outcomes[i]))

@@ -111,15 +111,8 @@ def build_policy_shift(document: RunDocument, eligible: EligibleEpisodes) -> Pol
         adjusted = benjamini_hochberg([row.p for row in rows])
         losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
-    return PolicyShift(
-        sides.baseline,
-        sides.others,
-        tuple(losses),
-        tuple(interactions),
-        tuple(routers),
-        document.suite.adaptive,
-        document.decided,
-    )
+    found = (tuple(losses), tuple(interactions), tuple(routers))
+    return PolicyShift(sides.baseline, sides.others, *found, document.suite.adaptive, document.decided)
 
 
 def _levels_with_verdicts(

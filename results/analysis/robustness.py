@@ -152,12 +152,19 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         for policy in dict.fromkeys(c.policy for c in document.plan if c.policy != document.suite.oracle_gate):
             planned = [c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]
             subtracted = [] if policy in floors else list(floors.values())
-            curves = (_curve(policy, place, axis, planned, eligible, subtracted) for place in _places(planned))
+            simulators = tuple(dict.fromkeys(cell.simulator for cell in planned))
+            places = (None, *simulators) if len(simulators) > 1 else simulators
+            curves = (_curve(policy, place, axis, planned, eligible, subtracted) for place in places)
             known += [curve for curve in curves if curve is not None]
+    controls = [
+        ControlRow(row.policy, row.simulator, row.axis, row.curve.rates[0], row.curve.rates[1], row.curve.drops[1])
+        for row in known
+        if row.axis not in (*axes, AGAIN)
+    ]
     return Robustness(
         axes,
         tuple(curve for curve in known if curve.axis in axes),
-        tuple(_control(curve) for curve in known if curve.axis not in (*axes, AGAIN)),
+        tuple(controls),
         document.suite.oracle_gate,
         tuple(row for row in eligible.gate_rows if row.passed < row.seeds),
         _delivered(axes, frame),
@@ -168,17 +175,6 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         document.suite.no_skill_baselines,
         build_robustness_summary(document, eligible),
     )
-
-
-def _places(planned: Sequence[PlannedCell]) -> tuple[str | None, ...]:
-    """None (all simulators) if there are several, then each simulator."""
-    simulators = tuple(dict.fromkeys(cell.simulator for cell in planned))
-    return (None, *simulators) if len(simulators) > 1 else simulators
-
-
-def _control(row: PolicyCurve) -> ControlRow:
-    curve = row.curve
-    return ControlRow(row.policy, row.simulator, row.axis, curve.rates[0], curve.rates[1], curve.drops[1])
 
 
 def _curve(

@@ -96,7 +96,11 @@ def build_robustness_summary(document: RunDocument, eligible: EligibleEpisodes) 
         outcomes = _PolicyOutcomes.select(policy, cells, eligible)
         if outcomes.levels and outcomes.tasks:
             rows += _rows(policy, outcomes)
-            agreement += _agreements(policy, outcomes)
+            losses = {simulator: _losses(outcomes, simulator) for simulator in outcomes.simulators}
+            pairs = (
+                _agreement(policy, one, other, losses[one], losses[other]) for one, other in combinations(losses, 2)
+            )
+            agreement += [row for row in pairs if row is not None]
     return RobustnessSummary(tuple(rows), tuple(agreement)) if rows else None
 
 
@@ -160,12 +164,6 @@ def _row(policy: str, simulator: str | None, levels: Sequence[Condition], means:
     return SummaryRow(
         policy, simulator, len(levels), mean, middle, tail, WorstAxis(list(axes)[worst], rates[worst], certainty)
     )
-
-
-def _agreements(policy: str, outcomes: _PolicyOutcomes) -> list[AgreementRow]:
-    losses = {simulator: _losses(outcomes, simulator) for simulator in outcomes.simulators}
-    rows = (_agreement(policy, one, other, losses[one], losses[other]) for one, other in combinations(losses, 2))
-    return [row for row in rows if row is not None]
 
 
 def _agreement(policy: str, one: str, other: str, ones: Losses, others: Losses) -> AgreementRow | None:

@@ -39,10 +39,10 @@ def reasons(comparison: Comparison) -> list[str]:
     for one in comparison.policies:
         lines += _found(one, comparison)
     for name, (now, before) in comparison.errors.items():
-        lines.append(f"{name}: {counted(now, 'error')} (baseline: {before:,}), which are in no rate")
+        lines.append(f"{name}: {counted(now, 'error')} (baseline: {before:,}), excluded from rates")
     for name, (now, before) in comparison.unpaired.items():
         lines.append(
-            f"{name}: {counted(now, 'episode')} of the run and {before:,} of the baseline have no partner "
+            f"{name}: {counted(now, 'episode')} of the run and {before:,} of the baseline have no counterpart "
             "and are left out"
         )
     return lines
@@ -68,19 +68,19 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
         )
     if not one.changed and one.differing:
         yield (
-            f"{one.policy}: not changed, and yet {one.differing:,} of {whole.pairs.trials:,} episodes have other "
+            f"{one.policy}: not changed, but {one.differing:,} of {whole.pairs.trials:,} episodes have different "
             f"actions: {_why(*comparison.processors)}"
         )
     if not any(line.p_worse <= alpha for line in changed):
-        said = "is shown" if one.no_worse else "is not shown"
-        yield f"{one.policy}: that it is no worse by more than {100 * comparison.margin:g} points {said}"
+        is_shown = "is shown" if one.no_worse else "is not shown"
+        yield f"{one.policy}: {is_shown} to be no worse by more than {100 * comparison.margin:g} points"
 
 
 def _why(processor: str, before: str) -> str:
     """The possible cause of different actions of the same policy."""
     if processor and before and processor != before:
-        return f"another processor rounds differently ({before} before, {processor} now), or the program does"
-    return "the program or a library acts differently"
+        return f"the processor ({before} before, {processor} now) or the program changed"
+    return "the program or a library changed"
 
 
 def rates(pairs: Pairs) -> str:
@@ -110,7 +110,7 @@ def table(one: PolicyComparison, alpha: float) -> TextTable:
 
 def _row(line: Line, alpha: float) -> tuple[str, ...]:
     pairs = line.pairs
-    said = "worse" if line.p_worse <= alpha else "better" if line.p_better <= alpha else ""
+    effect = "worse" if line.p_worse <= alpha else "better" if line.p_better <= alpha else ""
     return (
         line.task or ALL,
         f"{pairs.trials:,}",
@@ -121,7 +121,7 @@ def _row(line: Line, alpha: float) -> tuple[str, ...]:
         f"{pairs.first_only:,}",
         p_text(line.p_worse),
         p_text(line.p_better),
-        said,
+        effect,
     )
 
 
@@ -166,13 +166,13 @@ def as_junit(comparison: Comparison) -> str:
     for one in comparison.policies:
         for line in one.lines:
             case = ElementTree.SubElement(suite, "testcase", classname=one.policy, name=line.task or ALL)
-            said = f"{rates(line.pairs)} of {line.pairs.trials} episodes, {points(line.difference)}"
+            text = f"{rates(line.pairs)} of {line.pairs.trials} episodes, {points(line.difference)}"
             if comparison.verdict is Verdict.NOT_COMPARABLE:
                 ElementTree.SubElement(case, "skipped", message="; ".join(comparison.differences.values()))
             elif line.p_worse <= comparison.alpha:
                 failures += 1
-                ElementTree.SubElement(case, "failure", message=f"{said}, p {p_text(line.p_worse)}")
-            ElementTree.SubElement(case, "system-out").text = said
+                ElementTree.SubElement(case, "failure", message=f"{text}, p {p_text(line.p_worse)}")
+            ElementTree.SubElement(case, "system-out").text = text
     if not comparison.policies:
         case = ElementTree.SubElement(suite, "testcase", classname="comparison", name="shared episodes")
         ElementTree.SubElement(case, "error", message=reasons(comparison)[-1])

@@ -89,7 +89,7 @@ def _line(found: PolicyCurve, colour: int, dash: int, *, shown: bool) -> Any:
         line={"color": COLOURS[colour], "dash": DASHES[dash]},
         marker={"symbol": SYMBOLS[colour], "size": 9},
         customdata=[
-            (formatting.span(rate.interval), n, _severity(found.axis, int(level)))
+            (formatting.span(rate.interval), n, severity_text(Condition(found.axis, int(level))) if level else "clean")
             for (level, rate), n in zip(points, episodes, strict=True)
         ],
         hovertemplate=f"{escape(name)}<br>severity %{{customdata[2]}}<br>"
@@ -97,10 +97,6 @@ def _line(found: PolicyCurve, colour: int, dash: int, *, shown: bool) -> Any:
     )
     line.visible = _visibility(line, shown)
     return line
-
-
-def _severity(axis: str, level: int) -> str:
-    return severity_text(Condition(axis, level)) if level else "clean"
 
 
 def _end(rate: Any, end: str) -> float:

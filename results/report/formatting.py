@@ -116,17 +116,10 @@ def summary_table(tables: Tables) -> TextTable:
     header = ("policy", *(("condition",) if several else ()), *tables.simulators, "all", "mean of tasks", "errors")
     rows = []
     for total in tables.by_policy:
-        found = (aggregate_of(tables, total.policy, name, total.axis, total.severity) for name in tables.simulators)
-        rows.append(
-            (
-                total.policy,
-                *((str(total.condition),) if several else ()),
-                *(NOTHING if row is None else share(row.tally) for row in found),
-                share(total.tally),
-                percent(total.task_mean),
-                count(total.tally.errors),
-            )
-        )
+        label = (total.policy, str(total.condition)) if several else (total.policy,)
+        found = [aggregate_of(tables, total.policy, name, total.axis, total.severity) for name in tables.simulators]
+        rates = (share(None if row is None else row.tally) for row in (*found, total))
+        rows.append((*label, *rates, percent(total.task_mean), count(total.tally.errors)))
     return TextTable(header, tuple(rows), 2 if several else 1)
 
 

@@ -82,12 +82,9 @@ class _Point:
 
 
 def plot(results: Sequence[PolicyRunResult], title: str, link: str | None = None) -> str:
-    """Return an SVG of success by run with 95 % intervals; dashed lines mark changes of the policy's content.
+    """Return an SVG of success by run, oldest first; dashed lines mark changes of the policy's content.
 
-    Args:
-        results: Oldest first.
-        title: Title for screen readers.
-        link: URL of a run's page, with `{run}` for its id; None for no links.
+    `title` is for screen readers; `link` is the URL of a run's page, with `{run}` for its id.
     """
     shown = [result for result in results if result.counts.rate is not None]
     width = WIDTH - LEFT - 12

@@ -9,7 +9,7 @@ import subprocess
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.media_paths import picture_path, snapshot_path, videos_folder
 from robogauntlet.results.record import Status
@@ -121,16 +121,15 @@ def _new_failures(recorded: pd.DataFrame, frame: pd.DataFrame, excluded: Collect
 
 
 def _strips(folder: Path, document: RunDocument) -> dict[str, tuple[Strip, ...]]:
-    planned: dict[str, dict[str, dict[int, None]]] = {}
+    planned: dict[str, dict[str, set[int]]] = {}
     for cell in document.plan:
         if cell.axis not in (CLEAN, *CONTROLS):
-            planned.setdefault(cell.axis, {}).setdefault(cell.task, {})[cell.severity] = None
-    strips = {
-        axis: tuple(_strip(folder, task, axis, sorted(own)) for task, own in tasks.items())
-        for axis, tasks in planned.items()
-    }
-    seen = {axis: tuple(strip for strip in own if strip is not None) for axis, own in strips.items()}
-    return {axis: own for axis, own in seen.items() if own}
+            planned.setdefault(cell.axis, {}).setdefault(cell.task, set()).add(cell.severity)
+    strips = {}
+    for axis, tasks in planned.items():
+        stored = (_strip(folder, task, axis, sorted(severities)) for task, severities in tasks.items())
+        strips[axis] = tuple(strip for strip in stored if strip is not None)
+    return {axis: own for axis, own in strips.items() if own}
 
 
 def _strip(folder: Path, task: str, axis: str, severities: Sequence[int]) -> Strip | None:
@@ -153,17 +152,16 @@ def task_picture(folder: Path, task: str) -> str | None:
         return None
 
 
-def _video(row: object, names: Mapping[str, str], files: Mapping[str, Path]) -> Video:
-    value = row.__getattribute__
-    path = files[value("episode_id")]
+def _video(row: Any, names: Mapping[str, str], files: Mapping[str, Path]) -> Video:
+    path = files[row.episode_id]
     return Video(
-        episode_id=value("episode_id"),
-        policy=names[str(value("policy_digest"))],
-        policy_digest=str(value("policy_digest")),
-        task=str(value("task")),
-        status=str(value("status")),
-        seed=int(value("seed")),
-        condition=Condition(str(value("axis")), int(value("severity"))),
+        episode_id=row.episode_id,
+        policy=names[str(row.policy_digest)],
+        policy_digest=str(row.policy_digest),
+        task=str(row.task),
+        status=str(row.status),
+        seed=int(row.seed),
+        condition=Condition(str(row.axis), int(row.severity)),
         path=path,
         size=path.stat().st_size,
     )

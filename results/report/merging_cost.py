@@ -102,7 +102,7 @@ def router_table(merging: Merging) -> TextTable:
 
 
 def confusion_table(confusion: Confusion) -> TextTable:
-    """Numbers of episodes with a row per true task and a column per inferred task."""
+    """Numbers of episodes by true task (rows) and inferred task (columns)."""
     header = ("true task, inferred:", *map(formatting.short_task, confusion.inferred))
     lines = zip(confusion.true, confusion.counts, strict=True)
     return TextTable(

@@ -129,14 +129,14 @@ def _forest(tables: Tables, simulator: str) -> list[ForestTask]:
 
 
 def _cards(folder: Path, document: RunDocument, tables: Tables, videos: Sequence[Video]) -> list[Card]:
-    filmed: dict[tuple[str, str], list[Video]] = {}
+    recorded: dict[tuple[str, str], list[Video]] = {}
     for video in sorted(videos, key=lambda video: video.status != Status.SUCCESS):
-        filmed.setdefault((video.policy_digest, video.task), []).append(video)
+        recorded.setdefault((video.policy_digest, video.task), []).append(video)
     cards = []
     for simulator in tables.simulators:
         for row in _forest(tables, simulator):
             picture = task_picture(folder, row.task)
-            lines = tuple(CardLine(c, tuple(filmed.get((c.policy_digest, c.task), ()))) for c in row.cells)
+            lines = tuple(CardLine(c, tuple(recorded.get((c.policy_digest, c.task), ()))) for c in row.cells)
             if picture or any(line.videos for line in lines):
                 cards.append(Card(row.task, document.instructions.get(row.task), picture, lines))
     return cards

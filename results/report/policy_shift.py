@@ -10,7 +10,7 @@ from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, rate, share
 from robogauntlet.results.report.robustness import known_rates, overall_curves
-from robogauntlet.results.statistics.rates import Estimate, Interval
+from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.suites.axes import AXES
 
 REACH = 0.5
@@ -134,15 +134,12 @@ def stopping_rule(shift: PolicyShift) -> str | None:
 def interaction_table(shift: PolicyShift) -> TextTable:
     """Success lost under each axis beyond the clean loss."""
     header = ("policy", "axis", "lost beyond clean", "simultaneous interval", "tasks")
-    lines = [
-        (row.policy, row.axis, points(row.extra), _points_span(row.corrected), formatting.count(row.tasks))
-        for row in shift.interactions
-    ]
+    lines = []
+    for row in shift.interactions:
+        ends = row.corrected
+        span = NOTHING if ends is None else f"[{100 * ends.low:.1f}, {100 * ends.high:.1f}]"
+        lines.append((row.policy, row.axis, points(row.extra), span, formatting.count(row.tasks)))
     return TextTable(header, tuple(lines), 2)
-
-
-def _points_span(interval: Interval | None) -> str:
-    return NOTHING if interval is None else f"[{100 * interval.low:.1f}, {100 * interval.high:.1f}]"
 
 
 def interactions_of(shift: PolicyShift) -> tuple[tuple[str, tuple[Interaction, ...]], ...]:

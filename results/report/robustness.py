@@ -21,7 +21,7 @@ def axis_heading(axis: str) -> str:
 
 
 def axis_summary(axis: str) -> str:
-    """Explain an axis in a sentence or two."""
+    """Describe an axis in one or two sentences."""
     return AXES[axis].summary if axis in AXES else ""
 
 

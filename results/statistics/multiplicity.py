@@ -1,4 +1,4 @@
-"""Many tests at once: which of them stand."""
+"""Adjustment of p-values for multiple tests."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ALPHA = 0.05
-"""Share of true null hypotheses that a test may reject, unless another is asked for."""
+"""Default share of true null hypotheses that a test may reject."""
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
-    """p-values adjusted so that rejecting those of at most alpha errs at all with a probability of at most alpha.
+    """Adjust p-values such that any of those up to alpha is a false rejection with a probability of at most alpha.
 
     S. Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6 (1979) 65-70. Valid under
     any dependence.
@@ -32,10 +32,10 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
 
 
 def benjamini_hochberg(p_values: Sequence[float]) -> tuple[float, ...]:
-    """p-values adjusted so that of those of at most alpha a share of at most alpha is expected to be false.
+    """Adjust p-values such that at most a share alpha of those up to alpha is expected to be false rejections.
 
     Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Statist. Soc. B 57 (1995) 289-300. Valid
-    for independent tests and for those that depend positively.
+    for independent or positively dependent tests.
 
     Raises:
         ValueError: A p-value outside [0, 1].

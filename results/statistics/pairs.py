@@ -51,7 +51,7 @@ class Pairs:
 
 
 MARGIN = 0.05
-"""A rate that is lower by less than this counts as no worse, unless another margin was declared."""
+"""Default margin: a rate that is lower by less than this counts as no worse."""
 
 
 def pooled(strata: Iterable[Pairs]) -> Pairs:
@@ -67,9 +67,9 @@ def pooled(strata: Iterable[Pairs]) -> Pairs:
 def mcnemar(pairs: Pairs) -> float:
     """Two-sided exact p-value against equal rates of two sides on the same trials.
 
-    Under equal rates a pair that disagrees is in favour of either side with probability 1/2: Q. McNemar, Psychometrika
-    12 (1947) 153-157, with the binomial tail in place of chi-square. For a number of pairs fixed beforehand; while they
-    still come in, use `sequential.paired_evidence`.
+    Under equal rates a pair that disagrees favours either side with probability 1/2: Q. McNemar, Psychometrika 12
+    (1947) 153-157, with the binomial tail instead of chi-square. The number of pairs must be fixed in advance; if it is
+    not, use `sequential.paired_evidence`.
 
     Returns:
         The p-value; 1 if no pair disagrees.
@@ -130,10 +130,10 @@ def detectable_drop(pairs: Pairs, alpha: float) -> float | None:
 
 
 def is_no_worse(pairs: Pairs, margin: float = MARGIN, confidence: float = CONFIDENCE) -> bool:
-    """Whether the first side is shown to be no worse than the second by more than a margin (non-inferiority).
+    """Whether the first side is shown to be worse than the second by less than a margin (non-inferiority).
 
-    The lower end of `paired_difference` lies above -margin: an error of at most (1 - confidence) / 2. A test of equal
-    rates that finds nothing shows no such thing.
+    The lower end of `paired_difference` lies above -margin: an error of at most (1 - confidence) / 2. A test that does
+    not reject equal rates does not show this.
 
     Raises:
         ValueError: A margin outside (0, 1), or a confidence outside (0, 1).
@@ -154,7 +154,7 @@ def paired_difference(pairs: Pairs, confidence: float = CONFIDENCE) -> Estimate 
         p1 - p2 - sqrt((p1 - l1)² - 2 phi (p1 - l1)(u2 - p2) + (u2 - p2)²)
         p1 - p2 + sqrt((u1 - p1)² - 2 phi (u1 - p1)(p2 - l2) + (p2 - l2)²)
 
-    where a positive phi is corrected for continuity. Over several fixed tasks together it is on the wide, safe side.
+    where a positive phi is corrected for continuity. For several fixed tasks together it is conservative.
 
     Returns:
         Difference and interval, or None without trials.

@@ -71,8 +71,8 @@ def wilson_intervals(
     if not np.all((k >= 0) & (k <= n)):
         raise ValueError("expected 0 <= successes <= trials")
     z = NormalDist().inv_cdf((1 + confidence) / 2)
-    trials_or_one = np.maximum(n, 1.0)
-    p, shrinkage = k / trials_or_one, z**2 / trials_or_one
+    divisor = np.maximum(n, 1.0)
+    p, shrinkage = k / divisor, z**2 / divisor
     centre = (p + shrinkage / 2) / (1 + shrinkage)
     half = np.sqrt(p * (1 - p) * shrinkage + shrinkage**2 / 4) / (1 + shrinkage)
     # The formula gives exactly 0 and 1 at the extremes, floating point arithmetic does not.

@@ -1,8 +1,8 @@
-"""Evidence that may be looked at after every pair: a test that holds at whatever moment one stops.
+"""Sequential test on pairs: evidence that may be evaluated after every pair and is valid at any stopping time.
 
-Ville's inequality: a process that is an expected 1 at most under the null hypothesis, whenever it is looked at, exceeds
-1 / alpha with a probability of at most alpha, ever. A test for a fixed number of pairs has no such guarantee: looked at
-every ten pairs up to 400, McNemar's rejects a true null in a quarter of the runs.
+Ville's inequality: a process whose expectation is at most 1 under the null hypothesis, at any stopping time, ever
+exceeds 1 / alpha with a probability of at most alpha. Tests for a fixed number of pairs have no such guarantee:
+evaluated every ten pairs up to 400, McNemar's rejects a true null hypothesis in a quarter of the runs.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from robogauntlet.results.statistics.pairs import Pairs
 def paired_evidence(pairs: Pairs) -> float:
     """Evidence that one of two sides succeeds more often on the same trials: an e-value against equal rates.
 
-    Of m pairs that disagree x are in favour of the first side. Under equal rates x is a fair coin's; betting on every
-    coin by Beta(1/2, 1/2) gives
+    Of m pairs that disagree, x favour the first side. Under equal rates x counts tosses of a fair coin; betting on each
+    toss by Beta(1/2, 1/2) gives
 
         E = 2^m B(x + 1/2, m - x + 1/2) / B(1/2, 1/2)
 
     the mixture likelihood ratio of R. Krichevsky and V. Trofimov (1981) as a test martingale (A. Ramdas et al., "Game-
     theoretic statistics and safe anytime-valid inference", Statistical Science 38 (2023)). Its expectation is 1 under
-    the null after any number of pairs, so it may be watched and stopped at will. Two-sided: exchanging the sides leaves
-    it as it is. Over several strata add up the pairs.
+    the null after any number of pairs, so sampling may stop at any time. Two-sided: exchanging the sides does not
+    change it. For several strata, add up the pairs.
 
     Returns:
         The e-value, from 0; infinite where it exceeds the largest float.

@@ -21,7 +21,7 @@ from robogauntlet.results.statistics.pairs import Pairs, paired_difference, pool
 from robogauntlet.results.statistics.rates import Estimate, wilson_interval
 
 LEAST_CLEAN = 0.2
-"""A policy whose clean rate is not shown to exceed this has nothing to retain."""
+"""Retention is computed only if the clean rate is shown to exceed this."""
 HALF = 0.5
 
 
@@ -100,7 +100,7 @@ def severity_curve(
 def retention(rates: NDArray[np.float64], floors: NDArray[np.float64]) -> NDArray[np.float64]:
     """(p(s) - f(s)) / (p(0) - f(0)), means over the strata that have a rate at level s.
 
-    A stratum without one, such as a task in which an oracle fails there, is left out of the clean rate too.
+    A stratum without a rate at s, such as a task in which the oracle fails, is left out of the clean rate too.
 
     Args:
         rates: Shape (..., strata, levels), NaN where there is none.
@@ -154,10 +154,10 @@ def half_lost(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> float:
 def falling_trend(strata: Sequence[Outcomes], levels: NDArray[np.float64]) -> float | None:
     """One-sided p-value against no fall of success with severity, given each seed's own number of successes.
 
-    Conditional on how many levels a seed succeeds at, every order of its outcomes is as likely under the null: the sum
-    of the levels of its successes has a known mean and variance, and the sum over all seeds is nearly normal (the
-    stratified form of the trend test of W. G. Cochran (1954) and P. Armitage (1955), a seed being a stratum; E. B.
-    Page's test for binary outcomes).
+    Conditional on the number of successes of a seed, all orders of its outcomes are equally likely under the null: the
+    sum of the levels of its successes has a known mean and variance, and the sum over all seeds is nearly normal (the
+    stratified trend test of W. G. Cochran (1954) and P. Armitage (1955), with seeds as strata; E. B. Page's test for
+    binary outcomes).
 
     Returns:
         The p-value, or None if no seed has both outcomes.

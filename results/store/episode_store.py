@@ -113,22 +113,16 @@ class Store:
     def batches(self, size: int = 10_000, fields: Sequence[str] = FIELDS) -> Iterator[Sequence[Sequence[Any]]]:
         """These fields of the rows of `results` as plain values, at most `size` at a time."""
         e = episodes.c
-        query = (
-            sa.select(*(e[name] for name in fields))
-            .where(e.run_id == self._run_id)
-            .order_by(e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
-        )
+        query = sa.select(*(e[name] for name in fields)).where(e.run_id == self._run_id)
+        query = query.order_by(e.simulator, e.task, e.policy, e.axis, e.severity, e.seed, e.episode_id)
         with self.database.reading() as connection:
             yield from connection.execution_options(yield_per=size).execute(query).partitions()
 
     def find(self, episode_id: str) -> EpisodeResult | None:
         """The row with this id, or with the only id that starts with it. Raises StoreError."""
         e = episodes.c
-        query = (
-            sa.select(*(e[name] for name in FIELDS))
-            .where(e.run_id == self._run_id, e.episode_id.startswith(episode_id, autoescape=True))
-            .limit(2)
-        )
+        query = sa.select(*(e[name] for name in FIELDS)).where(e.run_id == self._run_id).limit(2)
+        query = query.where(e.episode_id.startswith(episode_id, autoescape=True))
         with self.database.reading() as connection:
             rows = connection.execute(query).all()
         if len(rows) > 1:

@@ -194,9 +194,8 @@ class History:
         self, policy: str, *, suite: str | None = None, task: str | None = None, limit: int = 200
     ) -> list[PolicyRunResult]:
         """Results of a policy under the clean condition in its newest runs, oldest run first. Raises StoreError."""
-        newest = sa.select(runs.c.run_id).where(
-            sa.exists().where(cells.c.run_id == runs.c.run_id, cells.c.policy == policy)
-        )
+        has_policy = sa.exists().where(cells.c.run_id == runs.c.run_id, cells.c.policy == policy)
+        newest = sa.select(runs.c.run_id).where(has_policy)
         newest = _filtered(newest, suite, None).order_by(runs.c.started_at.desc()).limit(limit)
         sums = [sa.func.sum(cells.c[name]).label(name) for name in ("planned", "successes", "failures", "errors")]
         query = sa.select(cells.c.run_id, cells.c.policy_digest, *sums)

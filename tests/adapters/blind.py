@@ -1,4 +1,4 @@
-"""A gymnasium environment that is not of MuJoCo, and renders only if it is told to."""
+"""A gymnasium environment that is not of MuJoCo, and renders only on request."""
 
 import gymnasium
 import numpy as np

@@ -30,7 +30,7 @@ def test_a_camera_that_looks_along_x_has_its_right_towards_minus_y_and_its_down_
     np.testing.assert_allclose(found.rotation, np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]), atol=1e-12)
 
 
-def test_what_a_camera_is_aimed_at_is_found_again():
+def test_the_aim_point_of_a_camera_is_recovered():
     np.testing.assert_allclose(aim_point(nominal(), 0.0), [0.5, 0.0, 0.0], atol=1e-12)
 
 
@@ -46,14 +46,14 @@ def test_an_orbit_keeps_distance_and_aim_and_turns_by_its_angle(azimuth, elevati
     np.testing.assert_allclose(after.rotation.T @ after.rotation, np.eye(3), atol=1e-9)
 
 
-def test_an_orbit_by_nothing_changes_nothing():
+def test_an_orbit_of_0_changes_nothing():
     before = nominal()
     after = orbit(before, np.array([0.5, 0.0, 0.0]), 0.0, 0.0)
     np.testing.assert_allclose(after.position, before.position, atol=1e-12)
     np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-12)
 
 
-def test_farther_wider_and_bumped_by_hand():
+def test_moving_widening_and_bumping_of_examples():
     centre = np.array([0.5, 0.0, 0.0])
     np.testing.assert_allclose(move_away(nominal(), centre, 2.0).position, [2.1, 0.8, 1.2])
     assert widen(nominal(), 0.1).fovy == pytest.approx(0.8)
@@ -62,6 +62,6 @@ def test_farther_wider_and_bumped_by_hand():
     assert rotation_between(nominal(), moved) == pytest.approx(0.05)
 
 
-def test_what_a_simulator_says_it_adjusts_can_be_adjusted():
+def test_declared_scene_controls_exist():
     for simulator in simulators().values():
         assert simulator.adjusts <= ADJUSTABLE

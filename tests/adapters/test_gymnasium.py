@@ -1,8 +1,9 @@
-"""Mapping files: what they may say, and that what does not fit is told in a line. Played on gymnasium's own Reacher."""
+"""Mapping files and their mistakes, on gymnasium's own Reacher."""
 
 import os
 import subprocess
 import sys
+from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
@@ -53,20 +54,17 @@ def written(folder, changes=None, without=()):
 @pytest.fixture
 def open_mine(tmp_path, monkeypatch):
     """Opens Reacher by a mapping file with changes."""
-    opened = []
+    with ExitStack() as stack:
 
-    def open_task(changes=None, view=VIEW):
-        monkeypatch.setitem(adapter.FILES, "Mine", written(tmp_path, changes))
-        opened.append(adapter.open_environment("Mine", view))
-        return opened[-1]
+        def open_task(changes=None, view=VIEW):
+            monkeypatch.setitem(adapter.FILES, "Mine", written(tmp_path, changes))
+            return stack.enter_context(closing(adapter.open_environment("Mine", view)))
 
-    yield open_task
-    for simulation in opened:
-        simulation.close()
+        yield open_task
 
 
 @pytest.mark.parametrize("path", sorted((mappings.Path(mappings.__file__).parent / "mappings").glob("*.yaml")))
-def test_every_shipped_mapping_is_sound(path):
+def test_every_shipped_mapping_is_valid(path):
     assert mappings.load_mapping(path)
 
 
@@ -92,7 +90,7 @@ def test_a_mistake_in_a_mapping_is_one_line_with_the_nearest_name(tmp_path, chan
     assert all(one.startswith(str(tmp_path)) for one in str(error.value).splitlines())
 
 
-def test_all_mistakes_are_told_at_once(tmp_path):
+def test_all_mistakes_are_reported_at_once(tmp_path):
     with pytest.raises(AdapterError) as error:
         mappings.load_mapping(written(tmp_path, {"horizon": "long"}, without=("success",)))
     assert len(str(error.value).splitlines()) == 2
@@ -100,21 +98,18 @@ def test_all_mistakes_are_told_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "a: [", "a: !!python/object:os.x {}"])
-def test_what_is_no_mapping_is_refused_in_a_line(tmp_path, text):
+def test_a_file_without_a_mapping_is_refused_in_one_line(tmp_path, text):
     path = tmp_path / "Mine.yaml"
     path.write_text(text)
     with pytest.raises(AdapterError, match=rf"^{path}: [^\n]+$"):
         mappings.load_mapping(path)
 
 
-def test_a_folder_of_ones_own_adds_tasks_and_a_broken_file_among_them_takes_no_other_along(tmp_path):
+def test_a_further_folder_adds_tasks_and_a_broken_file_does_not_affect_others(tmp_path):
     written(tmp_path)
     (tmp_path / "Broken.yaml").write_text("horizon: 3")
-    code = """
-from robogauntlet.adapters.catalog import task_descriptions
-for name, task in task_descriptions().items():
-    print(name, task.instruction)
-"""
+    code = "from robogauntlet.adapters.catalog import task_descriptions as tasks\n"
+    code += "print(*(f'{name} {task.instruction}' for name, task in tasks().items()), sep='\\n')"
     environment = {**os.environ, mappings.FOLDERS: str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert "gymnasium/Mine move the tip to the red dot" in done.stdout
@@ -127,7 +122,7 @@ def test_a_task_has_the_cameras_that_its_mapping_names(tmp_path):
     assert mappings.load_description(written(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
 
 
-def test_an_expression_reads_and_does_nothing_else():
+def test_an_expression_only_reads():
     names = {"observation": {"goal": np.arange(5)}, "reward": 0.5}
     assert value_of(check_expression('observation["goal"][1:3]'), names).tolist() == [1, 2]
     assert value_of(check_expression("reward >= -0.5"), names)

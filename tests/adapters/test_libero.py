@@ -1,4 +1,4 @@
-"""Promises of LIBERO's adapter alone, tested where LIBERO is installed (`robogauntlet env create libero`)."""
+"""Tests of LIBERO's adapter alone, tested where LIBERO is installed (`robogauntlet env create libero`)."""
 
 import itertools
 import re
@@ -149,7 +149,7 @@ def test_two_open_tasks_draw_their_own_worlds(drawer: LiberoSimulation, floor: L
     assert np.abs(first[0].astype(int) - first[1]).mean() > 20
 
 
-def test_what_is_drawn_is_told_with_what_draws(floor: LiberoSimulation) -> None:
+def test_the_render_device_names_the_assets(floor: LiberoSimulation) -> None:
     assert re.search(r", LIBERO assets [0-9a-f]{8} with(out)? stand-ins$", floor.render_device())
 
 
@@ -157,7 +157,7 @@ def test_stepping_updates_no_observables(drawer: LiberoSimulation) -> None:
     assert drawer._env.enabled_observables == set()
 
 
-def test_how_far_things_slid_while_they_came_to_rest_is_told(drawer: LiberoSimulation) -> None:
+def test_the_state_has_the_distance_that_objects_slid_while_settling(drawer: LiberoSimulation) -> None:
     drawer.reset(0)
     assert drawer.privileged_state()["settling_shift"] < 0.005
 
@@ -196,5 +196,5 @@ def test_the_tasks_that_were_written_down_are_those_of_the_package() -> None:
     kept = Path(tasks.__file__).with_name("tasks.json").read_text(encoding="utf-8")
     assert generate_tasks.written(generate_tasks.survey()) == kept
     for suite, theirs in tasks.SUITES.items():
-        said = [task.language for task in get_benchmark(theirs)().tasks]
-        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == said
+        instructions = [task.language for task in get_benchmark(theirs)().tasks]
+        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == instructions

@@ -73,7 +73,7 @@ def test_robosuite_1_4_shadows_the_one_behind_it(surroundings: Mapping[str, str]
     assert not ray.startswith(str(Path(python).parents[1]))
 
 
-def test_what_libero_s_adapter_and_oracles_promise_holds_there(surroundings: Mapping[str, str], python: str) -> None:
+def test_libero_passes_its_tests_in_its_own_environment(surroundings: Mapping[str, str], python: str) -> None:
     files = ["tests/adapters/test_libero.py", "tests/policies/test_libero_oracles.py"]
     command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *files]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=surroundings)

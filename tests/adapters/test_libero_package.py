@@ -1,4 +1,4 @@
-"""What LIBERO's adapter promises before LIBERO is there: names, assets, versions, files that are not trusted."""
+"""Tests of the LIBERO adapter without LIBERO: names, assets, versions and untrusted files."""
 
 import os
 import pickle
@@ -50,7 +50,7 @@ def test_horizons_and_instructions_are_those_of_the_protocol() -> None:
     assert cards["90-20-kitchen3-turn-on-stove"].instruction == "turn on the stove"
 
 
-def test_a_task_says_what_cannot_be_adjusted_in_it() -> None:
+def test_a_task_declares_missing_scene_controls() -> None:
     assert libero_tasks()["goal-7-turn-on-stove"].description.fixed.keys() == {"objects", "bodies"}
     assert libero_tasks()["spatial-3-on-cookie-box"].description.fixed.keys() == {"objects"}
     assert libero_tasks()["object-0-alphabet-soup"].description.fixed.keys() == {"objects", "stage"}
@@ -82,7 +82,7 @@ def test_missing_assets_are_one_line_with_what_to_do(nowhere: Path) -> None:
     assert str(nowhere / ".cache" / "libero" / "assets") in message
 
 
-def test_assets_are_found_where_the_variable_says(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assets_are_found_by_the_variable(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(folder_of_assets(nowhere / "mine")))
     assert find_assets() == Assets((nowhere / "mine").resolve(), stand_ins=False)
 
@@ -94,13 +94,13 @@ def test_a_variable_that_is_wrong_is_not_passed_over(nowhere: Path, monkeypatch:
         find_assets()
 
 
-def test_assets_are_found_where_liberos_configuration_says(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assets_are_found_by_liberos_configuration(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (nowhere / "config.yaml").write_text(f"assets: {folder_of_assets(nowhere / 'theirs')}")
     monkeypatch.setenv("LIBERO_CONFIG_PATH", str(nowhere))
     assert find_assets().folder == (nowhere / "theirs").resolve()
 
 
-def test_stand_ins_are_told_and_another_file_is_another_hash(tmp_path: Path) -> None:
+def test_stand_ins_are_named_and_another_file_changes_the_hash(tmp_path: Path) -> None:
     own = Assets(folder_of_assets(tmp_path / "own"), stand_ins=False)
     (tmp_path / "own" / "scenes" / "thing.xml").write_text("another")
     other = own.fingerprint()

@@ -1,4 +1,4 @@
-"""What is particular to ManiSkill; the promises of every adapter are tested together."""
+"""Tests of the ManiSkill adapter only; the conformance tests are common to all adapters."""
 
 import os
 import subprocess
@@ -135,7 +135,7 @@ def test_the_target_is_drawn_for_policies_and_the_profiles_draw_the_same(push):
 
 
 @pytest.mark.simulator
-def test_without_a_vulkan_driver_the_reason_and_the_fix_are_told():
+def test_a_missing_vulkan_driver_is_reported_with_a_remedy():
     code = "from robogauntlet.adapters.maniskill.simulation import *; open_task('PushCube-v1', View())"
     nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)

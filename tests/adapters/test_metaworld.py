@@ -1,4 +1,4 @@
-"""What is particular to Meta-World; the promises of every adapter are in the conformance test."""
+"""Tests of the Meta-World adapter only; the conformance tests are common to all adapters."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_all_fifty_tasks_are_declared_and_have_an_oracle():
     assert set(SCRIPTS) == {f"metaworld/{task}" for task in SIMULATOR.tasks}
 
 
-def test_no_task_has_more_steps_than_meta_world_allows_and_each_is_told_in_words():
+def test_no_horizon_exceeds_meta_worlds_limit_and_each_task_has_an_instruction():
     assert all(60 <= card.horizon <= 500 for card in SIMULATOR.tasks.values())
     assert len({card.instruction for card in SIMULATOR.tasks.values()}) == 50
 

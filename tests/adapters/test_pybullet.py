@@ -1,4 +1,6 @@
-"""What is particular to PyBullet; the promises of every adapter are in the conformance test."""
+"""Tests of the PyBullet adapter only; the conformance tests are common to all adapters."""
+
+from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
@@ -14,15 +16,8 @@ PUSH, PICK, REACH = "PandaPush-v3", "PandaPickAndPlace-v3", "PandaReach-v3"
 
 @pytest.fixture
 def opened():
-    simulations = []
-
-    def open_task(task, **view):
-        simulations.append(adapter.open(task, View(**{"image_size": 64, **view})))
-        return simulations[-1]
-
-    yield open_task
-    for simulation in simulations:
-        simulation.close()
+    with ExitStack() as stack:
+        yield lambda task, **view: stack.enter_context(closing(adapter.open(task, View(**{"image_size": 64, **view}))))
 
 
 def press(simulation, seed, *, steps=40, adjust=lambda simulation: None):

@@ -1,4 +1,4 @@
-"""What only robosuite's adapter promises. What every simulator promises is in the conformance tests."""
+"""Tests of the robosuite adapter only; the conformance tests are common to all adapters."""
 
 import copy
 from collections.abc import Iterator
@@ -132,7 +132,7 @@ def test_fast_draws_neither_shadows_nor_multisampling() -> None:
     assert not np.array_equal(pixels[RenderProfile.STANDARD], pixels[RenderProfile.FAST])
 
 
-def test_a_missing_robosuite_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_robosuite_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "robosuite", None)
     with pytest.raises(SimulatorUnavailable, match=r'pip install "robogauntlet\[robosuite\]"'):
         import_with_mujoco("robosuite", "robosuite")

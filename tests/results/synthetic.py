@@ -1,4 +1,4 @@
-"""Runs that nobody ran: plans, rows and stores for the tests of results/."""
+"""Synthetic runs: plans, rows and stores for the tests of results/."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def cells(policies=("oracle", "random"), tasks=TASKS, conditions=CLEAN):
 
 
 def suite(name="synthetic", **changes):
-    """A suite of which nothing but what is given matters. Its name is not checked: a database may hold any."""
+    """A suite with these changes. Its name is not checked: a database may hold any."""
     values = {"name": "synthetic", "policies": ["oracle"], "tasks": ["maniskill/PushCube-v1"], "seeds": {"count": 10}}
     return Suite.model_validate({**values, **changes}).model_copy(update={"name": name})
 

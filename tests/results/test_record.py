@@ -1,4 +1,4 @@
-"""Promises of results/record.py."""
+"""Tests of results/record.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Promises of results/run_document.py."""
+"""Tests of results/run_document.py."""
 
 from __future__ import annotations
 

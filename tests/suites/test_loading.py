@@ -1,4 +1,4 @@
-"""Suite files: every mistake is told at once, with its place and the nearest name."""
+"""Suite files: every mistake is reported at once, with its place and the nearest name."""
 
 import textwrap
 
@@ -132,7 +132,7 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
     ]
 
 
-def test_an_unknown_task_is_told_with_those_of_its_simulator(problems):
+def test_an_unknown_task_is_reported_with_those_of_its_simulator(problems):
     assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
         "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"
     ]
@@ -204,13 +204,13 @@ def test_object_tags_are_refused_and_not_constructed(problems, tmp_path):
     assert not target.exists()
 
 
-def test_text_that_is_not_yaml_is_told_with_its_line(problems):
+def test_invalid_yaml_is_reported_with_its_line(problems):
     (found,) = problems("name: a\ntasks: [a, b\n")
     assert found.startswith("3: not YAML: ")
 
 
 @pytest.mark.parametrize(("text", "kind"), [("", "nothing"), ("[1, 2]", "a list"), ("hello", "text ('hello')")])
-def test_a_file_without_a_mapping_is_told(problems, text, kind):
+def test_a_file_without_a_mapping_is_refused(problems, text, kind):
     assert problems(text) == [f"None: expected a mapping with name, policies, tasks and seeds; found {kind}"]
 
 
@@ -218,18 +218,18 @@ def test_an_alias_that_contains_itself_is_refused(problems):
     assert problems("&a [*a]\n") == ["1: an alias that contains itself"]
 
 
-def test_a_directory_is_told(tmp_path):
+def test_a_directory_is_refused(tmp_path):
     with pytest.raises(SuiteError, match="expected a suite file, this is a directory"):
         load_suite(tmp_path, NAMES)
 
 
-def test_a_missing_file_is_told_with_its_nearest_neighbour(tmp_path):
+def test_a_missing_file_is_reported_with_the_nearest_name(tmp_path):
     (tmp_path / "demo.yaml").touch()
     with pytest.raises(SuiteError, match=r"no such file; did you mean .*demo\.yaml\?"):
         load_suite(tmp_path / "dmeo.yaml", NAMES)
 
 
-def test_a_file_that_is_not_utf8_is_told(tmp_path):
+def test_a_file_that_is_not_utf8_is_refused(tmp_path):
     path = tmp_path / "suite.yaml"
     path.write_bytes("name: Käfer".encode("latin-1"))
     with pytest.raises(SuiteError, match="expected UTF-8 text, found byte 0xe4 at offset 7"):

@@ -26,7 +26,7 @@ def declared(monkeypatch):
     return declare
 
 
-def test_a_broken_plugin_does_not_take_the_others_along(declared):
+def test_a_broken_plugin_does_not_affect_the_others(declared):
     things, broken = declared(good="GOOD", missing="NOT_THERE", wrong="NO_THING", renamed="MISNAMED")
     assert things == {"good": GOOD}
     reasons = {plugin.name: plugin.reason for plugin in broken}
@@ -50,5 +50,5 @@ def test_a_broken_plugin_does_not_take_the_others_along(declared):
         ),
     ],
 )
-def test_an_unknown_name_is_answered_with_what_was_meant_or_what_there_is(name, known, expected):
+def test_an_unknown_name_is_answered_with_the_nearest_or_the_known_names(name, known, expected):
     assert did_you_mean(name, known) == expected

@@ -65,7 +65,7 @@ def test_only_the_named_policies_are_compared(runs):
 def test_other_suites_are_compared_only_if_allowed(runs):
     done = run_command("gate", runs / "wednesday", "--baseline", runs / "other")
     assert done.returncode == 2
-    assert "suite differs: suite 'synthetic', the baseline is of 'another'" in done.stdout
+    assert "suite differs: suite 'synthetic', the baseline has 'another'" in done.stdout
     assert run_command("gate", runs / "wednesday", "--baseline", runs / "other", "--allow", "suite").returncode == 0
 
 

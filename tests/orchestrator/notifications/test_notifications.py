@@ -49,7 +49,7 @@ def test_a_run_that_is_not_comparable_is_reported():
     found = compared(lambda seed: True, name="another")
     message = message_for(ended, found, None)
     assert message.title == "NOT COMPARABLE: tuesday against monday"
-    assert message.lines[0].startswith("suite differs: suite 'another', the baseline is of 'synthetic'")
+    assert message.lines[0].startswith("suite differs: suite 'another', the baseline has 'synthetic'")
     assert message.lines[-1].endswith("robogauntlet accept tuesday")
 
 

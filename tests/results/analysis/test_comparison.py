@@ -97,7 +97,7 @@ def test_errors_and_what_only_one_has_are_in_no_pair_and_are_counted():
     assert found.unpaired == {"p": (0, 3)}
 
 
-def test_without_a_shared_episode_nothing_can_be_said():
+def test_runs_without_a_shared_episode_are_not_comparable():
     found = compare_runs(run("new", always, of=cells(("p",), TASKS[:1])), run("old", always, of=cells(("q",), TASKS)))
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert as_text(found).splitlines()[-1] == "- expected episodes that new shares with old, got none"
@@ -183,25 +183,25 @@ def regressed():
     return compare_runs(run("new|run", worse_in_b, digest="other"), run("old", always))
 
 
-def test_the_text_says_which_task_by_how_much_and_how_surely(regressed):
+def test_the_text_has_task_difference_and_p_value(regressed):
     lines = as_text(regressed).splitlines()
     assert lines[0] == "REGRESSED: new|run against old"
     assert lines[1].startswith("- p, pybullet/B: 75 % before, 50 % now of 60 episodes, -25.0 points [")
     assert lines[2].startswith("- p, all tasks: ")
 
 
-def test_a_policy_that_did_not_change_and_acts_otherwise_is_told():
+def test_an_unchanged_policy_with_different_actions_is_reported():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    said = "not changed, and yet 1 of 180 episodes have other actions"
-    assert f"{said}: the program or a library acts differently" in as_text(compare_runs(new, old))
+    reason = "not changed, but 1 of 180 episodes have different actions"
+    assert f"{reason}: the program or a library changed" in as_text(compare_runs(new, old))
     now, before = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
         for one, processor in ((new, "a 586"), (old, "a 486"))
     )
-    why = "another processor rounds differently (a 486 before, a 586 now), or the program does"
-    assert f"{said}: {why}" in as_text(compare_runs(now, before))
-    assert f"{said}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
+    why = "the processor (a 486 before, a 586 now) or the program changed"
+    assert f"{reason}: {why}" in as_text(compare_runs(now, before))
+    assert f"{reason}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
 
 
 def test_markdown_keeps_names_harmless_and_has_a_table_per_policy(regressed):
@@ -222,7 +222,7 @@ def test_junit_fails_the_cases_that_became_worse(regressed):
     assert [case.get("name") for case in suite if case.find("failure") is not None] == ["pybullet/B", "all tasks"]
 
 
-@pytest.mark.parametrize("told", FORMATS)
-def test_every_way_of_telling_says_that_runs_are_not_comparable(told):
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_states_that_runs_are_not_comparable(name):
     found = compare_runs(run("new", always, name="other"), run("old", always))
-    assert "suite" in FORMATS[told](found)
+    assert "suite" in FORMATS[name](found)

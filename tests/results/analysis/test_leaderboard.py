@@ -1,4 +1,4 @@
-"""Promises of results/analysis/leaderboard.py."""
+"""Tests of results/analysis/leaderboard.py."""
 
 import pandas as pd
 from hypothesis import given
@@ -24,7 +24,7 @@ def test_two_share_a_letter_if_and_only_if_they_are_not_known_to_differ(drawn):
 
 
 @given(known_differences())
-def test_no_letter_says_nothing(drawn):
+def test_no_letter_is_superfluous(drawn):
     count, differ = drawn
     letters = compact_letters(range(count), differ)
     names = sorted({letter for own in letters.values() for letter in own})
@@ -65,11 +65,11 @@ def test_errors_and_perturbed_episodes_are_in_no_rate():
     assert (found.successes, found.verdicts) == (2, 3)
 
 
-def test_policies_without_an_episode_in_common_are_not_told_apart():
+def test_policies_without_a_common_episode_share_a_letter():
     found = leaderboard([played("a", ["success"] * 50, ("null/A",)), played("b", ["failure"] * 50, ("null/B",))])
     assert [one.letters for one in found] == ["a", "a"]
 
 
-def test_nobody_played_is_an_empty_board():
+def test_without_policies_the_leaderboard_is_empty():
     assert leaderboard([]) == []
     assert leaderboard([played("none", ["error"] * 3)]) == []

@@ -1,4 +1,4 @@
-"""Promises of results/analysis/merging_cost.py."""
+"""Tests of results/analysis/merging_cost.py."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def frame_of(results):
     return pd.DataFrame({name: [getattr(r, name) for r in results] for name in COLUMNS})
 
 
-def compared(expert, told, routed, task=TASKS[0], wrong=()):
+def compared(expert, oracle_routed, routed, task=TASKS[0], wrong=()):
     """The comparison of one task, a letter per seed: success, failure, error, or a dot for no row."""
     of = plan(SIDES, (task,))
     results = []
-    for cell, letters in zip(of, (expert, told, routed), strict=True):
+    for cell, letters in zip(of, (expert, oracle_routed, routed), strict=True):
         for seed, letter in enumerate(letters):
             routing = evidence(TASKS[-1] if seed in wrong else task) if cell.policy == "merged" else {}
             if letter != ".":
@@ -62,14 +62,14 @@ def test_without_rows_there_is_no_loss():
     assert found.router is None
 
 
-def test_regret_is_what_the_told_policy_wins_on_misrouted_pairs():
+def test_regret_is_the_advantage_of_the_oracle_routed_policy_on_misrouted_pairs():
     regret = compared("ssss", "sssf", "sffs", wrong=(1, 3)).regret
     assert (regret.misrouted, regret.lost.value) == (2, 0.0)
     regret = compared("ssss", "ssss", "sffs", wrong=(1, 2)).regret
     assert (regret.misrouted, regret.lost.value) == (2, 1.0)
 
 
-def test_tasks_simulators_and_all_are_told_in_the_order_of_the_plan():
+def test_rows_are_in_the_order_of_the_plan():
     found = build_merging(routed_document(), frame_of(routed_rows()[::-1]))
     merged, paper = found.routed
     assert (found.expert, found.oracle_routed, merged.policy, paper.policy) == (

@@ -1,4 +1,4 @@
-"""What a policy loses against another when the world changes, and whether its router gave way first."""
+"""Success lost against a baseline policy under perturbations, and whether the router failed first."""
 
 import dataclasses
 
@@ -8,7 +8,7 @@ import pytest
 
 from robogauntlet.results.analysis.policy_shift import first_to_fail, interaction
 from robogauntlet.results.analysis.robustness import COLUMNS, Repeats, build_robustness
-from robogauntlet.results.report import findings as said
+from robogauntlet.results.report import findings as report_findings
 from robogauntlet.results.report import policy_shift as words
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import CompareEntry
@@ -69,7 +69,7 @@ def test_losing_more_than_in_the_clean_world_is_shown_where_it_is_so():
     assert corrected.low < own.low < own.high < corrected.high
 
 
-def test_the_interval_of_the_extra_loss_contains_the_truth_as_often_as_it_says():
+def test_the_interval_of_the_extra_loss_covers_the_true_loss_with_its_confidence():
     """200 experiments of two tasks with 50 seeds; the true extra loss is 0.5."""
     generator, hits = np.random.default_rng(11), 0
     for _ in range(200):
@@ -101,7 +101,7 @@ def routers(results):
     return [r for r in built(results).policy_shift.routers if r.axis == "noise"]
 
 
-def test_a_router_gives_way_first_if_what_is_lost_is_lost_on_misrouted_episodes():
+def test_the_router_fails_first_if_the_loss_is_on_misrouted_episodes():
     by_policy, by_router = routers(rows()), routers([*rows(1, wrong=0.9)])
     assert [r.severity for r in by_policy] == [0, 2, 4]
     assert by_policy[2].right.rate == 1.0
@@ -119,19 +119,19 @@ def test_episodes_played_again_are_compared_to_the_bit():
     plan = cells(("expert",), TASKS, (Condition(), Condition("again", 1)))
     results = [row(cell, seed, "success") for cell in plan for seed in range(5)]
     assert built(results, plan, compare=None).repeats == (Repeats("maniskill", 5, 5), Repeats("pybullet", 5, 5))
-    results[-1] = dataclasses.replace(results[-1], final_state_hash="elsewhere")
+    results[-1] = dataclasses.replace(results[-1], final_state_hash="other")
     found = built(results, plan, compare=None)
     assert found.repeats == (Repeats("maniskill", 5, 5), Repeats("pybullet", 5, 4))
     assert words.repeats_sentence(found).endswith("5 of 5 in maniskill, 4 of 5 in pybullet.")
     assert found.controls == ()
 
 
-def test_without_a_second_playing_the_report_says_that_chance_was_not_tested():
+def test_without_repeated_episodes_the_report_states_that_determinism_was_not_tested():
     assert "was not tested" in words.repeats_sentence(built())
 
 
 def test_findings_say_what_was_shown_and_no_more():
-    found = said.findings(built())
+    found = report_findings.findings(built())
     assert any(s.startswith("merged: success falls with severity along noise (") for s in found)
     assert any(s.startswith("merged: a fall was not shown along blur; this does not show") for s in found)
     assert any("a fall was not shown along noise and blur" in s for s in found if s.startswith("expert"))
@@ -149,7 +149,7 @@ def test_findings_name_the_three_lowest_of_many_axes():
         for cell in plan
         for seed in range(SEEDS)
     ]
-    (fall,) = [s for s in said.findings(built(results, plan, compare=None)) if "falls" in s]
+    (fall,) = [s for s in report_findings.findings(built(results, plan, compare=None)) if "falls" in s]
     assert "success falls with severity along 5 of 5 axes, to the lowest rates along blur (100 % to 10 %" in fall
     assert "illuminance (" in fall
     assert "table (" in fall
@@ -159,7 +159,7 @@ def test_findings_name_the_three_lowest_of_many_axes():
 def test_findings_do_not_claim_a_difference_that_chance_explains():
     plan = cells(("expert", "merged"), TASKS, CONDITIONS)
     same = [row(cell, seed, "success" if seed % 2 else "failure") for cell in plan for seed in range(SEEDS)]
-    found = said.findings(built(same))
+    found = report_findings.findings(built(same))
     assert not any("falls" in s or "loses" in s or "gave way" in s for s in found)
     assert any(s.startswith("merged: no axis was shown to change its loss against expert") for s in found)
 
@@ -169,7 +169,7 @@ def test_false_findings_of_falls_are_rare_where_nothing_falls():
     generator, false = np.random.default_rng(7), 0
     for _ in range(20):
         level = [row(cell, n, "success" if generator.random() < 0.6 else "failure") for cell in PLAN for n in range(20)]
-        false += any("success falls" in s for s in said.findings(built(level)))
+        false += any("success falls" in s for s in report_findings.findings(built(level)))
     assert false <= 5
 
 
@@ -195,7 +195,7 @@ def test_heat_maps_stand_beside_each_other_and_those_of_floors_apart():
     assert words.heat_map_groups(built(), no_skill_baselines=True) == ()
 
 
-def test_what_needs_no_skill_is_taken_off_before_shares_are_said():
+def test_no_skill_success_is_subtracted_before_shares_are_computed():
     """Rates .9, .5 with a floor of .1: (.5 - .1) / (.9 - .1) is kept at level 4, not .5 / .9."""
     plan = cells(("expert", "replay"), TASKS, (Condition(), Condition("noise", 4)))
     left = {("expert", 0): 45, ("expert", 4): 25, ("replay", 0): 5, ("replay", 4): 5}
@@ -246,7 +246,7 @@ def test_a_level_that_is_left_out_in_every_task_is_in_no_loss_and_in_no_finding(
     assert noise.extra.value == pytest.approx((45 - 10 - (48 - 40)) / SEEDS)
     assert noise.extra.interval is not None
     assert ("noise", 4) not in {(t.axis, t.severity) for t in found.policy_shift.losses}
-    sentences = said.findings(found)
+    sentences = report_findings.findings(found)
     assert not any("nan" in sentence for sentence in sentences)
     assert any("noise (80 % to 20 % at 28 dB PSNR)" in s for s in sentences if s.startswith("merged"))
     merged = next(m for m in words.heat_maps(found) if m.policy == "merged")

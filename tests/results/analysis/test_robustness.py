@@ -132,10 +132,10 @@ def test_what_was_delivered_is_compared_across_simulators():
     assert noise.spread == pytest.approx(0.02)
 
 
-def test_perturbed_episodes_that_start_elsewhere_than_the_clean_ones_are_counted():
+def test_perturbed_episodes_with_another_start_state_are_counted():
     assert built().start_states.differing == 0
     assert built().start_states.compared == 2 * 2 * 3 * SEEDS
-    moved = [dataclasses.replace(r, state_hash="elsewhere") if r.axis == "blur" else r for r in rows()]
+    moved = [dataclasses.replace(r, state_hash="other") if r.axis == "blur" else r for r in rows()]
     assert built(moved).start_states.differing == 2 * 2 * SEEDS
 
 

@@ -116,7 +116,7 @@ def test_a_run_without_axes_or_rows_has_nothing_to_say():
     assert build_robustness_summary(run, select_eligible(run, played(by_axis).iloc[:0])) is None
 
 
-def test_words_say_what_was_shown_and_what_was_not():
+def test_findings_state_what_was_shown_and_what_was_not():
     found = overall(by_axis)
     line = summary_table(found).rows[0]
     assert line[:2] == ("experts", "all")

@@ -1,4 +1,4 @@
-"""Promises of results/analysis/routing.py."""
+"""Tests of results/analysis/routing.py."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def frame(*inferred, **changes):
     """Rows of one routing policy: (true, inferred) each."""
     cells = {cell.task: cell for cell in plan(("merged",), (*TASKS, "robosuite/Door"))}
     results = [
-        row(cells[true], seed, **{**evidence(said), **changes}) if said else row(cells[true], seed)
-        for seed, (true, said) in enumerate(inferred)
+        row(cells[true], seed, **{**evidence(guess), **changes}) if guess else row(cells[true], seed)
+        for seed, (true, guess) in enumerate(inferred)
     ]
     return pd.DataFrame({name: [getattr(r, name) for r in results] for name in COLUMNS})
 
@@ -56,7 +56,7 @@ def test_the_confusion_has_a_line_per_true_and_a_column_per_inferred_task():
     assert confusion.counts == ((1, 1, 0), (0, 1, 1))
 
 
-def test_latency_is_told_by_its_median_and_95th_percentile():
+def test_latency_has_median_and_95th_percentile():
     rows = frame(*[(PUSH, PUSH)] * 101)
     rows["routing_s"] = np.arange(101) / 100
     latency = router_of(rows).latency
@@ -79,7 +79,7 @@ def test_an_unknown_task_is_in_no_accuracy_and_its_detection_is_measured():
     assert "robosuite/Door" not in router.confusion.inferred
 
 
-def test_a_router_that_is_as_right_as_it_says_has_no_calibration_error():
+def test_a_calibrated_router_has_no_calibration_error():
     half = {"a": math.log(0.5), "b": math.log(0.5)}
     found = calibration([half] * 4, ["a", "a", "b", "b"], ["a"] * 4)
     assert (found.expected_error, found.brier) == (0, 0.5)

@@ -1,4 +1,4 @@
-"""Promises of results/analysis/tables.py and results/analysis/timing.py."""
+"""Tests of results/analysis/tables.py and results/analysis/timing.py."""
 
 from __future__ import annotations
 

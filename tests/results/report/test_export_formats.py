@@ -1,4 +1,4 @@
-"""Promises of results/report/export_formats.py: results that other programs read."""
+"""Tests of results/report/export_formats.py: results that other programs read."""
 
 import json
 
@@ -55,10 +55,10 @@ def test_a_policy_without_an_episode_has_no_rate(run):
     assert "mean_success" not in export_formats.vla_eval(run.document, nothing)["tasks"][0]
 
 
-def test_several_policies_have_to_be_told_apart(run):
+def test_one_of_several_policies_has_to_be_named(run):
     rows = run.episodes()
     rows.loc[0, "policy"] = "other"
     with pytest.raises(RunError, match="the run has other, mine; name one with --policy"):
         export_formats.of_policy(rows, None)
-    with pytest.raises(RunError, match="no episode of a policy 'nobody'"):
-        export_formats.of_policy(rows, "nobody")
+    with pytest.raises(RunError, match="no episode of a policy 'unknown'"):
+        export_formats.of_policy(rows, "unknown")

@@ -32,7 +32,7 @@ def folder(tmp_path):
 DOCUMENT = document(3, PLAN, oracle_gate="oracle")
 
 
-def film(folder, cell, seed, size=100):
+def record_video(folder, cell, seed, size=100):
     path = video_path(folder, cell.episode(seed).id)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(b"x" * size)
@@ -52,11 +52,11 @@ def of(policy, task, condition):
     return next(c for c in PLAN if (c.policy, c.task, c.condition) == (policy, task, condition))
 
 
-def test_what_fell_is_the_mildest_filmed_failure_of_each_simulator_and_not_of_the_gate(folder):
+def test_a_new_failure_is_the_mildest_recorded_one_per_simulator_and_not_of_the_gate(folder):
     for task in TASKS:
-        film(folder, of("experts", task, BLUR4), 0)
-        film(folder, of("oracle", task, BLUR4), 0)
-    film(folder, of("experts", TASKS[0], BLUR2), 2)
+        record_video(folder, of("experts", task, BLUR4), 0)
+        record_video(folder, of("oracle", task, BLUR4), 0)
+    record_video(folder, of("experts", TASKS[0], BLUR2), 2)
     found = media(folder).new_failures
     assert {(v.policy, v.task, v.condition, v.seed) for v in found} == {
         ("experts", TASKS[0], BLUR2, 2),
@@ -65,8 +65,8 @@ def test_what_fell_is_the_mildest_filmed_failure_of_each_simulator_and_not_of_th
 
 
 def test_typical_videos_come_before_those_of_falls(folder):
-    film(folder, of("experts", TASKS[0], CLEAN), 0, size=800)
-    film(folder, of("experts", TASKS[0], BLUR2), 0, size=150)
+    record_video(folder, of("experts", TASKS[0], CLEAN), 0, size=800)
+    record_video(folder, of("experts", TASKS[0], BLUR2), 0, size=150)
     found = media(folder, budget=1000)
     assert {v.status: v.source is not None for v in found.representative} == {"success": True, "failure": True}
     assert [v.source is not None for v in found.new_failures] == [False]
@@ -104,7 +104,7 @@ class Found(HTMLParser):
 def test_the_page_shows_strips_and_falls_with_their_axis(folder):
     look(folder, TASKS[0], CLEAN, 10)
     look(folder, TASKS[0], BLUR2, 80)
-    film(folder, of("experts", TASKS[0], BLUR2), 1)
+    record_video(folder, of("experts", TASKS[0], BLUR2), 1)
     page = write_report(folder).paths.html.read_text()
     names = Found(page[page.index('id="axis-blur"') :]).names
     assert names == [

@@ -1,4 +1,4 @@
-"""Promises of the report's section about merging and routing."""
+"""Tests of the report's section about merging and routing."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def test_html_markdown_and_summary_say_the_same(report):
     page, markdown = texts(report)
     for comparison in merging.routed:
         losses = comparison.overall.losses
-        said = [text.points(losses.merging), text.points(losses.routing), text.rate(losses.retention)]
-        for number in [*said, text.share(comparison.router.accuracy)]:
+        shown = [text.points(losses.merging), text.points(losses.routing), text.rate(losses.retention)]
+        for number in [*shown, text.share(comparison.router.accuracy)]:
             assert number in page
             assert number in markdown
     summary = Summary.model_validate_json(report.paths.summary.read_text())

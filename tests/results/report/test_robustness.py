@@ -16,7 +16,7 @@ from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, bu
 from tests.results.synthetic import cells, document, row, run_folder
 
 
-def test_what_is_beyond_the_last_level_says_so():
+def test_a_severity_beyond_the_last_level_is_marked():
     assert words.half_lost_text(Estimate(3.14, Interval(2.6, math.inf)), 5) == "3.1 [2.6, >5]"
     assert words.half_lost_text(Estimate(math.inf, Interval(4.0, math.inf)), 4) == ">4 [4.0, >4]"
     assert words.half_lost_text(None, 5) == words.half_lost_text(Estimate(math.nan, None), 5) == "–"
@@ -71,7 +71,7 @@ def test_the_summary_has_it_too(paths):
     assert found["start_states"] == {"compared": 240, "differing": 0}
 
 
-def test_programs_and_the_terminal_are_told_the_same_findings_as_readers(report):
+def test_the_summary_has_the_findings_of_the_report(report):
     assert report.findings
     text = report.paths.markdown.read_text().replace("\\", "")
     assert all(f"- {sentence}" in text for sentence in report.findings)
@@ -110,7 +110,7 @@ def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
     assert "noise@4 | 20 | 3 | level left out |" in paths.markdown.read_text()
 
 
-def test_controls_are_set_beside_the_clean_rate_and_without_a_gate_the_report_says_so():
+def test_controls_are_compared_with_the_clean_rate_and_a_missing_gate_is_stated():
     plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1), Condition("wrong-goal", 1)))
     found = built([row(cell, seed) for cell in plan for seed in range(5)], plan)
     table = words.controls_table(found)

@@ -1,4 +1,4 @@
-"""Promises of results/report/formatting.py."""
+"""Tests of results/report/formatting.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Promises of write_report: four files that agree, whatever the run looks like."""
+"""Tests of write_report: four files that agree, whatever the run looks like."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def report(tmp_path, run=None, results=None):
     return write_report(folder).paths
 
 
-def film(folder, result, frames=12, colour=(10, 200, 30), name=None):
+def record_video(folder, result, frames=12, colour=(10, 200, 30), name=None):
     path = folder / "media" / "videos" / f"{name or result.episode_id}.mp4"
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = imageio_ffmpeg.write_frames(str(path), (64, 64), fps=20, codec="libx264", ffmpeg_log_level="error")
@@ -108,7 +108,7 @@ def test_parquet_is_written_in_pieces(tmp_path, monkeypatch):
     assert [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)] == [10, 10, 10, 2]
 
 
-def test_summary_is_what_its_model_says(tmp_path):
+def test_the_summary_matches_its_model(tmp_path):
     run, results = document(4), rows(planned=4, errors=1)
     content = report(tmp_path, run, results).summary.read_text()
     summary = Summary.model_validate_json(content)
@@ -159,7 +159,7 @@ def test_the_shape_of_the_summary_is_stable():
 
 def test_the_page_fetches_nothing_and_runs_nothing(tmp_path):
     folder = run_folder(tmp_path / "run", document(4), results := rows(planned=4))
-    film(folder, results[0])
+    record_video(folder, results[0])
     picture(folder, results[0].task)
     text = write_report(folder).paths.html.read_text()
     page = Page(text)
@@ -212,7 +212,7 @@ def test_an_interrupted_run_still_gives_a_readable_report(tmp_path):
 
 
 @pytest.mark.parametrize("status", list(RunStatus))
-def test_a_run_without_rows_says_so(tmp_path, status):
+def test_the_report_of_a_run_without_rows_states_it(tmp_path, status):
     paths = report(tmp_path, document(4, status=status, elapsed_s=0.0), [])
     assert "This run has no results yet" in Page(paths.html.read_text()).text
     assert "This run has no results yet" in paths.markdown.read_text()
@@ -269,14 +269,14 @@ def test_a_mistaken_store_leaves_the_report_as_it_was_and_makes_nothing(tmp_path
     assert {path.name for path in tmp_path.iterdir()} == {"run", "other"}
 
 
-def test_videos_are_the_first_success_and_the_first_failure_that_were_filmed(tmp_path):
+def test_videos_are_the_first_recorded_success_and_failure(tmp_path):
     cell = cells()[0]
     results = [row(cell, seed, "success" if seed in (1, 3, 4) else "failure") for seed in range(6)]
     results.append(row(cell, 6, "error"))
     folder = run_folder(tmp_path / "run", document(7, [cell]), results)
     for result in (results[3], results[4], results[5], results[2], results[6]):
-        film(folder, result)
-    film(folder, None, name="0123456789abcdef")
+        record_video(folder, result)
+    record_video(folder, None, name="0123456789abcdef")
     page = Page(write_report(folder).paths.html.read_text())
     assert [(video["aria-label"].split(" of ")[0], video["aria-label"][-1]) for video in page.videos] == [
         ("success", "3"),
@@ -323,7 +323,7 @@ def test_a_broken_picture_or_video_does_not_cost_the_report(tmp_path):
 
 
 def test_a_still_is_the_last_frame_of_its_video(tmp_path):
-    path = film(tmp_path, None, frames=30, colour=(10, 200, 30), name="x")
+    path = record_video(tmp_path, None, frames=30, colour=(10, 200, 30), name="x")
     red, green, blue = Image.open(BytesIO(last_frame(path))).convert("RGB").getpixel((32, 32))
     assert green > 150 > red
     assert blue < 100

@@ -89,7 +89,7 @@ def chance(pairs, cells):
     return ways * math.prod(p**k for p, k in zip(cells, counts, strict=True))
 
 
-def test_the_interval_covers_the_true_difference_as_often_as_it_says():
+def test_the_interval_covers_the_true_difference_with_its_confidence():
     """Exactly, over all tables of 15 pairs: never far below 95 %, on average not below."""
     found = [(pairs, paired_difference(pairs).interval) for pairs in every_table(15)]
     covered = []
@@ -124,7 +124,7 @@ def test_pairs_are_not_exchanged_between_strata():
     assert spread.interval.low == spread.interval.high == 0.5
 
 
-def test_the_interval_of_the_ratio_covers_the_truth_about_as_often_as_it_says():
+def test_the_interval_of_the_ratio_covers_the_true_ratio_with_its_confidence():
     generator = np.random.default_rng(11)
     cells = ((0.85, 0.02, 0.08, 0.05), (0.6, 0.1, 0.2, 0.1))
     true = sum(c[0] + c[1] for c in cells) / sum(c[0] + c[2] for c in cells)
@@ -176,7 +176,7 @@ def test_a_side_that_is_worse_by_the_margin_is_called_no_worse_in_at_most_one_ex
 @pytest.mark.parametrize(
     ("disagree", "drop", "pairs"), [(0.2, 0.1, 155), (0.25, 0.15, 85), (0.3, 0.2, 56), (0.2, 0.05, 626)]
 )
-def test_the_drop_that_so_many_pairs_show_is_that_of_published_sample_sizes(disagree, drop, pairs):
+def test_the_detectable_drop_agrees_with_published_sample_sizes(disagree, drop, pairs):
     """Two-sided at 5 %, 80 % power (Connor 1987's formula), rounded up to whole pairs."""
     rows = round(disagree * pairs)
     found = detectable_drop(Pairs(pairs - rows, rows, 0, 0), alpha=0.025)

@@ -1,4 +1,4 @@
-"""Promises of results/store/episode_store.py."""
+"""Tests of results/store/episode_store.py."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_what_is_there_is_found_without_reading_rows(store, path, question):
     assert any("COVERING INDEX robogauntlet_what_is_there" in step[3] for step in plan)
 
 
-def test_errors_can_be_forgotten_and_nothing_else(store):
+def test_only_errors_are_forgotten(store):
     cell = cells()[0]
     store.add([row(cell, 0), row(cell, 1, "error"), row(cell, 2, "failure")])
     assert store.forget_errors() == 1
@@ -177,7 +177,7 @@ def test_a_store_of_another_version_is_refused_and_left_as_it_was(path, version)
     assert path.read_bytes() == before
 
 
-def test_a_store_that_cannot_be_written_is_told_what_to_do(path):
+def test_the_error_for_a_read_only_store_has_a_remedy(path):
     path.touch()
     with pytest.raises(StoreError, match="in a place that can be written, which reading takes too; copy it to one"):
         Store.open(f"sqlite:///file:{path}?mode=ro&uri=true", "run-1")

@@ -110,7 +110,7 @@ def test_an_unreachable_server_is_one_line_without_the_password():
     assert "127.0.0.1:1" in str(caught.value)
 
 
-def test_a_run_whose_rows_are_elsewhere_asks_for_the_address(tmp_path):
+def test_a_run_with_rows_in_a_database_asks_for_its_url(tmp_path):
     run = document(3).model_copy(update={"store_url": "postgresql+psycopg://tester:***@127.0.0.1/postgres"})
     with pytest.raises(RunError, match=r"its rows are in postgresql.*; give that address with --store"):
         store_url(tmp_path, run)

@@ -1,4 +1,4 @@
-"""Promises of results/store/run_archive.py: a run as one file."""
+"""Tests of results/store/run_archive.py: a run as one file."""
 
 import sqlite3
 

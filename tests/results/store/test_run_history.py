@@ -1,4 +1,4 @@
-"""Promises of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
+"""Tests of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
 
 import pytest
 
@@ -66,7 +66,7 @@ def test_a_policy_is_followed_from_run_to_run_the_oldest_first(history):
     assert [one.counts.rate for one in history.policy_history("oracle")] == [1.0, 0.75, 0.25]
     assert [one.counts.verdicts for one in history.policy_history("oracle", task=cells()[0].task)] == [4, 4, 4]
     assert [one.run.run_id for one in history.policy_history("oracle", limit=2)] == ["run-1", "run-2"]
-    assert history.policy_history("nobody") == []
+    assert history.policy_history("unknown") == []
 
 
 def test_the_baseline_is_the_last_good_run_of_the_suite_before_it(history):
@@ -83,7 +83,7 @@ def test_the_baseline_is_the_last_good_run_of_the_suite_before_it(history):
     assert history.baseline(night(0)) is None
 
 
-def test_what_a_running_suite_says_is_there_until_it_ends(history):
+def test_the_live_status_is_kept_until_the_run_ends(history):
     history.record(night(1, status=RunStatus.RUNNING))
     lane = LiveSimulator(simulator="null", planned=9, successes=1, failures=1, errors=1)
     history.write_live_status("run-1", LiveStatus(at=5.0, phase="playing", simulators=(lane,)))
@@ -92,7 +92,7 @@ def test_what_a_running_suite_says_is_there_until_it_ends(history):
     assert history.find("run-1").live is None
 
 
-def test_what_a_run_of_another_version_says_is_passed_over(history):
+def test_a_live_status_of_another_version_is_ignored(history):
     history.record(night(1, status=RunStatus.RUNNING))
     with history.database.writing() as connection:
         connection.exec_driver_sql("UPDATE runs SET live = '{}'")
@@ -104,7 +104,7 @@ def test_the_document_comes_back_as_it_was(history):
     assert history.document("run-1") == night(1)
 
 
-def test_runs_made_elsewhere_are_taken_in_once(history, tmp_path):
+def test_run_folders_are_recorded_once(history, tmp_path):
     results = rows(planned=4, errors=1)
     run_folder(tmp_path / "one", night(1), results)
     run_folder(tmp_path / "two", night(2, status=RunStatus.INTERRUPTED), results[:5])
@@ -117,25 +117,25 @@ def test_runs_made_elsewhere_are_taken_in_once(history, tmp_path):
     assert history.find("one").counts.errors == 8
 
 
-def test_a_run_that_ended_while_the_history_was_away_is_taken_in(history, tmp_path):
+def test_a_run_that_ended_without_the_history_is_recorded(history, tmp_path):
     history.record(night(1, status=RunStatus.RUNNING), tmp_path / "one")
     run_folder(tmp_path / "one", night(1), rows(planned=4))
     assert record_run_folders(history, tmp_path) == 1
     assert history.find("one").status == "complete"
 
 
-def test_rows_are_where_the_entry_says(history, tmp_path):
+def test_the_url_of_the_rows_is_that_of_the_entry(history, tmp_path):
     folder = run_folder(tmp_path / "one", night(1), [])
     history.record(night(1), folder)
     assert rows_url(history.find("one"), history.url) == file_url(folder / "episodes.sqlite")
     (folder / "episodes.sqlite").unlink()
     with pytest.raises(RunError, match="they are gone"):
         rows_url(history.find("one"), history.url)
-    elsewhere = "postgresql+psycopg://me:***@far/db"
-    history.record(night(2, store_url=elsewhere), tmp_path / "two")
+    url = "postgresql+psycopg://me:***@far/db"
+    history.record(night(2, store_url=url), tmp_path / "two")
     with pytest.raises(RunError, match="give that address with --store"):
         rows_url(history.find("run-2"), history.url)
-    assert rows_url(history.find("run-2"), elsewhere.replace("***", "secret")).startswith("postgresql")
+    assert rows_url(history.find("run-2"), url.replace("***", "secret")).startswith("postgresql")
 
 
 def test_rows_and_runs_may_share_a_store(history):
