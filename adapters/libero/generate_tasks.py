@@ -64,18 +64,20 @@ def _scene_facts(problem: Mapping[str, Any], states: FloatArray) -> dict[str, An
     surfaces = {"table", "kitchen_table", "living_room_table", "study_table", "floor", "coffee_table"}
     fixtures = {name: kind for kind, names in problem["fixtures"].items() for name in names}
     ground = {name for name, kind in fixtures.items() if kind in surfaces}
-    things = [name for name in problem["obj_of_interest"] if name in free]
-    on_ground = [
-        thing
-        for relation, thing, *where in problem["initial_state"]
+    objects = [name for name in problem["obj_of_interest"] if name in free]
+    stands_on_ground = [
+        name
+        for relation, name, *where in problem["initial_state"]
         if relation == "on" and where[0] in problem["regions"] and problem["regions"][where[0]]["target"] in ground
     ]
-    places = {thing: states[:, FREE + 7 * number :][:, :2] for number, thing in enumerate(free)}
+    places = {name: states[:, FREE + 7 * number :][:, :2] for number, name in enumerate(free)}
     return {
         "arena": arena,
         "fixtures": sorted(fixtures.keys() - ground),
-        "things": things,
-        "standing": [thing for thing in things if thing in on_ground and (np.ptp(places[thing], axis=0) > SAME).all()],
+        "objects": objects,
+        "on_ground": [
+            name for name in objects if name in stands_on_ground and (np.ptp(places[name], axis=0) > SAME).all()
+        ],
     }
 
 

@@ -98,7 +98,7 @@ class LiberoSimulation(MujocoSimulation):
         self._lights = key_light(self._env, physics)
         self._stage = MujocoStage(physics, self._scene.renderers) if task.arena in TABLES else None
         movable = {name: self._objects[name] for name in task.placeable}
-        bodies = [f"{thing}_main" for thing in task.things]
+        bodies = [f"{name}_main" for name in task.objects]
         self.scene_controls = SceneControls(
             cameras=MujocoCameras(physics),
             lights=self._lights,

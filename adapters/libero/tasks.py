@@ -28,18 +28,18 @@ class LiberoTask:
     """A task of LIBERO."""
 
     task: str
-    """Our name."""
+    """Name in RoboGauntlet."""
     suite: str
     name: str
-    """LIBERO's own name."""
+    """LIBERO's name."""
     instruction: str
     arena: str
     fixtures: tuple[str, ...]
     """Fixtures that the seed places, not the stored state: cabinet, stove, microwave, rack, caddy, shelf."""
-    things: tuple[str, ...]
+    objects: tuple[str, ...]
     """The movable objects among LIBERO's objects of interest, in its order."""
-    standing: tuple[str, ...]
-    """Those that stand on table or floor, in different places in the stored states."""
+    on_ground: tuple[str, ...]
+    """Those that stand on table or floor and whose places differ between the stored states."""
 
     @property
     def libero_suite(self) -> str:
@@ -49,7 +49,7 @@ class LiberoTask:
     @property
     def placeable(self) -> tuple[str, ...]:
         """The objects that can be moved on the ground; none unless the main object is among them."""
-        return self.standing if self.standing[:1] == self.things[:1] else ()
+        return self.on_ground if self.on_ground[:1] == self.objects[:1] else ()
 
     @property
     def description(self) -> TaskDescription:
@@ -58,10 +58,10 @@ class LiberoTask:
 
     def _fixed(self) -> dict[str, str]:
         fixed = {}
-        if not self.things:
+        if not self.objects:
             fixed = dict.fromkeys(("objects", "bodies"), "the task is about a fixture")
         elif not self.placeable:
-            fixed["objects"] = f"{self.things[0]} starts in one place, or on or in something else"
+            fixed["objects"] = f"{self.objects[0]} starts in one place, or on or in something else"
         if self.arena not in TABLES:
             surface = "the floor" if self.arena == "floor" else "a table of another shape than a box"
             fixed["stage"] = f"objects stand on {surface}"
@@ -70,8 +70,8 @@ class LiberoTask:
 
 @cache
 def libero_tasks() -> Mapping[str, LiberoTask]:
-    """Return the tasks by our names, in the order of suites and numbers."""
+    """Return the tasks by name, in the order of suites and numbers."""
     entries = json.loads(Path(__file__).with_name("tasks.json").read_text(encoding="utf-8"))
-    lists = ("fixtures", "things", "standing")
+    lists = ("fixtures", "objects", "on_ground")
     tasks = [LiberoTask(**(entry | {name: tuple(entry[name]) for name in lists})) for entry in entries]
     return {task.task: task for task in tasks}
