@@ -201,7 +201,6 @@ class RunSession:
                 "recording a success and a failure of each policy on each task"
                 + (", failures along each axis, and the first images of each condition" if snapshots else "")
             )
-            observer.on_media_begin()
             with (
                 ray_session(address=self._options.address, workers=len({item.simulator for item in pending})),
                 self._progress.recording(len(pending)) as bar,

@@ -60,12 +60,9 @@ class RunObserver(Observer[EpisodeResult]):
         self._progress.on_tick()
         self._publish(activity)
 
-    def on_media_begin(self) -> None:
-        """All episodes are played; now media are recorded."""
-        self._phase = "filming"
-
     def on_media_tick(self) -> None:
-        """A video or snapshot has been recorded."""
+        """A video or snapshot has been recorded, after all episodes were played."""
+        self._phase = "filming"
         self._publish(tuple)
 
     def _publish(self, activity: Callable[[], Sequence[LiveWorker]]) -> None:
