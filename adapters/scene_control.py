@@ -180,8 +180,8 @@ class SceneControls:
     lights: Lights | None = None
     objects: Objects | None = None
     arm: Arm | None = None
-    bodies: BodyDynamics | None = None
-    stage: TableControl | None = None
+    dynamics: BodyDynamics | None = None
+    table: TableControl | None = None
 
     def undo(self) -> None:
         """Restore the task's own scene, except what every reset sets anyway (controls without an `undo`)."""

@@ -29,13 +29,13 @@ class Changes(StrEnum):
     """The executed actions, by the same operator in every simulator."""
     INSTRUCTION = "instruction"
     LIGHTS = "lights"
-    STAGE = "stage"
+    TABLE = "table"
     """The appearance of the table, and distractors on it that cannot be touched."""
     OBJECTS = "objects"
     """The positions of the task's objects."""
     ARM = "arm"
     """The start pose of the arm."""
-    BODIES = "bodies"
+    DYNAMICS = "dynamics"
     """Mass and friction of the task's objects."""
     NOTHING = "nothing"
 
@@ -152,7 +152,7 @@ _ALL = (
     ),
     Axis(
         name="table",
-        changes=Changes.STAGE,
+        changes=Changes.TABLE,
         unit="dE*ab of the mean colour",
         levels=(10.0, 20.0, 35.0, 50.0, 70.0),
         tolerance=5.0,
@@ -162,7 +162,7 @@ _ALL = (
     ),
     Axis(
         name="distractors",
-        changes=Changes.STAGE,
+        changes=Changes.TABLE,
         unit="objects",
         levels=(1.0, 2.0, 4.0, 6.0, 10.0),
         tolerance=0.0,
@@ -193,7 +193,7 @@ _ALL = (
     ),
     Axis(
         name="dynamics",
-        changes=Changes.BODIES,
+        changes=Changes.DYNAMICS,
         unit="times the mass",
         levels=(1.25, 1.5, 2.0, 3.0, 5.0),
         tolerance=0.01,

@@ -33,12 +33,12 @@ from robogauntlet.adapters.libero.libero_import import Libero, open_libero, sile
 from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
 from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
-from robogauntlet.adapters.mujoco_parts.bodies import MujocoBodies
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
+from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
-from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
+from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
 
@@ -96,7 +96,7 @@ class LiberoSimulation(MujocoSimulation):
         self._poses_of, self._angles_of, self._goal = fixtures_of(self._env)
         physics = self._physics
         self._lights = key_light(self._env, physics)
-        self._stage = MujocoStage(physics, self._scene.renderers) if task.arena in TABLES else None
+        self._table = MujocoTable(physics, self._scene.renderers) if task.arena in TABLES else None
         movable = {name: self._objects[name] for name in task.placeable}
         bodies = [f"{name}_main" for name in task.objects]
         self.scene_controls = SceneControls(
@@ -104,8 +104,8 @@ class LiberoSimulation(MujocoSimulation):
             lights=self._lights,
             objects=LiberoObjects(physics, movable, self._states) if movable else None,
             arm=MujocoArm(physics, lambda: self._env.robots[0].controller, tool),
-            bodies=MujocoBodies(physics, bodies) if bodies else None,
-            stage=self._stage,
+            dynamics=MujocoDynamics(physics, bodies) if bodies else None,
+            table=self._table,
         )
         self._assets = str(package.assets)
         self._task, self._shift = task, 0.0
@@ -242,7 +242,7 @@ SIMULATOR = Simulator(
     modules=("libero", "robosuite", "mujoco", "bddl"),
     distributions=("hf-libero", "robosuite", "mujoco", "numba"),
     open=open_simulation,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "bodies", "stage"}),
+    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"MUJOCO_GL": "egl"},
     requirements=(
         "mujoco==3.3.7",

@@ -59,12 +59,12 @@ class LiberoTask:
     def _fixed(self) -> dict[str, str]:
         fixed = {}
         if not self.objects:
-            fixed = dict.fromkeys(("objects", "bodies"), "the task is about a fixture")
+            fixed = dict.fromkeys(("objects", "dynamics"), "the task is about a fixture")
         elif not self.placeable:
             fixed["objects"] = f"{self.objects[0]} starts in one place, or on or in something else"
         if self.arena not in TABLES:
             surface = "the floor" if self.arena == "floor" else "a table of another shape than a box"
-            fixed["stage"] = f"objects stand on {surface}"
+            fixed["table"] = f"objects stand on {surface}"
         return fixed
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.frames import wxyz_to_xyzw
-from robogauntlet.adapters.maniskill.bodies import renew_physics
+from robogauntlet.adapters.maniskill.dynamics import renew_physics
 from robogauntlet.adapters.scene_control import Unreachable
 
 NEAR, ALIGNED = 1e-3, 0.01

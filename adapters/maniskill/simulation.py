@@ -39,11 +39,11 @@ from robogauntlet.adapters.contract import (
 )
 from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
-from robogauntlet.adapters.maniskill.bodies import ManiSkillBodies, renew_physics, wake
 from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_physics, wake
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
-from robogauntlet.adapters.maniskill.stage import ManiSkillStage
+from robogauntlet.adapters.maniskill.table import ManiSkillTable
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
 
@@ -105,8 +105,8 @@ class ManiSkillSimulation(BaseSimulation):
             lights=ManiSkillLights(env, self._base_from_world),
             objects=ManiSkillObjects(self._objects, layout.spread, self._base_from_world),
             arm=ManiSkillArm(env, self._base_from_world),
-            bodies=ManiSkillBodies(self._objects.values()),
-            stage=ManiSkillStage(env, self._base_from_world),
+            dynamics=ManiSkillDynamics(self._objects.values()),
+            table=ManiSkillTable(env, self._base_from_world),
         )
 
     def reset(self, seed: int) -> None:
@@ -301,6 +301,6 @@ SIMULATOR = Simulator(
     modules=("mani_skill", "sapien", "torch"),
     distributions=("mani-skill", "sapien", "torch"),
     open=open_task,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "bodies", "stage"}),
+    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"LP_NUM_THREADS": "1"},
 )

@@ -15,7 +15,7 @@ from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
-from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
+from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, no_rendering
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
@@ -26,7 +26,7 @@ class MujocoSimulation(BaseSimulation):
 
     scene_controls: SceneControls
     _lights: MujocoLights
-    _stage: MujocoStage | None
+    _table: MujocoTable | None
 
     def __init__(self, mujoco: Any, env: Any, view: View, instruction: str, action_spec: ActionSpec) -> None:
         """Take MuJoCo's module and robosuite's environment, see `BaseSimulation` for the others."""
@@ -87,7 +87,7 @@ class MujocoSimulation(BaseSimulation):
     def draw(self, camera: str, size: int) -> Image:
         """Render the present state, (size, size, 3)."""
         self._refresh()
-        image = self._scene.image(CAMERA_NAMES[camera], size, self._stage.draw if self._stage else None)
+        image = self._scene.image(CAMERA_NAMES[camera], size, self._table.draw if self._table else None)
         return self._lights.develop(image)
 
     def _refresh(self) -> None:

@@ -40,17 +40,17 @@ from robogauntlet.adapters.contract import (
 )
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD, PyBulletArm, tool_pose
-from robogauntlet.adapters.pybullet.bodies import PyBulletBodies
 from robogauntlet.adapters.pybullet.cameras import PyBulletCameras
+from robogauntlet.adapters.pybullet.dynamics import PyBulletDynamics
 from robogauntlet.adapters.pybullet.lights import Lamps, PyBulletLights
 from robogauntlet.adapters.pybullet.objects import PyBulletObjects
-from robogauntlet.adapters.pybullet.stage import PyBulletStage
+from robogauntlet.adapters.pybullet.table import PyBulletTable
 from robogauntlet.adapters.scene_control import ADJUSTABLE, SceneControls
 from robogauntlet.suites.episode import RenderProfile, View
 
 TASKS = {
     "PandaReach-v3": TaskDescription(
-        "reach the red ball with the closed gripper", horizon=20, fixed={"bodies": "the arm can move nothing in it"}
+        "reach the red ball with the closed gripper", horizon=20, fixed={"dynamics": "the arm can move nothing in it"}
     ),
     "PandaPush-v3": TaskDescription("push the green cube onto the red goal", horizon=100),
     "PandaPickAndPlace-v3": TaskDescription("pick up the green cube and carry it to the red goal", horizon=60),
@@ -88,8 +88,8 @@ class PyBulletSimulation(BaseSimulation):
             lights=self._lights,
             objects=PyBulletObjects(env),
             arm=PyBulletArm(env, self._hold),
-            bodies=PyBulletBodies(self._client, self._bodies["object"]) if "object" in self._bodies else None,
-            stage=PyBulletStage(self._client, self._bodies["table"]),
+            dynamics=PyBulletDynamics(self._client, self._bodies["object"]) if "object" in self._bodies else None,
+            table=PyBulletTable(self._client, self._bodies["table"]),
         )
         self._target = np.zeros(3)
         self._low, self._high = self.action_spec.low, self.action_spec.high

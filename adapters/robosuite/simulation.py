@@ -22,11 +22,11 @@ import numpy as np
 
 from robogauntlet.adapters.contract import ActionSpec, FloatArray, Simulator, StepOutcome, TaskDescription
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
-from robogauntlet.adapters.mujoco_parts.bodies import MujocoBodies
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
+from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco
-from robogauntlet.adapters.mujoco_parts.stage import MujocoStage
+from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
@@ -100,14 +100,14 @@ class RobosuiteSimulation(MujocoSimulation):
         objects = {name: self._parts.bodies[name] for name in self._parts.placed}
         sampler, attached = self._env.placement_initializer, self._parts.placed
         self._lights = MujocoLights(self._physics)
-        self._stage = MujocoStage(self._physics, self._scene.renderers)
+        self._table = MujocoTable(self._physics, self._scene.renderers)
         self.scene_controls = SceneControls(
             cameras=MujocoCameras(self._physics),
             lights=self._lights,
             objects=RobosuiteObjects(self._physics, objects, attached, sampler),
             arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tool),
-            bodies=MujocoBodies(self._physics, objects.values()),
-            stage=self._stage,
+            dynamics=MujocoDynamics(self._physics, objects.values()),
+            table=self._table,
         )
         self._env.step(np.zeros(self._env.action_dim))
         self.reset(BUILD_SEED)
@@ -155,6 +155,6 @@ SIMULATOR = Simulator(
     modules=("robosuite", "mujoco"),
     distributions=("robosuite", "mujoco", "numba"),
     open=RobosuiteSimulation,
-    adjusts=frozenset({"cameras", "lights", "objects", "arm", "bodies", "stage"}),
+    adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"MUJOCO_GL": "egl"},
 )

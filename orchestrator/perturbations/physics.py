@@ -62,11 +62,11 @@ class Dynamics(Perturbed):
             UnsupportedCondition: This simulation's objects cannot be changed.
         """
         super().reset(seed)
-        bodies = self._required(self.scene_controls.bodies, "masses and frictions be changed")
+        dynamics = self._required(self.scene_controls.dynamics, "masses and frictions be changed")
         slippery = self.generator.random() < 0.5
         friction = 1 / self.secondary_level if slippery else self.secondary_level
-        bodies.set_dynamics(DynamicsFactors(self.level, friction))
-        self._factors = bodies.dynamics()
+        dynamics.set_dynamics(DynamicsFactors(self.level, friction))
+        self._factors = dynamics.dynamics()
 
     def delivered(self) -> Delivered:
         """The factors, as the simulator reads them back."""
@@ -86,7 +86,7 @@ class RobotStart(Perturbed):
         super().reset(seed)
         arm = self._required(self.scene_controls.arm, "the arm start elsewhere")
         before = self.simulation.privileged_state()
-        lowest = self.scene_controls.stage.table_height + MIN_HEIGHT if self.scene_controls.stage else -math.inf
+        lowest = self.scene_controls.table.table_height + MIN_HEIGHT if self.scene_controls.table else -math.inf
         own = Rotation.from_quat(before["tcp_quaternion"])
         angle = math.radians(self.secondary_level) * arm.turns
         for _ in range(DRAWS):

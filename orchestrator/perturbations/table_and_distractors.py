@@ -65,7 +65,7 @@ class PerturbedTable(PerturbedScene):
             UnsupportedCondition: This simulation's table cannot be changed.
         """
         super().reset(seed)
-        self._stage = self._required(self.scene_controls.stage, "its table be changed")
+        self._control = self._required(self.scene_controls.table, "its table be changed")
 
 
 class Distractors(PerturbedTable):
@@ -78,16 +78,16 @@ class Distractors(PerturbedTable):
         self._show(perturbed=True)
 
     def _show(self, *, perturbed: bool) -> None:
-        self._stage.show(self._props if perturbed else ())
+        self._control.show(self._props if perturbed else ())
 
     def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
-        return self._checked(len(self._stage.shown())), {"covered": self._changed_share(pairs)}
+        return self._checked(len(self._control.shown())), {"covered": self._changed_share(pairs)}
 
     def _drawn_props(self) -> list[Prop]:
         state = self.simulation.privileged_state()
         objects = [where[:2] for name, where in state.items() if name.endswith("_position")]
         cameras = self._required(self.scene_controls.cameras, "cameras be read")
-        aim = aim_point(cameras.viewpoint(THIRD_PERSON), self._stage.table_height)[:2]
+        aim = aim_point(cameras.viewpoint(THIRD_PERSON), self._control.table_height)[:2]
         generator, window = self.generator, WINDOW
         props: list[Prop] = []
         draws = 0
@@ -102,7 +102,7 @@ class Distractors(PerturbedTable):
                 continue
             colours = TASK_COLOURS if len(props) % 2 == 0 else OTHER_COLOURS
             colour = colours[generator.integers(len(colours))]
-            props.append(Prop(form, np.array([*place, self._stage.table_height + size / 2]), size, yaw, colour))
+            props.append(Prop(form, np.array([*place, self._control.table_height + size / 2]), size, yaw, colour))
         return props
 
 
@@ -135,8 +135,8 @@ class Table(PerturbedTable):
     def _first_observation(self, clean: Images) -> Observation:
         """Paint the table and observe; raises NotDelivered if it is not visible or no paint has such a colour."""
         own, black, white = _light(clean), self._plain("black", 0.0), self._plain("white", 1.0)
-        self._table = ((white - black) > MIN_CONTRAST).all(axis=2)
-        if self._table.mean() < MIN_TABLE:
+        self._table_pixels = ((white - black) > MIN_CONTRAST).all(axis=2)
+        if self._table_pixels.mean() < MIN_TABLE:
             raise self._not_delivered("expected a table in the third-person image, found none")
         self._own = self._mean(own)
         dark, light = self._mean(black), self._mean(white)
@@ -153,7 +153,7 @@ class Table(PerturbedTable):
         return observation
 
     def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
-        return self._checked(self._distance), {"table": float(self._table.mean())}
+        return self._checked(self._distance), {"table": float(self._table_pixels.mean())}
 
     def _target(self, dark: FloatArray, light: FloatArray) -> FloatArray:
         """A colour in the image that some paint has, at the level's distance from the table's own."""
@@ -166,7 +166,7 @@ class Table(PerturbedTable):
         raise self._not_delivered(f"no paint is {self.level:g} from the table's own colour")
 
     def _paint(self, reflectance: FloatArray) -> None:
-        self._stage.paint_table(np.rint(encoded(reflectance)).astype(np.uint8))
+        self._control.paint_table(np.rint(encoded(reflectance)).astype(np.uint8))
 
     def _plain(self, name: str, reflectance: float) -> FloatArray:
         """Linear light of the third-person image with the table in one grey."""
@@ -179,7 +179,7 @@ class Table(PerturbedTable):
 
     def _mean(self, light: FloatArray) -> FloatArray:
         """The table's mean colour."""
-        return np.asarray(light[self._table].mean(axis=0))
+        return np.asarray(light[self._table_pixels].mean(axis=0))
 
 
 def _light(images: Images) -> FloatArray:

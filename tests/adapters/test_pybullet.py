@@ -45,10 +45,10 @@ def test_contacts_of_earlier_episodes_leave_no_trace_in_the_last_bit(opened, tas
 
 def dress(simulation):
     """Another light, props at the tool and a painted table."""
-    stage, height = simulation.scene_controls.stage, 0.3
+    table, height = simulation.scene_controls.table, 0.3
     simulation.scene_controls.lights.set_light(Light(np.array([0.5, 0.2, 1.0]), unit(np.array([0.3, 0.3, 1.0]))))
-    stage.show([Prop(form, np.array([0.64, 0.0, height / 2]), height, 0.3, (0.9, 0.7, 0.1)) for form in Form])
-    stage.paint_table(np.arange(192, dtype=np.uint8).reshape(8, 8, 3))
+    table.show([Prop(form, np.array([0.64, 0.0, height / 2]), height, 0.3, (0.9, 0.7, 0.1)) for form in Form])
+    table.paint_table(np.arange(192, dtype=np.uint8).reshape(8, 8, 3))
     simulation.observe()
 
 
@@ -70,7 +70,7 @@ def move(simulation):
 
 
 def weigh_down(simulation):
-    simulation.scene_controls.bodies.set_dynamics(DynamicsFactors(mass=3.0, friction=0.4))
+    simulation.scene_controls.dynamics.set_dynamics(DynamicsFactors(mass=3.0, friction=0.4))
 
 
 @pytest.mark.parametrize("adjust", [dress, fail_to_place])
@@ -109,7 +109,7 @@ def test_the_first_row_of_a_texture_is_at_the_left_of_the_robot(opened):
     simulation.reset(0)
     texture = np.zeros((2, 2, 3), dtype=np.uint8)
     texture[0, 1] = 255
-    simulation.scene_controls.stage.paint_table(texture)
+    simulation.scene_controls.table.paint_table(texture)
     bright = np.argwhere(simulation.picture()[128:].min(axis=2) > 200)
     assert bright[:, 1].mean() > 128
 

@@ -69,9 +69,9 @@ def adjust_everything(simulation: RobosuiteSimulation) -> None:
     scene_controls.lights.set_light(Light(np.full(3, 0.5), unit(np.array([0.8, -0.5, 0.4]))))
     scene_controls.arm.place_tool(before["tcp_position"] + [0.0, 0.05, 0.03], before["tcp_quaternion"])
     scene_controls.objects.move(next(iter(scene_controls.objects.placeable())), np.array([0.02, -0.02]))
-    scene_controls.bodies.set_dynamics(DynamicsFactors(mass=2.0, friction=3.0))
-    scene_controls.stage.show([Prop(Form.BOX, np.array([0.5, 0.0, 0.0]), 0.05, 0.3, (1.0, 0.0, 0.0))])
-    scene_controls.stage.paint_table(np.zeros((8, 8, 3), np.uint8))
+    scene_controls.dynamics.set_dynamics(DynamicsFactors(mass=2.0, friction=3.0))
+    scene_controls.table.show([Prop(Form.BOX, np.array([0.5, 0.0, 0.0]), 0.05, 0.3, (1.0, 0.0, 0.0))])
+    scene_controls.table.paint_table(np.zeros((8, 8, 3), np.uint8))
 
 
 def test_what_was_adjusted_leaves_nothing_in_solver_and_controllers(door: RobosuiteSimulation) -> None:
@@ -92,7 +92,7 @@ def test_what_was_adjusted_leaves_nothing_in_solver_and_controllers(door: Robosu
 
 def test_masses_that_are_set_are_those_of_a_model_built_with_them(door: RobosuiteSimulation) -> None:
     door.reset(1)
-    door.scene_controls.bodies.set_dynamics(DynamicsFactors(mass=2.0))
+    door.scene_controls.dynamics.set_dynamics(DynamicsFactors(mass=2.0))
     built = copy.copy(door._model)
     door._mujoco.mj_setConst(built, door._mujoco.MjData(built))
     for name in ("body_subtreemass", "body_invweight0", "dof_M0", "dof_invweight0"):
@@ -112,7 +112,7 @@ def test_the_first_row_of_the_table_s_texture_is_the_farthest_from_the_robot(doo
     for darker in (slice(0, 4), slice(4, 8)):
         texture = np.full((8, 8, 3), 255, np.uint8)
         texture[darker] = 0
-        door.scene_controls.stage.paint_table(texture)
+        door.scene_controls.table.paint_table(texture)
         drawn.append(door.picture().astype(int).mean(axis=2))
     rows, _ = np.nonzero(drawn[0] < drawn[1] - 50)
     others, _ = np.nonzero(drawn[0] > drawn[1] + 50)

@@ -108,48 +108,48 @@ def _props(subject: CheckedTask, height: float) -> list[Prop]:
     ]
 
 
-@control_check("stage-props", "stage", look="`scene_controls.stage.show` and `shown`", renders=True)
-def stage_props(subject: CheckedTask, stage: TableControl) -> Iterator[Violation]:
+@control_check("table-props", "table", look="`scene_controls.table.show` and `shown`", renders=True)
+def table_props(subject: CheckedTask, table: TableControl) -> Iterator[Violation]:
     """Props are seen where they were put, cannot be touched, and replace those before."""
     before, state = _images(subject), subject.simulation.state_hash()
-    props = _props(subject, stage.table_height)
-    stage.show(props)
+    props = _props(subject, table.table_height)
+    table.show(props)
     visible = most_changed(before, _images(subject)) >= 0.005
     yield from expect(visible, "three props to be seen", "hardly any pixel changes")
-    same = np.allclose(stage.shown(), [prop.position for prop in props], atol=1e-5)
-    yield from expect(same, "props where they were put", np.round(stage.shown(), 3).tolist())
+    same = np.allclose(table.shown(), [prop.position for prop in props], atol=1e-5)
+    yield from expect(same, "props where they were put", np.round(table.shown(), 3).tolist())
     yield from _expect_state(subject, state, "the same state with props")
-    stage.show(props[:1])
-    yield from expect(len(stage.shown()) == 1, "one prop in place of three", len(stage.shown()))
-    stage.show([])
+    table.show(props[:1])
+    yield from expect(len(table.shown()) == 1, "one prop in place of three", len(table.shown()))
+    table.show([])
     same = most_changed(before, _images(subject), by=0) == 0.0
     yield from expect(same, "the own images once the props are gone", "others")
-    stage.show(props)
+    table.show(props)
     with_props = play(subject)
     subject.reset(SEED)
-    yield from expect(len(stage.shown()) == 0, "no props after a reset", len(stage.shown()))
+    yield from expect(len(table.shown()) == 0, "no props after a reset", len(table.shown()))
     same = play(subject) == with_props
     yield from expect(same, "an arm that moves through props without contact", "another end of the same actions")
 
 
-@control_check("stage-paint", "stage", look="`scene_controls.stage.paint_table`", renders=True)
-def stage_paint(subject: CheckedTask, stage: TableControl) -> Iterator[Violation]:
+@control_check("table-paint", "table", look="`scene_controls.table.paint_table`", renders=True)
+def table_paint(subject: CheckedTask, table: TableControl) -> Iterator[Violation]:
     """The table is painted, with its shading, and patterns are visible."""
     camera = subject.view.cameras[0]
 
     def painted(texture: Image) -> FloatArray:
-        stage.paint_table(texture)
+        table.paint_table(texture)
         return np.asarray(_images(subject)[camera], dtype=np.float64)
 
     before, state = _images(subject)[camera], subject.simulation.state_hash()
     white, black = (painted(np.full((8, 8, 3), grey, np.uint8)) for grey in (255, 0))
-    table = (white - black).min(axis=2) > 40
-    if table.mean() < 0.05:
-        yield Violation("white paint to differ from black on 5 % of the image", f"{100 * table.mean():.1f} %")
+    painted_area = (white - black).min(axis=2) > 40
+    if painted_area.mean() < 0.05:
+        yield Violation("white paint to differ from black on 5 % of the image", f"{100 * painted_area.mean():.1f} %")
         return
     visible = changed(before, black.astype(np.uint8)) >= 0.05
     yield from expect(visible, "black paint to be seen", "the own image")
-    red, green, blue = painted(np.tile(np.array([200, 60, 20], np.uint8), (8, 8, 1)))[table].mean(axis=0)
+    red, green, blue = painted(np.tile(np.array([200, 60, 20], np.uint8), (8, 8, 1)))[painted_area].mean(axis=0)
     colours = f"red {red:.0f}, green {green:.0f}, blue {blue:.0f}"
     yield from expect(red > green > blue, "orange paint to be orange", colours)
     squares = np.kron(np.indices((16, 16)).sum(axis=0) % 2, np.ones((4, 4))) * 255
@@ -160,15 +160,15 @@ def stage_paint(subject: CheckedTask, stage: TableControl) -> Iterator[Violation
     yield from _expect_state(subject, state, "the same state with another paint")
 
 
-@check("stage-height", look="`scene_controls.stage.table_height` (base frame, m)")
-def stage_height(subject: CheckedTask) -> Iterator[Violation]:
+@check("table-height", look="`scene_controls.table.table_height` (base frame, m)")
+def table_height(subject: CheckedTask) -> Iterator[Violation]:
     """Objects stand on the table."""
-    stage, objects = offered(subject, "stage"), offered(subject, "objects")
+    table, objects = offered(subject, "table"), offered(subject, "objects")
     state = subject.reset(SEED).privileged_state()
     names = [name for name in objects.placeable() if name != "goal"]
     if not names:
         raise NotApplicable("no object stands on the table in this task")
-    heights = {name: float(state[f"{name}_position"][2]) - stage.table_height for name in names}
+    heights = {name: float(state[f"{name}_position"][2]) - table.table_height for name in names}
     lowest = min(names, key=lambda name: heights[name])
     height = heights[lowest]
     yield from expect(height > 0.0, f"the centre of {lowest} above the table", f"{height:+.3f} m")
@@ -176,4 +176,4 @@ def stage_height(subject: CheckedTask) -> Iterator[Violation]:
         raise NotApplicable(f"{lowest}, {height:.3f} m above table_height, is not a small object that stands there")
 
 
-CHECKS = (lights_gain, lights_colour, lights_direction, stage_props, stage_paint, stage_height)
+CHECKS = (lights_gain, lights_colour, lights_direction, table_props, table_paint, table_height)

@@ -154,8 +154,8 @@ def arm_unreachable(subject: CheckedTask, arm: Arm) -> Iterator[Violation]:
     objects = controls.objects.placeable() if controls.objects else {}
     above = before[f"{next(iter(objects))}_position" if objects else "tcp_position"]
     poses = {"2 m away": [2.0, 0.0, 0.5]}
-    if controls.stage is not None:
-        poses["in the table"] = [*above[:2], controls.stage.table_height - 0.1]
+    if controls.table is not None:
+        poses["in the table"] = [*above[:2], controls.table.table_height - 0.1]
     for where, position in poses.items():
         try:
             arm.place_tool(np.array(position), before["tcp_quaternion"])
@@ -167,8 +167,8 @@ def arm_unreachable(subject: CheckedTask, arm: Arm) -> Iterator[Violation]:
         yield from expect(same, f"the arm where it was after a pose {where}", "another state")
 
 
-@control_check("bodies", "bodies", look="`scene_controls.bodies`")
-def bodies(subject: CheckedTask, control: BodyDynamics) -> Iterator[Violation]:
+@control_check("dynamics", "dynamics", look="`scene_controls.dynamics`")
+def dynamics(subject: CheckedTask, control: BodyDynamics) -> Iterator[Violation]:
     """Mass and friction are read back, leave the state as it is, and a reset restores the task's own."""
     clean = play(subject)
     simulation = subject.reset(SEED)
@@ -198,4 +198,4 @@ def _xy(values: FloatArray) -> str:
     return f"({values[0]:.3f}, {values[1]:.3f}) m"
 
 
-CHECKS = (objects_box, objects_move, arm_place, arm_unreachable, bodies)
+CHECKS = (objects_box, objects_move, arm_place, arm_unreachable, dynamics)

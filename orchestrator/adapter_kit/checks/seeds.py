@@ -85,8 +85,8 @@ def seeds_images(subject: CheckedTask) -> Iterator[Violation]:
         yield from expect(same, f"the images of seed {seed} again", "others")
 
 
-@check("looking", look="Simulation.observe: it must not step, settle, or write to the simulation")
-def looking(subject: CheckedTask) -> Iterator[Violation]:
+@check("observing", look="Simulation.observe: it must not step, settle, or write to the simulation")
+def observing(subject: CheckedTask) -> Iterator[Violation]:
     """An observation does not change what follows."""
     simulation = subject.reset(1)
     before = simulation.state_hash()
@@ -100,8 +100,8 @@ def looking(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect(same, expected, f"{unseen.end}, observing {seen.end}")
 
 
-@check("seeds-elsewhere", look="values that depend on the process: hash order, addresses, time, warm caches")
-def seeds_elsewhere(subject: CheckedTask) -> Iterator[Violation]:
+@check("seeds-new-process", look="values that depend on the process: hash order, addresses, time, warm caches")
+def seeds_new_process(subject: CheckedTask) -> Iterator[Violation]:
     """An equal seed gives an equal episode in another process."""
     seed = SEEDS[2]
     subject.simulation.reset(0)
@@ -127,4 +127,4 @@ def two_at_once(subject: CheckedTask) -> Iterator[Violation]:
     yield from expect(after == alone, "the same episode after the other was closed", f"{alone.end}, then {after.end}")
 
 
-CHECKS = (seeds, seeds_images, looking, seeds_elsewhere, two_at_once)
+CHECKS = (seeds, seeds_images, observing, seeds_new_process, two_at_once)

@@ -68,15 +68,15 @@ def _words(process):
 
 
 def test_differences_between_processes_are_reported(start_checker):
-    (other,) = start_checker("byprocess").run(CHECKS["seeds-elsewhere"])
+    (other,) = start_checker("byprocess").run(CHECKS["seeds-new-process"])
     assert "seed 2 to be the same in another process; seen: others: start, end, exact_end" in str(other)
 
 
 def test_a_correct_adapter_passes_in_its_own_process(start_checker):
     correct = start_checker("correct")
-    for name in ("declaration", "seeds-elsewhere", "closes", "axis-camera-orbit"):
+    for name in ("declaration", "seeds-new-process", "closes", "axis-camera-orbit"):
         assert correct.run(CHECKS[name])[0].outcome is Outcome.PASSED
-    assert correct.run(CHECKS["axis-table"])[0].seen == "toysim does not let its stage be adjusted"
+    assert correct.run(CHECKS["axis-table"])[0].seen == "toysim does not let its table be adjusted"
 
 
 def test_results_are_passed_on_immediately_and_returned_by_task():

@@ -71,7 +71,7 @@ def test_the_tests_of_a_new_adapter_are_a_test_for_each_check(package):
         "-p",
         "no:cacheprovider",
         "-k",
-        "description or action-dx or stage-paint",
+        "description or action-dx or table-paint",
     ]
     done = command(arguments, package, package)
     assert done.returncode == 0, done.stdout + done.stderr

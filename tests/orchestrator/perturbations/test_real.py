@@ -16,7 +16,7 @@ from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProf
 
 pytestmark = pytest.mark.simulator
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
-AFFECT_ORACLES = {Changes.ACTIONS, Changes.OBJECTS, Changes.ARM, Changes.BODIES}
+AFFECT_ORACLES = {Changes.ACTIONS, Changes.OBJECTS, Changes.ARM, Changes.DYNAMICS}
 """Changes that affect an oracle, which does not observe images."""
 VIEW = View(image_size=96, render_profile=RenderProfile.FAST)
 
@@ -98,7 +98,7 @@ def test_every_axis_except_instructions_changes_the_outcome_of_an_untrained_poli
         if row is None:
             continue
         # All three observations may be new, and this policy neither reads nor touches anything.
-        if name != "frozen-frames" and axis.changes not in (Changes.INSTRUCTION, Changes.BODIES, Changes.NOTHING):
+        if name != "frozen-frames" and axis.changes not in (Changes.INSTRUCTION, Changes.DYNAMICS, Changes.NOTHING):
             assert row.final_state_hash != clean.final_state_hash
         found = set(json.loads(row.delivered_statistics or "{}"))
         wanted = {Changes.IMAGES: {"psnr_third_person", "psnr_wrist"}, Changes.CAMERAS: {"turned_third_person"}}

@@ -22,8 +22,8 @@ from robogauntlet.suites.axes import AXES, Changes
 from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import TABLE, Scene, begin, episode
 
-SCENERY = [name for name, axis in AXES.items() if axis.changes in (Changes.LIGHTS, Changes.STAGE)]
-WORLD = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.BODIES)]
+SCENERY = [name for name, axis in AXES.items() if axis.changes in (Changes.LIGHTS, Changes.TABLE)]
+WORLD = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.DYNAMICS)]
 severities = pytest.mark.parametrize("severity", range(1, 6))
 
 

@@ -19,7 +19,7 @@ UPRIGHT = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0])
 """Quaternion wxyz that makes SAPIEN's cylinders, which lie along x, upright."""
 
 
-class ManiSkillStage:
+class ManiSkillTable:
     """`TableControl` of `scene_control`. A painted sheet covers the table."""
 
     def __init__(self, env: Any, base_from_world: Any) -> None:

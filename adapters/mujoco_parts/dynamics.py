@@ -19,7 +19,7 @@ SLIDING = 0
 CHANGED = (*MASSES, *COMPLIANCES, "geom_friction")
 
 
-class MujocoBodies:
+class MujocoDynamics:
     """`BodyDynamics` of `scene_control`.
 
     A contact in MuJoCo takes the larger of two frictions, so a coefficient below that of the table (1) or of the

@@ -19,7 +19,7 @@ TOP = 4
 """The upper face of MuJoCo's cube textures."""
 
 
-class MujocoStage:
+class MujocoTable:
     """`TableControl` of `scene_control`. Props are added to the rendered scene, not to the model."""
 
     def __init__(self, physics: MujocoPhysics, renderers: Mapping[int, Any]) -> None:

@@ -21,7 +21,7 @@ WHITE = (1.0, 1.0, 1.0, 1.0)
 NO_COLLISION = -1
 
 
-class PyBulletStage:
+class PyBulletTable:
     """`TableControl` of `scene_control`."""
 
     def __init__(self, client: Any, table: int) -> None:

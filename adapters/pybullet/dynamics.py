@@ -9,7 +9,7 @@ from robogauntlet.adapters.scene_control import DynamicsFactors
 BASE_LINK = -1
 
 
-class PyBulletBodies:
+class PyBulletDynamics:
     """`BodyDynamics` of `scene_control`. PyBullet multiplies the two coefficients of a contact."""
 
     def __init__(self, client: Any, cube: int) -> None:

@@ -19,7 +19,7 @@ class _Own:
     """SAPIEN's materials of the collision shapes. Other bodies share them, so they are replaced and never changed."""
 
 
-class ManiSkillBodies:
+class ManiSkillDynamics:
     """`BodyDynamics` of `scene_control`. PhysX takes the mean of the two friction coefficients of a contact."""
 
     def __init__(self, entities: Iterable[Any]) -> None:
