@@ -1,4 +1,4 @@
-"""Runs of experts and merged policies that nobody ran: what the tests of merging and of its report share."""
+"""Rows of experts and merged policies that were never played, for the tests of merging and its report."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def evidence(inferred, probability=0.9, tasks=TASKS):
 
 
 def routed_rows(planned=10, seed=0, right=(0.97, 0.7)):
-    """A row per planned episode: experts at 95 %, told at 90 %, and two routers that are right as often as `right`."""
+    """A row per planned episode: experts at 95 %, oracle-routed at 90 %, and two routers with these accuracies."""
     generator = random.Random(seed)
     made = []
     for cell in plan():

@@ -21,7 +21,7 @@ TASKS = ("maniskill/A", "pybullet/B", "robosuite/C")
 
 
 def run(name, success, /, *, of=None, digest=None, drop=(), errors=(), moved=False, **changes):
-    """A run in which `success(cell, seed)` says what came of an episode."""
+    """A run whose episode succeeds if `success(cell, seed)`."""
     own = cells(("p",), TASKS) if of is None else of
     rows = []
     for cell in own:
@@ -97,7 +97,7 @@ def test_errors_and_what_only_one_has_are_in_no_pair_and_are_counted():
     assert found.unpaired == {"p": (0, 3)}
 
 
-def test_without_a_shared_episode_nothing_can_be_said():
+def test_without_a_shared_episode_nothing_can_be_sentence():
     found = compare_runs(run("new", always, of=cells(("p",), TASKS[:1])), run("old", always, of=cells(("q",), TASKS)))
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert as_text(found).splitlines()[-1] == "- expected episodes that new shares with old, got none"
@@ -153,29 +153,20 @@ def family(strata):
 @pytest.mark.parametrize(("pairs", "tasks", "disagree"), [(100, 9, 0.2), (155, 1, 0.2)])
 def test_of_a_thousand_nights_without_a_change_at_most_one_in_twenty_raises_an_alarm(pairs, tasks, disagree):
     generator = np.random.default_rng(0)
-    alarms = sum(
-        min(
-            p for p, _ in family_p_values(family(simulated(generator, disagree / 2, disagree / 2, pairs, tasks)), ALPHA)
-        )
-        <= ALPHA
-        for _ in range(1000)
-    )
-    assert alarms <= 50
+    chance = disagree / 2
+    nights = (family(simulated(generator, chance, chance, pairs, tasks)) for _ in range(1000))
+    assert sum(min(worse for worse, _ in family_p_values(night, ALPHA)) <= ALPHA for night in nights) <= 50
 
 
 def test_a_drop_of_ten_points_with_155_pairs_of_which_a_fifth_disagree_is_caught_in_four_of_five_nights():
     generator = np.random.default_rng(0)
-    caught = sum(
-        family_p_values(list(simulated(generator, 0.15, 0.05, 155)), ALPHA)[0][0] <= ALPHA for _ in range(1000)
-    )
-    assert caught >= 800
+    nights = (list(simulated(generator, 0.15, 0.05, 155)) for _ in range(1000))
+    assert sum(family_p_values(night, ALPHA)[0][0] <= ALPHA for night in nights) >= 800
 
 
 @given(st.lists(st.builds(Pairs, *[st.integers(0, 30)] * 4), min_size=1, max_size=12))
 def test_nothing_is_both_worse_and_better(strata):
-    assert all(
-        min(worse, better) > ALPHA or max(worse, better) > ALPHA for worse, better in family_p_values(strata, ALPHA)
-    )
+    assert all(max(both) > ALPHA for both in family_p_values(strata, ALPHA))
 
 
 @pytest.fixture
@@ -190,18 +181,20 @@ def test_the_text_says_which_task_by_how_much_and_how_surely(regressed):
     assert lines[2].startswith("- p, all tasks: ")
 
 
-def test_a_policy_that_did_not_change_and_acts_otherwise_is_told():
+def test_a_policy_that_did_not_change_but_acts_differently_is_reported():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    said = "not changed, and yet 1 of 180 episodes have other actions"
-    assert f"{said}: the program or a library acts differently" in as_text(compare_runs(new, old))
+    sentence = "not changed, and yet 1 of 180 episodes have other actions"
+    assert f"{sentence}: the program or a library acts differently" in as_text(compare_runs(new, old))
     now, before = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
         for one, processor in ((new, "a 586"), (old, "a 486"))
     )
     why = "another processor rounds differently (a 486 before, a 586 now), or the program does"
-    assert f"{said}: {why}" in as_text(compare_runs(now, before))
-    assert f"{said}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
+    assert f"{sentence}: {why}" in as_text(compare_runs(now, before))
+    assert f"{sentence}: the program or a library" in as_text(compare_runs(now, old)), (
+        "an unknown processor is no reason"
+    )
 
 
 def test_markdown_keeps_names_harmless_and_has_a_table_per_policy(regressed):
@@ -222,7 +215,7 @@ def test_junit_fails_the_cases_that_became_worse(regressed):
     assert [case.get("name") for case in suite if case.find("failure") is not None] == ["pybullet/B", "all tasks"]
 
 
-@pytest.mark.parametrize("told", FORMATS)
-def test_every_way_of_telling_says_that_runs_are_not_comparable(told):
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_says_that_runs_are_not_comparable(name):
     found = compare_runs(run("new", always, name="other"), run("old", always))
-    assert "suite" in FORMATS[told](found)
+    assert "suite" in FORMATS[name](found)

@@ -5,10 +5,11 @@ import pytest
 
 from robogauntlet.results.analysis.eligible_episodes import select_eligible
 from robogauntlet.results.analysis.robustness_summary import build_robustness_summary
+from robogauntlet.results.record import FIELDS
 from robogauntlet.results.report.robustness import agreement_findings, agreement_table, summary_table
 from robogauntlet.results.statistics.rank_agreement import kendall
 from robogauntlet.suites.episode import Condition
-from tests.results.synthetic import cells, document, row
+from tests.results.synthetic import cells, columns_of, document, rows_where
 
 TASKS = ("maniskill/PushCube-v1", "robosuite/Lift")
 AXES = ("noise", "blur", "illuminance", "table", "camera-orbit")
@@ -18,19 +19,10 @@ PLAN = cells(("oracle", "experts"), TASKS, [CLEAN, *LEVELS])
 SEEDS = 20
 
 
-def frame(rows):
-    import pandas as pd
-
-    return pd.DataFrame([{name: getattr(r, name) for name in r.__dataclass_fields__} for r in rows])
-
-
 def played(wins, plan=PLAN, seeds=SEEDS):
-    """Rows in which the experts win as many seeds as `wins(task, axis, severity)` says; the oracle wins all."""
-    return frame(
-        row(cell, seed, "success" if cell.policy == "oracle" or seed < wins(cell) else "failure")
-        for cell in plan
-        for seed in range(seeds)
-    )
+    """Rows in which the experts win the first `wins(cell)` seeds and the oracle wins all."""
+    results = rows_where(lambda cell, seed: cell.policy == "oracle" or seed < wins(cell), plan, seeds)
+    return columns_of(results, FIELDS)
 
 
 def overall(wins, plan=PLAN, **options):
@@ -69,7 +61,7 @@ def test_of_axes_that_are_equally_bad_none_is_surely_the_worst():
     assert (found.rate.value, found.certainty) == (pytest.approx(0.5), pytest.approx(1 / len(AXES)))
 
 
-def test_gate_and_floors_are_no_rows():
+def test_the_gate_and_no_skill_baselines_have_no_rows():
     plan = cells(("oracle", "experts", "random"), TASKS, [CLEAN, *LEVELS])
     found = overall(by_axis, plan, no_skill_baselines=("random",))
     assert {r.policy for r in found.rows} == {"experts"}

@@ -50,12 +50,8 @@ def test_missing_episodes_are_counted_and_named():
     assert (tally.done, tally.missing) == (4, 6)
     assert (tally.rate, tally.bounds.low, tally.bounds.high) == (1, 0.4, 1)
     gap = tables.not_run[0]
-    assert (gap.task, gap.policy, gap.missing, gap.reason) == (
-        "maniskill/PushCube-v1",
-        "oracle",
-        6,
-        "run interrupted: Ctrl-C",
-    )
+    assert (gap.task, gap.policy) == ("maniskill/PushCube-v1", "oracle")
+    assert (gap.missing, gap.reason) == (6, "run interrupted: Ctrl-C")
 
 
 def test_a_skipped_simulator_is_missing_with_its_reason():
@@ -133,7 +129,7 @@ def test_success_once_is_counted_apart_from_success():
 
 
 def test_errors_are_grouped_by_message_the_most_frequent_first():
-    results = [row(cell, seed, "error", error="rare") for cell in ONE for seed in range(1)]
+    results = [row(ONE[0], 0, "error", error="rare")]
     results += [row(ONE[0], seed, "error", error="frequent") for seed in range(1, 9)]
     groups = tables_of(document(9, ONE), results).errors
     assert [(group.message, group.count) for group in groups] == [("frequent", 8), ("rare", 1)]
@@ -150,9 +146,8 @@ def test_phase_timing_adds_up_and_errors_took_time_too():
     assert line.total_s == pytest.approx(10 + 2 + 3 + 0.125)
     assert line.busy_share == pytest.approx(1.875 / 3.125)
     assert line.episodes_per_worker_hour == pytest.approx(2 * 3600 / 15.125)
-    assert sum(
-        line.seconds(p) for p in ("build", "load", "reset", "physics", "render", "inference", "rest", "wait")
-    ) == (pytest.approx(line.total_s))
+    phases = ("build", "load", "reset", "physics", "render", "inference", "rest", "wait")
+    assert sum(map(line.seconds, phases)) == pytest.approx(line.total_s)
 
 
 def test_timing_without_any_time_has_no_shares():

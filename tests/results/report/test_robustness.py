@@ -13,7 +13,7 @@ from robogauntlet.results.report.findings import findings
 from robogauntlet.results.statistics.rates import Estimate, Interval
 from robogauntlet.suites.episode import Condition
 from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows
-from tests.results.synthetic import cells, document, row, run_folder
+from tests.results.synthetic import cells, document, rows_where, run_folder
 
 
 def test_what_is_beyond_the_last_level_says_so():
@@ -37,13 +37,11 @@ def test_the_delivered_table_sets_simulators_side_by_side():
     assert table.rows[0] == ("noise", "2", "28 dB PSNR", "27.72", "28.28", "2 %")
 
 
-def test_the_sentence_about_worlds_is_never_stronger_than_what_was_compared():
-    assert words.start_states_sentence(built()).startswith(
-        "All 240 episodes on axes that keep the start state started from"
-    )
-    assert words.start_states_sentence(built([r for r in rows() if r.axis != "clean"])).startswith(
-        "Start states were not compared"
-    )
+def test_the_sentence_about_start_states_is_never_stronger_than_what_was_compared():
+    sentence = words.start_states_sentence(built())
+    assert sentence.startswith("All 240 episodes on axes that keep the start state started from")
+    without_clean = words.start_states_sentence(built([r for r in rows() if r.axis != "clean"]))
+    assert without_clean.startswith("Start states were not compared")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +69,7 @@ def test_the_summary_has_it_too(paths):
     assert found["start_states"] == {"compared": 240, "differing": 0}
 
 
-def test_programs_and_the_terminal_are_told_the_same_findings_as_readers(report):
+def test_the_summary_has_the_findings_of_the_report(report):
     assert report.findings
     text = report.paths.markdown.read_text().replace("\\", "")
     assert all(f"- {sentence}" in text for sentence in report.findings)
@@ -91,17 +89,16 @@ def test_a_name_from_a_suite_is_text_in_that_page(tmp_path):
     assert "merged" in page
 
 
-def test_nothing_is_found_about_a_floor_since_it_has_no_skill_to_lose():
+def test_a_no_skill_baseline_has_no_findings_since_it_has_no_skill_to_lose():
     assert any(sentence.startswith("merged: ") for sentence in findings(built()))
     assert not any(sentence.startswith("merged: ") for sentence in findings(built(no_skill_baselines=("merged",))))
 
 
 def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
-    results = []
-    for cell in GATED:
-        for seed in range(SEEDS):
-            failed = cell.policy == "oracle" and cell.condition.severity == 4 and seed < 3
-            results.append(row(cell, seed, "failure" if failed else "success"))
+    def is_success(cell, seed):
+        return cell.policy != "oracle" or cell.condition.severity < 4 or seed >= 3
+
+    results = rows_where(is_success, GATED, SEEDS)
     run = document(SEEDS, of=GATED, oracle_gate="oracle")
     paths = write_report(run_folder(tmp_path / "run", run, results)).paths
     section = paths.html.read_text().partition('id="robustness"')[2].partition("</section>")[0]
@@ -112,7 +109,7 @@ def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
 
 def test_controls_are_set_beside_the_clean_rate_and_without_a_gate_the_report_says_so():
     plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1), Condition("wrong-goal", 1)))
-    found = built([row(cell, seed) for cell in plan for seed in range(5)], plan)
+    found = built(rows_where(lambda cell, seed: True, plan, 5), plan)
     table = words.controls_table(found)
     assert table.header == ("policy", "simulator", "clean", "blind", "lost", "wrong-goal", "lost")
     assert table.rows[0][:2] == ("expert", "all")

@@ -27,12 +27,12 @@ def estimate(strata, statistic=lambda means: means[:, 0], draws=2000):
     return Estimate(statistic(mean_outcomes(strata)[None]).item(), percentile_interval(drawn))
 
 
-def test_the_middle_mean_by_hand():
+def test_the_interquartile_mean_has_known_values():
     assert interquartile_mean(np.array([0.0, 1, 2, 3, 4, 5, 6, 100])) == pytest.approx((2 + 3 + 4 + 5) / 4)
     assert interquartile_mean(np.array([1.0, 2, 6])) == pytest.approx(3)  # a quarter of three is none
 
 
-def test_the_worst_share_by_hand():
+def test_the_tail_mean_has_known_values():
     assert tail_mean(np.array([5.0, 1, 2, 4, 3])) == pytest.approx(1)
     assert tail_mean(np.array([5.0, 1, 2, 4, 3, 6])) == pytest.approx(1.5)  # 1.2 of six is two
 

@@ -19,7 +19,7 @@ def test_the_published_example_rejects_four_by_false_discovery_rate_and_three_by
     assert sum(p <= 0.05 for p in holm(PUBLISHED)) == 3
 
 
-def test_holm_by_hand():
+def test_holm_has_known_values():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx((0.03, 0.06, 0.06))
 
 

@@ -17,7 +17,7 @@ def evidence(first_only, second_only):
     return paired_evidence(Pairs(0, first_only, second_only, 0))
 
 
-def test_by_hand():
+def test_evidence_has_known_values():
     assert evidence(0, 0) == pytest.approx(1.0)
     assert evidence(1, 0) == pytest.approx(1.0)  # one pair tells nothing about a fair coin
     assert evidence(2, 0) == pytest.approx(4 * (math.gamma(2.5) * math.gamma(0.5) / math.gamma(3)) / math.pi)

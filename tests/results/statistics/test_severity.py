@@ -24,7 +24,7 @@ def outcomes(rates, seeds=100):
     return np.array([[seed < round(rate * seeds) for rate in rates] for seed in range(seeds)], dtype=float)
 
 
-def test_a_curve_by_hand():
+def test_a_curve_has_known_values():
     found = severity_curve([outcomes((0.8, 0.8, 0.6, 0.4, 0.2, 0.0))], LEVELS, generator())
     assert [rate.value for rate in found.rates] == pytest.approx([0.8, 0.8, 0.6, 0.4, 0.2, 0.0])
     assert [drop.value for drop in found.drops] == pytest.approx([0, 0, 0.2, 0.4, 0.6, 0.8])
@@ -51,7 +51,7 @@ def test_rates_have_the_interval_of_all_seeds_and_drops_that_of_pairs():
     assert found.drops[1] == paired_difference(Pairs(6, 8, 0, 6))
 
 
-def test_floors_are_taken_off_before_anything_is_divided():
+def test_floors_are_subtracted_before_anything_is_divided():
     found = severity_curve([outcomes((0.9, 0.5, 0.1))], [0, 2, 4], generator(), floors=[0.1, 0.1, 0.1])
     assert [share.value for share in found.retention] == pytest.approx([1, 0.5, 0])
 
@@ -74,7 +74,7 @@ def test_half_that_is_never_lost_is_beyond_the_last_level_in_its_interval_too():
     assert worse.half.interval.high == math.inf
 
 
-def test_half_lost_by_hand():
+def test_half_lost_has_known_values():
     assert half_lost(np.array([1, 0.6, 0.2]), np.array([0.0, 2, 4])) == pytest.approx(2.5)
     assert half_lost(np.array([1, 0.4, 0.8, 0.0]), np.array([0.0, 1, 2, 3])) == pytest.approx(2 + 0.1 / 0.6)
     assert half_lost(np.array([1, 0.9]), np.array([0.0, 1])) == math.inf
@@ -114,7 +114,7 @@ def test_outcomes_without_verdict_are_left_out_of_their_level_alone():
     assert found.rates[1].value == pytest.approx(4 / 9)
 
 
-def test_the_trend_by_hand():
+def test_the_trend_has_known_values():
     # One seed that succeeds at level 0 of (0, 1) only: excess -1/2, variance 1/4.
     assert falling_trend([np.array([[1.0, 0.0]])], np.array([0.0, 1.0])) == pytest.approx(0.158655, abs=1e-6)
     assert falling_trend([np.array([[0.0, 1.0]])], np.array([0.0, 1.0])) == pytest.approx(0.841345, abs=1e-6)

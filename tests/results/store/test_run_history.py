@@ -1,5 +1,7 @@
 """Promises of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
 
+from contextlib import closing
+
 import pytest
 
 from robogauntlet.results.live_status import LiveSimulator, LiveStatus
@@ -14,9 +16,8 @@ from tests.results.synthetic import cells, document, row, rows, run_folder
 
 @pytest.fixture
 def history(tmp_path):
-    opened = History.open(file_url(tmp_path / HISTORY_FILE))
-    yield opened
-    opened.close()
+    with closing(History.open(file_url(tmp_path / HISTORY_FILE))) as opened:
+        yield opened
 
 
 def night(number, **changes):
@@ -83,7 +84,7 @@ def test_the_baseline_is_the_last_good_run_of_the_suite_before_it(history):
     assert history.baseline(night(0)) is None
 
 
-def test_what_a_running_suite_says_is_there_until_it_ends(history):
+def test_the_live_status_of_a_run_is_there_until_it_ends(history):
     history.record(night(1, status=RunStatus.RUNNING))
     lane = LiveSimulator(simulator="null", planned=9, successes=1, failures=1, errors=1)
     history.write_live_status("run-1", LiveStatus(at=5.0, phase="playing", simulators=(lane,)))
@@ -92,7 +93,7 @@ def test_what_a_running_suite_says_is_there_until_it_ends(history):
     assert history.find("run-1").live is None
 
 
-def test_what_a_run_of_another_version_says_is_passed_over(history):
+def test_a_live_status_of_another_version_is_ignored(history):
     history.record(night(1, status=RunStatus.RUNNING))
     with history.database.writing() as connection:
         connection.exec_driver_sql("UPDATE runs SET live = '{}'")
@@ -104,7 +105,7 @@ def test_the_document_comes_back_as_it_was(history):
     assert history.document("run-1") == night(1)
 
 
-def test_runs_made_elsewhere_are_taken_in_once(history, tmp_path):
+def test_runs_made_elsewhere_are_recorded_once(history, tmp_path):
     results = rows(planned=4, errors=1)
     run_folder(tmp_path / "one", night(1), results)
     run_folder(tmp_path / "two", night(2, status=RunStatus.INTERRUPTED), results[:5])
@@ -117,7 +118,7 @@ def test_runs_made_elsewhere_are_taken_in_once(history, tmp_path):
     assert history.find("one").counts.errors == 8
 
 
-def test_a_run_that_ended_while_the_history_was_away_is_taken_in(history, tmp_path):
+def test_a_run_that_ended_without_the_history_is_recorded(history, tmp_path):
     history.record(night(1, status=RunStatus.RUNNING), tmp_path / "one")
     run_folder(tmp_path / "one", night(1), rows(planned=4))
     assert record_run_folders(history, tmp_path) == 1

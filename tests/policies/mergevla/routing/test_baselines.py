@@ -7,12 +7,7 @@ import pytest
 
 from robogauntlet.policies.mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
-from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observation, observations
-
-
-@pytest.fixture(scope="module")
-def model():
-    return SmallMergedModel()
+from tests.policies.mergevla.routing.synthetic import EXPERTS, observation, observations
 
 
 def test_random_choices_are_uniform_and_keyed_by_the_episode(model):

@@ -16,16 +16,6 @@ from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel,
 FITTED = ("calibrated", "nearest-centroid")
 
 
-@pytest.fixture(scope="module")
-def model():
-    return SmallMergedModel()
-
-
-@pytest.fixture(scope="module")
-def stored(model):
-    return fit_routers(model, frames(0, 8), frames(50, 6))
-
-
 def test_all_routers_are_there():
     assert set(NAMES) == {"paper-coded", "paper-written", "random", "instruction-match", "oracle", *FITTED}
 
