@@ -53,7 +53,7 @@ def test_an_orbit_by_nothing_changes_nothing():
     np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-12)
 
 
-def test_farther_wider_and_bumped_by_hand():
+def test_moving_away_widening_and_bumping_have_known_values():
     centre = np.array([0.5, 0.0, 0.0])
     np.testing.assert_allclose(move_away(nominal(), centre, 2.0).position, [2.1, 0.8, 1.2])
     assert widen(nominal(), 0.1).fovy == pytest.approx(0.8)

@@ -63,10 +63,12 @@ def test_the_oracles_digest_covers_scripts_of_other_packages(declared):
 
 
 def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
-    declared([("mysim", ":GOOD")], value=1)
-    first = [oracles.digest_of_task(task) for task in ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")]
-    declared([("mysim", ":GOOD")], value=2)
-    second = [oracles.digest_of_task(task) for task in ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")]
+    digests = []
+    for value in (1, 2):
+        declared([("mysim", ":GOOD")], value=value)
+        tasks = ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")
+        digests.append([oracles.digest_of_task(task) for task in tasks])
+    first, second = digests
     assert [one == other for one, other in zip(first, second, strict=True)] == [False, True, True]
     assert len(set(second)) == 3
 

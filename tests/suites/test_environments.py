@@ -1,4 +1,4 @@
-"""What may be said of an environment, in a suite or in the configuration."""
+"""Environments, in a suite or in the configuration."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def problem(tmp_path, text):
 
 
 @pytest.mark.parametrize("text", ["", "# nothing yet\n", "environments: {}\n"])
-def test_a_configuration_may_say_nothing(tmp_path, text):
+def test_a_configuration_may_be_empty(tmp_path, text):
     (tmp_path / "config.yaml").write_text(text)
     assert load_config(tmp_path / "config.yaml", []) == Config()
 
@@ -27,34 +27,28 @@ def test_a_version_of_python_may_be_written_as_a_number(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "message"),
     [
-        (
-            "{python: 3.1}",
-            'environments.libero.python: expected a version such as "3.11", in quotes, found a number (3.1)',
-        ),
+        ("{python: 3.1}", 'libero.python: expected a version such as "3.11", in quotes, found a number (3.1)'),
         ("{pyton: '3.11'}", "unknown key 'pyton'; did you mean 'python'?"),
         ("{requirements: ['--index-url=x']}", "expected a requirement of pip, such as robosuite==1.4.0, and no option"),
         ("{requirements: robosuite}", "found text ('robosuite')"),
         ("{interpreter: python3}", "expected the full path of a Python interpreter, found text ('python3')"),
-        (
-            "{interpreter: /x, inherit: true}",
-            "expected an interpreter alone, or the definition of an environment without one",
-        ),
+        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or the definition of an environment"),
         ("{installer: uv}", "expected inherit: false with uv, which ignores inherited packages"),
         ("{installer: conda}", "expected 'pip' or 'uv', found 'conda'"),
     ],
 )
-def test_a_mistake_is_told_with_its_line(tmp_path, entry, said):
-    told = problem(tmp_path, f"environments:\n  libero: {entry}\n")
-    assert told.startswith("2: ")
-    assert said in told
+def test_a_mistake_is_reported_with_its_line(tmp_path, entry, message):
+    found = problem(tmp_path, f"environments:\n  libero: {entry}\n")
+    assert found.startswith("2: ")
+    assert message in found
 
 
-def test_a_simulator_that_does_not_exist_is_told_the_nearest(tmp_path):
+def test_an_unknown_simulator_is_answered_with_the_nearest(tmp_path):
     assert problem(tmp_path, "environments: {libro: {}}\n") == "1: unknown simulator 'libro'; did you mean 'libero'?"
 
 
-def test_the_hash_is_of_what_is_said_and_not_of_what_is_left_out():
+def test_a_default_that_is_given_does_not_change_the_hash():
     assert EnvironmentEntry(inherit=True).hash == EnvironmentEntry().hash
     assert EnvironmentEntry(inherit=False).hash != EnvironmentEntry().hash

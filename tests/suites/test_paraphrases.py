@@ -1,4 +1,4 @@
-"""Instructions in other words."""
+"""Paraphrases of instructions."""
 
 import re
 
@@ -25,21 +25,21 @@ def test_another_goal_is_no_tasks_own():
     assert all(len(words(goal)) <= MOST_WORDS for goal in OTHER_GOALS.values())
 
 
-def test_every_task_with_an_expert_has_other_words_and_another_goal():
-    told = {card.instruction for task, card in task_descriptions().items() if task.startswith(WITH_EXPERTS)}
-    assert OTHER_GOALS.keys() >= told
-    assert PARAPHRASES.keys() >= told
+def test_every_task_with_an_expert_has_paraphrases_and_another_goal():
+    instructions = {card.instruction for task, card in task_descriptions().items() if task.startswith(WITH_EXPERTS)}
+    assert OTHER_GOALS.keys() >= instructions
+    assert PARAPHRASES.keys() >= instructions
 
 
 @pytest.mark.parametrize("instruction", PARAPHRASES)
-def test_sentences_are_others_than_the_tasks_own_and_short_enough_for_the_smallest_policy(instruction):
+def test_paraphrases_differ_and_are_short_enough_for_the_smallest_policy(instruction):
     found = PARAPHRASES[instruction]
     assert len({instruction, *found}) == 1 + SEVERITIES
     assert all(1 < len(words(sentence)) <= MOST_WORDS for sentence in found)
 
 
 @pytest.mark.parametrize("instruction", PARAPHRASES)
-def test_fillers_and_irrelevant_clauses_leave_the_sentence_whole(instruction):
+def test_fillers_and_irrelevant_clauses_do_not_change_the_sentence(instruction):
     filler, *_, behind = PARAPHRASES[instruction]
     assert filler.endswith(instruction)
     assert behind.endswith(instruction)

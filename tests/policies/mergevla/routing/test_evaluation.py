@@ -63,11 +63,9 @@ def test_only_the_calibrated_router_answers_with_probabilities(model, stored, ne
 
 
 def test_a_decision_and_a_pass_are_timed_separately(model, stored, new):
-    progress = []
+    progress, clock = [], count(0.0).__next__
     routers = [router("calibrated", stored=stored), router("random")]
-    found = evaluate_routers(
-        routers, model, new[:3], listener=lambda *done: progress.append(done), clock=count(0.0).__next__
-    )
+    found = evaluate_routers(routers, model, new[:3], listener=lambda *done: progress.append(done), clock=clock)
     assert found.pass_s == 1.0
     assert [trial.routing.latency_s for one in found.routers for trial in one.answers] == [1.0] * 6
     assert progress == [(0, 3), (1, 3), (2, 3), (3, 3)]
