@@ -30,7 +30,7 @@ def test_a_camera_that_looks_along_x_has_its_right_towards_minus_y_and_its_down_
     np.testing.assert_allclose(found.rotation, np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]), atol=1e-12)
 
 
-def test_what_a_camera_is_aimed_at_is_found_again():
+def test_the_aim_point_of_a_camera_is_found():
     np.testing.assert_allclose(aim_point(nominal(), 0.0), [0.5, 0.0, 0.0], atol=1e-12)
 
 
@@ -62,6 +62,6 @@ def test_moving_away_widening_and_bumping_have_known_values():
     assert rotation_between(nominal(), moved) == pytest.approx(0.05)
 
 
-def test_what_a_simulator_says_it_adjusts_can_be_adjusted():
+def test_every_declared_adjustment_exists():
     for simulator in simulators().values():
         assert simulator.adjusts <= ADJUSTABLE

@@ -77,7 +77,7 @@ def open_mine(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("path", sorted((mappings.Path(mappings.__file__).parent / "mappings").glob("*.yaml")))
-def test_every_shipped_mapping_is_sound(path):
+def test_every_shipped_mapping_is_valid(path):
     assert mappings.load_mapping(path)
 
 
@@ -111,7 +111,7 @@ def test_all_mistakes_are_reported_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "a: [", "a: !!python/object:os.x {}"])
-def test_what_is_no_mapping_is_refused_in_a_line(tmp_path, text):
+def test_a_file_without_a_mapping_is_refused_in_one_line(tmp_path, text):
     path = tmp_path / "Mine.yaml"
     path.write_text(text)
     with pytest.raises(AdapterError, match=rf"^{path}: [^\n]+$"):
@@ -195,7 +195,7 @@ def test_numbers_reach_the_environment_scaled_and_its_poses_come_back_in_the_bas
 
 
 @pytest.mark.simulator
-def test_orbits_draw_the_present_round_a_point_and_along_with_a_body(open_mine):
+def test_orbiting_cameras_follow_a_point_and_a_body(open_mine):
     wrist = {"at": 'unwrapped.data.body("fingertip").xpos', "distance": 0.2, "azimuth": 0, "elevation": -80}
     simulation = open_mine({"cameras": {**REACHER["cameras"], "wrist": wrist}}, View(CAMERAS, 48))
     simulation.reset(0)

@@ -1,4 +1,4 @@
-"""Promises of LIBERO's adapter alone, tested where LIBERO is installed (`robogauntlet env create libero`)."""
+"""What is particular to LIBERO, tested where LIBERO is installed (`robogauntlet env create libero`)."""
 
 import itertools
 import re
@@ -190,5 +190,5 @@ def test_the_stored_tasks_are_those_of_the_package():
     kept = Path(tasks.__file__).with_name("tasks.json").read_text(encoding="utf-8")
     assert generate_tasks.written(generate_tasks.survey()) == kept
     for suite, theirs in tasks.SUITES.items():
-        said = [task.language for task in get_benchmark(theirs)().tasks]
-        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == said
+        instructions = [task.language for task in get_benchmark(theirs)().tasks]
+        assert [task.instruction for task in libero_tasks().values() if task.suite == suite] == instructions

@@ -85,7 +85,7 @@ def test_assets_are_found_where_the_variable_says(nowhere, monkeypatch):
     assert find_assets() == Assets((nowhere / "mine").resolve(), stand_ins=False)
 
 
-def test_a_variable_that_is_wrong_is_not_passed_over(nowhere, monkeypatch):
+def test_a_wrong_variable_is_an_error(nowhere, monkeypatch):
     folder_of_assets(nowhere / ".cache" / "libero" / "assets")
     monkeypatch.setenv(VARIABLE, str(nowhere / "elsewhere"))
     with pytest.raises(SimulatorUnavailable, match="elsewhere"):
@@ -119,7 +119,7 @@ def test_an_archive_is_unpacked_once(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["assets/../escaped", "assets/link"])
-def test_an_archive_with_something_else_than_files_is_refused_and_nothing_is_left(tmp_path, name):
+def test_an_archive_of_other_things_than_files_is_refused_and_leaves_nothing(tmp_path, name):
     with tarfile.open(tmp_path / "pack.tar", "w") as pack:
         member = tarfile.TarInfo(name)
         member.type = tarfile.SYMTYPE if "link" in name else tarfile.REGTYPE

@@ -1,4 +1,4 @@
-"""What is particular to ManiSkill; the promises of every adapter are tested together."""
+"""What is particular to ManiSkill; the promises of every adapter are in the conformance test."""
 
 import os
 import subprocess
@@ -56,7 +56,7 @@ def squeeze(simulation, seed):
 
 
 @pytest.mark.simulator
-def test_contacts_of_earlier_episodes_leave_no_trace(push):
+def test_contacts_of_earlier_episodes_have_no_effect(push):
     forward = {seed: squeeze(push, seed) for seed in range(12)}
     for seed in reversed(range(12)):
         for first, again in zip(forward[seed], squeeze(push, seed), strict=True):

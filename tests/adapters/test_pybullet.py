@@ -40,7 +40,7 @@ def press(simulation, seed, *, steps=40, adjust=lambda simulation: None, before_
 
 
 @pytest.mark.parametrize("task", [PUSH, PICK])
-def test_contacts_of_earlier_episodes_leave_no_trace_in_the_last_bit(opened, task):
+def test_contacts_of_earlier_episodes_have_no_effect_to_the_bit(opened, task):
     simulation = opened(task)
     expected = {seed: press(simulation, seed) for seed in range(5)}
     for seed in reversed(range(5)):
@@ -80,13 +80,13 @@ def weigh_down(simulation):
 
 
 @pytest.mark.parametrize("adjust", [redecorate, fail_to_place])
-def test_what_is_only_drawn_or_refused_does_not_change_physics_in_the_last_bit(opened, adjust):
+def test_rendering_and_refused_changes_do_not_change_physics_to_the_bit(opened, adjust):
     simulation = opened(PICK)
     assert np.array_equal(press(simulation, 1, adjust=adjust), press(simulation, 1))
 
 
 @pytest.mark.parametrize("adjust", [redecorate, place, move, weigh_down])
-def test_what_was_adjusted_leaves_no_trace_in_the_last_bit(opened, adjust):
+def test_adjustments_have_no_effect_after_a_reset_to_the_bit(opened, adjust):
     simulation = opened(PUSH)
     expected = press(simulation, 2)
     adjusted = press(simulation, 3, adjust=adjust)
@@ -148,7 +148,7 @@ def test_two_clients_do_not_disturb_each_other(opened):
         simulation.step(np.zeros(7))
 
 
-def test_the_light_of_one_rendering_does_not_stick_to_the_next(opened):
+def test_the_light_of_one_image_does_not_change_the_next(opened):
     simulation = opened(PUSH, cameras=("third_person",))
     simulation.reset(0)
     before = simulation.picture()

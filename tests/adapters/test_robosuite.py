@@ -1,4 +1,4 @@
-"""What only robosuite's adapter promises. What every simulator promises is in the conformance tests."""
+"""What is particular to robosuite; the promises of every adapter are in the conformance test."""
 
 import copy
 import sys
@@ -28,7 +28,7 @@ def exact_state(simulation):
     return np.concatenate([data.qpos, data.qvel, data.qacc, data.qacc_warmstart, data.ctrl])
 
 
-def test_the_door_of_an_earlier_episode_leaves_nothing_in_the_solver(door):
+def test_earlier_episodes_have_no_effect_on_the_solver(door):
     door.reset(1)
     before = exact_state(door)
     door.reset(2)
@@ -74,7 +74,7 @@ def adjust_everything(simulation):
     scene_controls.stage.paint_table(np.zeros((8, 8, 3), np.uint8))
 
 
-def test_what_was_adjusted_leaves_nothing_in_solver_and_controllers(door):
+def test_adjustments_have_no_effect_after_a_reset(door):
     def play(steps):
         for _ in range(steps):
             door.step(np.full(7, 0.05))

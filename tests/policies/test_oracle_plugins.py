@@ -22,7 +22,7 @@ NO_SCRIPT = {{"mysim/Reach": 5}}
 
 @pytest.fixture
 def declared(monkeypatch, tmp_path):
-    """Declares entry points of a module whose only script returns a value."""
+    """Declares entry points of a module whose script returns a value."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def declare(entries, value=1):

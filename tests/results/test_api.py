@@ -45,6 +45,6 @@ def test_a_comparison_prints_itself(folders):
     assert back.verdict is Verdict.IMPROVED
 
 
-def test_what_is_no_run_is_refused(tmp_path):
+def test_opening_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(RunError, match="expected a run folder"):
         robogauntlet.open_run(tmp_path)

@@ -12,7 +12,7 @@ from tests.errors import one_line_error
 from tests.results.synthetic import document
 
 
-def test_what_is_written_is_read_back(tmp_path):
+def test_a_written_document_is_read_back(tmp_path):
     run = document(
         instructions={"maniskill/PushCube-v1": "push the cube – ganz sanft"}, skipped={"robosuite": "absent"}
     )
@@ -39,7 +39,7 @@ def test_a_write_that_fails_leaves_the_old_document(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == [RUN_FILE]
 
 
-def test_what_is_no_run_folder_is_named(tmp_path):
+def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(RunError, match="there is nothing"):
         read_run(tmp_path / "absent")
     with pytest.raises(RunError, match=r"it has no run\.json"):

@@ -48,6 +48,6 @@ def test_the_axis_of_a_condition_is_found_and_clean_has_none():
         (Condition("blur", 6), "got 6"),
     ],
 )
-def test_a_condition_that_is_none_is_refused(condition, message):
+def test_an_unknown_condition_is_refused(condition, message):
     with pytest.raises(ValueError, match=message):
         axis_of(condition)

@@ -1,4 +1,4 @@
-"""The identity of an episode: the same everywhere, and different for whatever differs."""
+"""The identity of an episode."""
 
 import dataclasses
 import subprocess
@@ -23,7 +23,7 @@ def test_the_policys_name_is_no_part_of_the_identity(episode):
 
 
 @given(episodes, st.data())
-def test_whatever_else_differs_gives_another_id(episode, data):
+def test_any_other_difference_changes_the_id(episode, data):
     field = data.draw(st.sampled_from(["policy_digest", "task", "seed", "protocol", "condition"]))
     other = getattr(data.draw(episodes), field)
     changed = dataclasses.replace(episode, **{field: other})

@@ -51,7 +51,7 @@ def load(tmp_path, text):
     return load_suite(path, NAMES)
 
 
-def test_a_sound_suite_has_the_documented_defaults(tmp_path):
+def test_a_valid_suite_has_the_documented_defaults(tmp_path):
     suite = load(tmp_path, SOUND)
     assert suite.all_conditions() == [Condition()]
     assert list(suite.seeds) == [3, 4, 5, 6]
@@ -112,13 +112,13 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
     ]
 
 
-def test_an_unknown_task_is_told_with_those_of_its_simulator(problems):
+def test_the_message_for_an_unknown_task_names_those_of_its_simulator(problems):
     assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
         "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"
     ]
 
 
-def test_what_is_there_for_tests_is_not_suggested_though_it_may_be_used(tmp_path):
+def test_internal_tasks_and_policies_are_not_suggested(tmp_path):
     names = Registry({"a/One": KnownTask(50), "null/One": KnownTask(50, internal=True)}, NAMES.policies, {})
     path = tmp_path / "s.yaml"
     path.write_text("name: s\npolicies: [oracle]\ntasks: [null/One]\nseeds: {count: 1}\n")

@@ -20,7 +20,7 @@ def words(sentence):
     return re.findall(r"[a-z0-9]+", sentence.lower())
 
 
-def test_another_goal_is_no_tasks_own():
+def test_the_other_goals_are_goals_of_no_task():
     assert not set(OTHER_GOALS.values()) & INSTRUCTIONS
     assert all(len(words(goal)) <= MOST_WORDS for goal in OTHER_GOALS.values())
 

@@ -46,5 +46,5 @@ def test_a_broken_plugin_affects_no_other(declared):
         ("q", list("abcdefghijklmn"), "; known: a, b, c, d, e, f, g, h, i, j, k, l and 2 more"),
     ],
 )
-def test_an_unknown_name_is_answered_with_what_was_meant_or_what_there_is(name, known, expected):
+def test_an_unknown_name_is_answered_with_the_nearest_or_all_names(name, known, expected):
     assert did_you_mean(name, known) == expected

@@ -75,7 +75,7 @@ def test_workers_are_per_simulator_with_one_by_default():
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "suites").glob("*.yaml")), ids=lambda p: p.stem)
-def test_a_shipped_suite_is_sound(path):
+def test_a_shipped_suite_is_valid(path):
     from robogauntlet.orchestrator.runs.plan import load_registry
 
     assert load_suite(path, load_registry()).name == path.stem

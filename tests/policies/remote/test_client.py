@@ -175,7 +175,7 @@ def free_port():
         return listening.getsockname()[1]
 
 
-def test_a_dead_address_is_one_line_when_planned_and_when_played():
+def test_an_unreachable_server_is_one_line_when_planned_and_when_played():
     address = f"ws://127.0.0.1:{free_port()}"
     refused(address, "within 2 attempts and 1 s, got none: no connection: connection refused; start the server")
     refused(address, "no connection", identity="pi0", timeout_s=1.0)

@@ -69,7 +69,7 @@ def base(pool, tmp_path_factory):
 
 
 def stop_after(steps):
-    """A `Stop` that says yes after so many steps."""
+    """A `Stop` that stops after this number of steps."""
     left = iter(range(steps))
     return lambda: next(left, None) in (steps - 1, None)
 
@@ -168,7 +168,7 @@ def test_the_papers_noise_is_the_same_in_a_continued_training_and_absent_in_eval
 
 
 def test_moments_are_restored_on_the_device_of_their_weight(tmp_path):
-    """Its count of steps too: fused AdamW reads it on the GPU."""
+    """The count of steps too, since fused AdamW reads it on the GPU."""
     weight = torch.nn.Parameter(torch.ones(2))
     optimiser = torch.optim.AdamW([weight])
     weight.sum().backward()

@@ -107,7 +107,7 @@ def test_without_a_loss_that_is_shown_neither_failed_first():
     assert first_to_fail(routers(rows())[:1]) is None
 
 
-def test_episodes_played_again_are_compared_to_the_bit():
+def test_repeated_episodes_are_compared_to_the_bit():
     plan = cells(("expert",), TASKS, (Condition(), Condition("again", 1)))
     results = rows_where(lambda cell, seed: True, plan, 5)
     assert built(results, plan, compare=None).repeats == (Repeats("maniskill", 5, 5), Repeats("pybullet", 5, 5))
@@ -118,7 +118,7 @@ def test_episodes_played_again_are_compared_to_the_bit():
     assert found.controls == ()
 
 
-def test_without_a_second_playing_the_report_says_that_chance_was_not_tested():
+def test_without_repeated_episodes_the_report_says_that_chance_was_not_tested():
     assert "was not tested" in words.repeats_sentence(built())
 
 
@@ -199,7 +199,7 @@ def test_the_rate_of_a_no_skill_baseline_is_subtracted_before_shares_are_compute
 
 
 def capped_everywhere():
-    """The oracle fails at noise@4 in every task, so that level says nothing; noise@2 does."""
+    """The oracle fails at noise@4 in every task, so that this level is left out."""
     plan = cells(("oracle", "expert", "merged"), TASKS, CONDITIONS)
     wins = {("expert", "clean"): 48, ("expert", "noise@2"): 45, ("merged", "noise@2"): 10, ("oracle", "noise@4"): 0}
 

@@ -1,4 +1,4 @@
-"""How success falls with severity, and what was delivered, from rows."""
+"""Success by severity, and delivered values, from rows."""
 
 import dataclasses
 import math
@@ -108,7 +108,7 @@ def test_controls_are_no_axes_and_are_set_beside_the_clean_episodes():
     assert (whole.clean.value, whole.rate.value, whole.drop.value) == pytest.approx((1.0, 0.4, 0.6))
 
 
-def test_what_was_delivered_is_compared_across_simulators():
+def test_delivered_values_are_compared_across_simulators():
     noise = {(r.axis, r.severity): r for r in built().delivered}["noise", 4]
     assert (noise.asked, noise.unit) == (18.4, "dB PSNR")
     assert [(c.simulator, c.episodes) for c in noise.simulators] == [("maniskill", 40), ("pybullet", 40)]
@@ -136,7 +136,7 @@ def test_without_clean_episodes_there_is_no_curve():
     assert found.start_states.compared == 0
 
 
-def test_without_rows_there_is_nothing():
+def test_without_rows_there_are_no_curves():
     found = built([])
     assert found.curves == ()
     assert found.delivered == ()

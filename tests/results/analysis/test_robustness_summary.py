@@ -84,12 +84,12 @@ def test_simulators_that_order_axes_alike_agree_and_those_that_do_not_disagree()
     assert other.violation == pytest.approx(np.mean([12, 9, 6, 9, 12]) / SEEDS)
 
 
-def test_axes_that_hurt_nowhere_have_no_order():
+def test_axes_without_an_effect_have_no_order():
     (found,) = overall(lambda cell: SEEDS).agreement
     assert (found.tau, found.violation) == (None, 0.0)
 
 
-def test_too_few_axes_have_no_order_worth_comparing():
+def test_the_orders_of_few_axes_are_not_compared():
     plan = cells(("oracle", "experts"), TASKS, [CLEAN, *LEVELS[:4]])
     assert overall(by_axis, plan).agreement == ()
 
@@ -101,14 +101,14 @@ def test_a_level_that_the_gate_caps_in_every_task_does_not_count():
     assert of(build_robustness_summary(run, select_eligible(run, rows))).conditions == 9
 
 
-def test_a_run_without_axes_or_rows_has_nothing_to_say():
+def test_a_run_without_axes_or_rows_has_no_summary():
     plan = cells(("oracle", "experts"), TASKS, [CLEAN, Condition("blind", 1)])
     assert overall(lambda cell: SEEDS, plan) is None
     run = document(SEEDS, PLAN, oracle_gate="oracle")
     assert build_robustness_summary(run, select_eligible(run, played(by_axis).iloc[:0])) is None
 
 
-def test_words_say_what_was_shown_and_what_was_not():
+def test_tables_and_findings_say_what_was_shown_and_what_was_not():
     found = overall(by_axis)
     line = summary_table(found).rows[0]
     assert line[:2] == ("experts", "all")

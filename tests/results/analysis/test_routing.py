@@ -29,7 +29,7 @@ def frame(*inferred, **changes):
     return columns_of(results, COLUMNS)
 
 
-def test_accuracy_is_the_share_of_tasks_inferred_rightly():
+def test_accuracy_is_the_share_of_correctly_inferred_tasks():
     router = router_of(frame(*[(PUSH, PUSH)] * 3, (PUSH, PULL), *[(LIFT, LIFT)] * 4))
     assert (router.accuracy.rate, router.accuracy.interval) == (7 / 8, wilson_interval(7, 8))
     by_simulator = {name: (rate.successes, rate.trials) for name, rate in router.simulators}
@@ -77,7 +77,7 @@ def test_an_unknown_task_is_in_no_accuracy_and_its_detection_is_measured():
     assert "robosuite/Door" not in router.confusion.inferred
 
 
-def test_a_router_that_is_as_right_as_it_says_has_no_calibration_error():
+def test_a_router_as_accurate_as_its_confidence_has_no_calibration_error():
     half = {"a": math.log(0.5), "b": math.log(0.5)}
     found = calibration([half] * 4, ["a", "a", "b", "b"], ["a"] * 4)
     assert (found.expected_error, found.brier) == (0, 0.5)
@@ -109,7 +109,7 @@ def test_scores_that_are_no_probabilities_have_no_calibration():
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 0.99), st.booleans()), min_size=1, max_size=50))
-def test_calibration_keeps_to_its_bounds(lines):
+def test_calibration_stays_within_its_bounds(lines):
     scores = [{"a": math.log(p), "b": math.log(1 - p)} for p, _ in lines]
     true = ["a" if yes else "b" for _, yes in lines]
     found = calibration(scores, true, ["a"] * len(lines))

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robogauntlet.results.analysis.tables import COLUMNS, build_tables
+from robogauntlet.results.analysis.timing import AnswerTiming, answer_timing
 from robogauntlet.results.report import write_report
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.statistics.rates import wilson_interval
@@ -154,6 +155,20 @@ def test_timing_without_any_time_has_no_shares():
     empty = dict.fromkeys(("reset_s", "physics_s", "render_s", "inference_s", "wait_s", "wall_s"), 0.0)
     (line,) = tables_of(document(1, ONE), [row(ONE[0], 0, **empty)]).timing
     assert (line.busy_share, line.episodes_per_worker_hour) == (None, None)
+
+
+def times(seed, median, late, longest):
+    return row(ONE[0], seed, query_p50_s=median, query_p95_s=late, query_max_s=longest)
+
+
+def test_times_are_medians_over_episodes_except_for_the_longest():
+    frame = frame_of([times(0, 0.1, 0.3, 0.4), times(1, 0.2, 0.4, 9.0), times(2, 0.3, 0.5, 0.6), row(ONE[0], 3)])
+    assert answer_timing(frame) == (AnswerTiming(ONE[0].policy, 3, 0.2, 0.4, 9.0),)
+
+
+def test_rows_without_query_times_have_no_timing():
+    frame = frame_of([row(ONE[0], 0)])
+    assert answer_timing(frame) == ()
 
 
 statuses = st.lists(st.sampled_from(["success", "failure", "error"]), max_size=12)

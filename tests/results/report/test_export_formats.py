@@ -30,7 +30,7 @@ def test_lerobot_gets_tasks_groups_and_the_whole_without_errors(run):
     json.dumps(info, allow_nan=False)
 
 
-def test_the_harness_gets_episodes_and_errors_that_are_in_no_mean(run):
+def test_vla_eval_gets_episodes_and_errors_that_are_in_no_mean(run):
     result = export_formats.vla_eval(run.document, export_formats.of_policy(run.episodes(), "mine"))
     first = result["tasks"][0]
     assert (first["task"], first["mean_success"]) == ("maniskill/A", 0.75)

@@ -107,7 +107,7 @@ def test_the_page_shows_strips_and_new_failures_with_their_axis(folder):
     assert "Recorded failures of episodes that succeed under the clean condition: 1<" in page
 
 
-def test_a_broken_snapshot_does_not_cost_the_report(folder):
+def test_a_report_is_written_despite_a_broken_snapshot(folder):
     save_snapshot(folder, TASKS[0], CLEAN, 10)
     path = snapshot_path(folder, TASKS[0], BLUR2)
     path.write_bytes(b"\x89PNG\r\n\x1a\nbroken")

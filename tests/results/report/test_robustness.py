@@ -1,4 +1,4 @@
-"""Severity curves and delivered values as words, and in the report's files."""
+"""Severity curves and delivered values, as text and in the report's files."""
 
 import json
 import math
@@ -16,7 +16,7 @@ from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, bu
 from tests.results.synthetic import cells, document, rows_where, run_folder
 
 
-def test_what_is_beyond_the_last_level_says_so():
+def test_a_value_beyond_the_last_level_is_marked():
     assert words.half_lost_text(Estimate(3.14, Interval(2.6, math.inf)), 5) == "3.1 [2.6, >5]"
     assert words.half_lost_text(Estimate(math.inf, Interval(4.0, math.inf)), 4) == ">4 [4.0, >4]"
     assert words.half_lost_text(None, 5) == words.half_lost_text(Estimate(math.nan, None), 5) == "–"
@@ -63,7 +63,7 @@ def test_the_report_shows_a_chart_per_axis_and_all_numbers_as_text(paths):
         assert "Delivered" in content
 
 
-def test_the_summary_has_it_too(paths):
+def test_the_summary_has_the_robustness_section(paths):
     found = json.loads(paths.summary.read_text())["robustness"]
     assert found["axes"] == ["noise", "blur"]
     assert found["start_states"] == {"compared": 240, "differing": 0}

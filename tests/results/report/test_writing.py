@@ -1,4 +1,4 @@
-"""Promises of write_report: four files that agree, whatever the run looks like."""
+"""write_report writes files that agree, whatever the state of the run."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_parquet_is_written_in_pieces(tmp_path, monkeypatch):
     assert [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)] == [10, 10, 10, 2]
 
 
-def test_summary_is_what_its_model_says(tmp_path):
+def test_the_summary_file_follows_its_model(tmp_path):
     run, results = document(4), rows(planned=4, errors=1)
     content = report(tmp_path, run, results).summary.read_text()
     summary = Summary.model_validate_json(content)
@@ -231,7 +231,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
         write_report(folder)
 
 
-def test_a_mistaken_store_leaves_the_report_as_it_was_and_makes_nothing(tmp_path):
+def test_a_wrong_store_leaves_the_report_unchanged_and_creates_nothing(tmp_path):
     before = report(tmp_path).html.read_bytes()
     with pytest.raises(StoreError, match="/run, there is no such file"):
         write_report(tmp_path / "run", store_url=f"sqlite:///{tmp_path / 'mistyped.sqlite'}")
@@ -279,7 +279,7 @@ def test_the_smallest_videos_come_first_and_the_rest_is_counted(tmp_path):
     assert "1 video left out" in page.text
 
 
-def test_a_broken_picture_or_video_does_not_cost_the_report(tmp_path):
+def test_a_report_is_written_despite_a_broken_picture_or_video(tmp_path):
     cell = cells()[0]
     folder = run_folder(tmp_path / "run", document(2, [cell]), [row(cell, 0), row(cell, 1, "failure")])
     save_picture(folder, cell.task, b"\x89PNG\r\n\x1a\nbroken")
@@ -293,7 +293,7 @@ def test_a_broken_picture_or_video_does_not_cost_the_report(tmp_path):
     assert task_picture(folder, cell.task) is None
 
 
-def test_a_still_is_the_last_frame_of_its_video(tmp_path):
+def test_a_poster_is_the_last_frame_of_its_video(tmp_path):
     path = save_video(tmp_path, None, frames=30, colour=(10, 200, 30), name="x")
     red, green, blue = Image.open(BytesIO(last_frame(path))).convert("RGB").getpixel((32, 32))
     assert green > 150 > red

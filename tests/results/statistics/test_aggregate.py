@@ -1,4 +1,4 @@
-"""Many cells as one number."""
+"""Aggregates over cells."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def generator():
 
 
 def estimate(strata, statistic=lambda means: means[:, 0], draws=2000):
-    """A number of the strata's means, with its interval."""
+    """A statistic of the strata's means, with its interval."""
     drawn = statistic(resampled_means(strata, generator(), draws)).reshape(draws)
     return Estimate(statistic(mean_outcomes(strata)[None]).item(), percentile_interval(drawn))
 
@@ -38,7 +38,7 @@ def test_the_tail_mean_has_known_values():
 
 
 @given(values)
-def test_worst_is_at_most_middle_and_both_lie_within_the_values(found):
+def test_the_tail_mean_is_at_most_the_mean_and_both_lie_within_the_values(found):
     low, high = found.min() - 1e-12, found.max() + 1e-12
     assert low <= tail_mean(found) <= found.mean() + 1e-12
     assert low <= interquartile_mean(found) <= high
@@ -49,7 +49,7 @@ def test_means_leave_out_what_has_no_verdict():
     assert mean_outcomes(strata)[0] == pytest.approx([0.5, 2 / 3])
 
 
-def test_trials_are_drawn_whole_so_that_a_constant_difference_stays_constant():
+def test_trials_are_resampled_as_pairs():
     first = generator().random((30, 1)) < 0.5
     strata = [np.concatenate([first, first], axis=1).astype(float)]
     drawn = resampled_means(strata, generator(), 200)

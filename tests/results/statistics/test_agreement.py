@@ -22,7 +22,7 @@ def test_rank_violation_has_known_values():
 
 
 @given(scores)
-def test_what_only_changes_the_scale_violates_nothing(found):
+def test_a_change_of_scale_violates_nothing(found):
     assert rank_violation(found, list(rankdata(found))) == 0.0
 
 

@@ -1,4 +1,4 @@
-"""Two sides on the same trials."""
+"""Paired comparison of two policies."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_pooling_adds_the_strata_up():
     assert pooled([]) == Pairs(0, 0, 0, 0)
 
 
-def test_no_worse_is_shown_by_enough_pairs_not_by_a_test_that_finds_nothing():
+def test_no_worse_needs_enough_pairs_and_not_only_a_large_p_value():
     few, many = Pairs(9, 0, 0, 1), Pairs(900, 20, 20, 60)
     assert mcnemar(few) == mcnemar(many) == 1.0
     assert not is_no_worse(few)
@@ -170,7 +170,7 @@ def test_a_side_that_is_worse_by_the_margin_is_called_no_worse_in_at_most_one_ex
 @pytest.mark.parametrize(
     ("disagree", "drop", "pairs"), [(0.2, 0.1, 155), (0.25, 0.15, 85), (0.3, 0.2, 56), (0.2, 0.05, 626)]
 )
-def test_the_drop_that_so_many_pairs_show_is_that_of_published_sample_sizes(disagree, drop, pairs):
+def test_the_detectable_drop_agrees_with_published_sample_sizes(disagree, drop, pairs):
     """Two-sided at 5 %, 80 % power (Connor 1987's formula), rounded up to whole pairs."""
     rows = round(disagree * pairs)
     found = detectable_drop(Pairs(pairs - rows, rows, 0, 0), alpha=0.025)
@@ -178,14 +178,14 @@ def test_the_drop_that_so_many_pairs_show_is_that_of_published_sample_sizes(disa
 
 
 @given(tables)
-def test_a_drop_that_is_shown_needs_more_pairs_the_smaller_it_is(pairs):
+def test_a_smaller_drop_needs_more_pairs(pairs):
     found = detectable_drop(pairs, 0.05)
     more = Pairs(4 * pairs.both, 4 * pairs.first_only, 4 * pairs.second_only, 4 * pairs.neither)
     assert found is None or detectable_drop(more, 0.05) < found
 
 
 @given(tables)
-def test_the_one_sided_tests_share_the_chance_of_the_very_table_and_no_more(pairs):
+def test_the_one_sided_p_values_overlap_by_the_probability_of_the_table(pairs):
     worse, better = mcnemar_worse(pairs), mcnemar_worse(Pairs(pairs.both, pairs.second_only, pairs.first_only, 0))
     disagree = pairs.first_only + pairs.second_only
     assert worse + better == pytest.approx(1 + math.comb(disagree, pairs.first_only) * 0.5**disagree)

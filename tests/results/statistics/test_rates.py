@@ -70,7 +70,7 @@ def test_wilson_contains_the_rate_and_stays_in_the_unit_interval(count, confiden
 
 
 @given(counts)
-def test_wilson_is_the_same_for_failures_seen_from_the_other_side(count):
+def test_wilson_of_failures_mirrors_wilson_of_successes(count):
     k, n = count
     here, there = wilson_interval(k, n), wilson_interval(n - k, n)
     assert (here.low, here.high) == pytest.approx((1 - there.high, 1 - there.low), abs=1e-12)
@@ -96,7 +96,7 @@ def test_without_trials_there_is_no_interval_no_rate_and_no_bounds():
     assert wilson_intervals([], []) == []
 
 
-def test_many_at_once_give_what_each_gives_alone():
+def test_many_intervals_at_once_equal_the_single_ones():
     assert wilson_intervals([0, 3, 0, 7], [0, 9, 5, 7]) == [
         wilson_interval(k, n) for k, n in [(0, 0), (3, 9), (0, 5), (7, 7)]
     ]

@@ -1,4 +1,4 @@
-"""Evidence that may be looked at after every pair."""
+"""Evidence that may be evaluated after every pair."""
 
 import math
 
@@ -53,7 +53,7 @@ def test_decided_is_evidence_of_one_over_alpha():
         is_decided(Pairs(0, 1, 0, 0), alpha=0.0)
 
 
-def test_looking_after_every_pair_decides_wrongly_in_at_most_one_run_of_twenty():
+def test_testing_after_every_pair_is_wrong_in_at_most_one_run_of_twenty():
     generator = np.random.default_rng(0)
     runs, pairs = 2000, 400
     outcome = generator.choice([0, 1, 2], p=[0.75, 0.125, 0.125], size=(runs, pairs))

@@ -67,7 +67,7 @@ def test_a_policy_that_is_not_shown_to_do_anything_clean_has_nothing_to_retain()
     assert found.drops[1].value == pytest.approx(0.15)
 
 
-def test_half_that_is_never_lost_is_beyond_the_last_level_in_its_interval_too():
+def test_half_that_is_never_lost_is_beyond_the_last_level():
     found = severity_curve([outcomes((0.9, 0.9, 0.8))], [0, 2, 4], generator())
     assert found.half.value == math.inf
     worse = severity_curve([outcomes((0.9, 0.7, 0.5), 20)], [0, 2, 4], generator())
@@ -88,7 +88,7 @@ def test_half_is_lost_within_the_levels_or_beyond(found):
 
 
 @given(kept)
-def test_the_area_of_what_keeps_everything_is_one_and_it_grows_with_what_is_kept(found):
+def test_the_area_is_one_if_everything_is_kept_and_grows_with_retention(found):
     assert area(np.ones(6), LEVELS) == pytest.approx(1)
     assert area(found, LEVELS) <= area(np.maximum(found, 1), LEVELS) + 1e-12
 
@@ -97,7 +97,7 @@ def test_retention_without_anything_to_retain_is_no_number():
     assert np.isnan(retention(np.array([[0.1, 0.1]]), np.array([0.1, 0.0]))).all()
 
 
-def test_a_task_without_a_rate_at_a_level_is_left_out_of_the_clean_rate_it_is_compared_with():
+def test_a_task_without_a_rate_at_a_level_is_left_out_of_its_clean_rate():
     easy, hard = outcomes((1.0, 1.0), 10), outcomes((0.5, 0.5), 10)
     easy[:, 1] = np.nan
     found = severity_curve([easy, hard], [0, 1], generator())
@@ -121,7 +121,7 @@ def test_the_trend_has_known_values():
     assert falling_trend([np.ones((5, 2)), np.zeros((5, 2))], np.array([0.0, 1.0])) is None
 
 
-def test_the_trend_of_what_does_not_fall_is_found_in_one_of_twenty_data_sets():
+def test_a_trend_is_found_in_one_of_twenty_data_sets_that_do_not_fall():
     draw = generator()
     found = [falling_trend([(draw.random((40, 6)) < 0.6).astype(float)], LEVELS) for _ in range(2000)]
     assert np.mean(np.array(found) <= 0.05) == pytest.approx(0.05, abs=0.015)
@@ -136,6 +136,6 @@ def test_the_trend_of_what_does_not_fall_is_found_in_one_of_twenty_data_sets():
         ([0, 1], [0.1], "expected a floor for each of 2 levels, got 1"),
     ],
 )
-def test_what_does_not_fit_is_refused(levels, floors, message):
+def test_levels_floors_and_outcomes_that_do_not_fit_are_refused(levels, floors, message):
     with pytest.raises(ValueError, match=message):
         severity_curve([outcomes((1.0, 0.5), 10)], levels, generator(), floors=floors)

@@ -51,7 +51,7 @@ def test_nothing_of_a_batch_is_stored_if_one_row_cannot_be(store):
     assert list(store.results()) == []
 
 
-def test_adding_nothing_is_nothing(store):
+def test_adding_no_rows_adds_none(store):
     assert store.add([]) == 0
 
 
@@ -85,8 +85,8 @@ def test_outcomes_and_status_counts_say_what_is_there(store):
 
 
 @pytest.mark.parametrize("question", ["outcomes", "status_counts"])
-def test_what_is_there_is_found_without_reading_rows(store, path, question):
-    """A row takes 340 bytes: of a million, that is what continuing a run would spend its time on."""
+def test_outcomes_are_found_without_reading_rows(store, path, question):
+    """Reading a million rows of 340 bytes would take most of the time to continue a run."""
     asked = []
     sa.event.listen(store.database.engine, "before_cursor_execute", lambda *call: asked.append(call[2:4]))
     getattr(store, question)()
@@ -163,7 +163,7 @@ def test_the_message_for_a_store_that_cannot_be_written_says_what_to_do(path):
         Store.open(f"sqlite:///file:{path}?mode=ro&uri=true", "run-1")
 
 
-def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
+def test_a_file_that_is_no_store_is_refused_and_unchanged(tmp_path, path):
     path.write_text("this is no database, but a text that is long enough to be looked at")
     with pytest.raises(StoreError, match="expected a store, this file is something else"):
         Store.open_file(path, "run-1")
@@ -184,7 +184,7 @@ def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
         ("sqlite:////no/such/folder/x.sqlite", "unable to open"),
     ],
 )
-def test_what_is_no_address_of_a_store_is_an_error_of_one_line(url, match):
+def test_an_invalid_address_is_an_error_of_one_line(url, match):
     with one_line_error(StoreError, match):
         Store.open(url, "run-1")
 

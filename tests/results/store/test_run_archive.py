@@ -54,7 +54,7 @@ def test_rows_may_go_into_a_store_of_many_runs(exported, tmp_path):
         assert history.find(run.run_id).counts.done == len(RESULTS)
 
 
-def test_nothing_is_written_over(exported, tmp_path):
+def test_existing_runs_and_files_are_not_overwritten(exported, tmp_path):
     import_run(exported, tmp_path / "there", name="one")
     with pytest.raises(RunError, match="there is one already"):
         import_run(exported, tmp_path / "there", name="one")
@@ -81,7 +81,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
-def test_what_is_no_exported_run_is_one_line_and_leaves_nothing(exported, tmp_path, damage):
+def test_a_damaged_export_is_an_error_of_one_line_and_leaves_nothing(exported, tmp_path, damage):
     damage(exported)
     with one_line_error((RunError, StoreError), r"night\.robogauntlet"):
         import_run(exported, tmp_path / "there")

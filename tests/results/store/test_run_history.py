@@ -38,7 +38,7 @@ def test_a_run_is_found_by_its_id_its_beginning_or_its_folder(history, tmp_path)
     assert history.find("") is None
 
 
-def test_recording_again_writes_over_what_was_and_doubles_nothing(history):
+def test_recording_again_replaces_the_entry(history):
     history.record(night(1, status=RunStatus.RUNNING))
     history.record(night(1), counted=counted())
     (entry,) = history.runs()
@@ -46,7 +46,7 @@ def test_recording_again_writes_over_what_was_and_doubles_nothing(history):
     assert entry.counts.planned == night(1).planned
 
 
-def test_beginning_again_keeps_what_is_known_of_the_cells(history):
+def test_recording_a_restart_keeps_the_counts(history):
     history.record(night(1), counted=counted())
     history.record(night(1, status=RunStatus.RUNNING))
     assert history.find("run-1").counts.done == 16

@@ -208,7 +208,7 @@ def test_a_pickle_is_refused_and_never_opened(tmp_path, name):
     refused(tmp_path, f"got {name}, a pickle: refused")
 
 
-def test_a_pickle_by_the_name_of_safetensors_is_refused_and_never_opened(saved):
+def test_a_pickle_named_safetensors_is_refused_and_never_opened(saved):
     (saved / WEIGHTS).write_bytes(pickle.dumps(Exploding()))
     refused(saved, "another format")
 

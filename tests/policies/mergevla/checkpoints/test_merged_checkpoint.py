@@ -39,7 +39,7 @@ def saved(made, tmp_path):
 
 
 def change(folder, edit):
-    """Change tensors, and the hash in the metadata with them: only the tensors themselves show the forgery."""
+    """Changes tensors and the hash in the metadata, so that only the tensors show it."""
     tensors = load_file(folder / WEIGHTS)
     edit(tensors)
     save_file(tensors, folder / WEIGHTS)

@@ -71,7 +71,7 @@ def test_masks_shrink_as_lambda_grows(experts, one, other):
 
 @settings(max_examples=25)
 @given(experts=task_vectors(max_experts=1), value=lambdas)
-def test_a_lone_expert_keeps_all_of_itself(experts, value):
+def test_a_single_expert_is_fully_kept(experts, value):
     merged = task_arithmetic(experts)
     mask = task_masks(experts, merged, value)["expert0"]
     assert equal(masked(merged, mask), experts["expert0"])

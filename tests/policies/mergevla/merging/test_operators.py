@@ -118,7 +118,7 @@ def test_one_expert_does_not_merge_to_itself_under_dare_unless_nothing_is_droppe
 
 @pytest.mark.parametrize("operator", sorted(OPERATORS.keys() - {"dare"} - SIGNLESS))
 @pytest.mark.parametrize("scale", [1e-30, 1e30])
-def test_deltas_whose_squares_leave_fp32_are_merged_all_the_same(operator, scale):
+def test_deltas_whose_squares_leave_fp32_are_merged(operator, scale):
     deltas = random_task_vectors(1, scale=scale)
     options = {"cutoff": 0.0} if operator == "knots" else QUICK.get(operator)
     merged = merge_task_vectors(operator, deltas, options=options)["w"]
@@ -224,7 +224,7 @@ def test_dare_drops_other_entries_of_each_expert_and_weight():
     assert not torch.equal(a["w"], a["v"])
 
 
-def test_dare_drops_the_same_of_an_expert_whoever_else_is_merged():
+def test_what_dare_drops_of_an_expert_does_not_depend_on_the_others():
     experts = random_task_vectors(2)
     alone = {expert: dare({expert: vector}) for expert, vector in experts.items()}
     assert close(dare(experts), task_arithmetic(alone))

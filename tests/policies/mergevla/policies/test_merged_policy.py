@@ -61,7 +61,7 @@ def of_task(seed, task=None):
 
 
 class Fixed:
-    """Routes to one expert, and counts."""
+    """Routes to one expert and records the episodes."""
 
     name, sees_instruction = "fixed", True
 

@@ -16,7 +16,7 @@ from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel,
 FITTED = ("calibrated", "nearest-centroid")
 
 
-def test_all_routers_are_there():
+def test_the_catalog_has_every_router():
     assert set(NAMES) == {"paper-coded", "paper-written", "random", "instruction-match", "oracle", *FITTED}
 
 
