@@ -30,7 +30,7 @@ def test_a_camera_that_looks_along_x_has_its_right_towards_minus_y_and_its_down_
     np.testing.assert_allclose(found.rotation, np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]), atol=1e-12)
 
 
-def test_the_aim_point_of_a_camera_is_recovered():
+def test_the_aim_point_of_a_camera_is_found():
     np.testing.assert_allclose(aim_point(nominal(), 0.0), [0.5, 0.0, 0.0], atol=1e-12)
 
 
@@ -53,7 +53,7 @@ def test_an_orbit_of_0_changes_nothing():
     np.testing.assert_allclose(after.rotation, before.rotation, atol=1e-12)
 
 
-def test_moving_widening_and_bumping_of_examples():
+def test_moving_away_widening_and_bumping_have_known_values():
     centre = np.array([0.5, 0.0, 0.0])
     np.testing.assert_allclose(move_away(nominal(), centre, 2.0).position, [2.1, 0.8, 1.2])
     assert widen(nominal(), 0.1).fovy == pytest.approx(0.8)
@@ -62,6 +62,6 @@ def test_moving_widening_and_bumping_of_examples():
     assert rotation_between(nominal(), moved) == pytest.approx(0.05)
 
 
-def test_declared_scene_controls_exist():
+def test_every_declared_adjustment_exists():
     for simulator in simulators().values():
         assert simulator.adjusts <= ADJUSTABLE

@@ -1,4 +1,4 @@
-"""Mapping files and their mistakes, on gymnasium's own Reacher."""
+"""Mapping files: what they may hold, and errors of one line for what does not fit, on gymnasium's own Reacher."""
 
 import os
 import subprocess
@@ -35,7 +35,14 @@ REACHER = {
 }
 
 
-def written(folder, changes=None, without=()):
+NO_MUJOCO = {
+    "env": "NoMujoco-v0",
+    "action": {"dx": {"index": 0, "scale": 1}},
+    "state": {"tcp_position": ["observation[0:1]", 0, 0], "tcp_quaternion": [1, 0, 0, 0], "finger_positions": [0, 0]},
+}
+
+
+def write_mapping(folder, changes=None, without=()):
     """A mapping file: that of Reacher with changes at dotted places."""
     data = yaml.safe_load(yaml.safe_dump(REACHER))
     for place, value in (changes or {}).items():
@@ -54,11 +61,16 @@ def written(folder, changes=None, without=()):
 @pytest.fixture
 def open_mine(tmp_path, monkeypatch):
     """Opens Reacher by a mapping file with changes."""
-    with ExitStack() as stack:
+    import gymnasium
 
-        def open_task(changes=None, view=VIEW):
-            monkeypatch.setitem(adapter.FILES, "Mine", written(tmp_path, changes))
-            return stack.enter_context(closing(adapter.open_environment("Mine", view)))
+    if "NoMujoco-v0" not in gymnasium.registry:
+        gymnasium.register("NoMujoco-v0", "tests.adapters.no_mujoco:NoMujoco")
+    opened = []
+
+    def open_task(changes=None, view=VIEW):
+        monkeypatch.setitem(adapter.FILES, "Mine", write_mapping(tmp_path, changes))
+        opened.append(adapter.open_environment("Mine", view))
+        return opened[-1]
 
         yield open_task
 
@@ -85,14 +97,14 @@ def test_every_shipped_mapping_is_valid(path):
 )
 def test_a_mistake_in_a_mapping_is_one_line_with_the_nearest_name(tmp_path, changes, line):
     with pytest.raises(AdapterError) as error:
-        mappings.load_mapping(written(tmp_path, changes))
+        mappings.load_mapping(write_mapping(tmp_path, changes))
     assert line in str(error.value)
     assert all(one.startswith(str(tmp_path)) for one in str(error.value).splitlines())
 
 
 def test_all_mistakes_are_reported_at_once(tmp_path):
     with pytest.raises(AdapterError) as error:
-        mappings.load_mapping(written(tmp_path, {"horizon": "long"}, without=("success",)))
+        mappings.load_mapping(write_mapping(tmp_path, {"horizon": "long"}, without=("success",)))
     assert len(str(error.value).splitlines()) == 2
     assert "missing key 'success'" in str(error.value)
 
@@ -105,11 +117,13 @@ def test_a_file_without_a_mapping_is_refused_in_one_line(tmp_path, text):
         mappings.load_mapping(path)
 
 
-def test_a_further_folder_adds_tasks_and_a_broken_file_does_not_affect_others(tmp_path):
-    written(tmp_path)
+def test_a_folder_of_ones_own_adds_tasks_and_a_broken_file_affects_no_other(tmp_path):
+    write_mapping(tmp_path)
     (tmp_path / "Broken.yaml").write_text("horizon: 3")
-    code = "from robogauntlet.adapters.catalog import task_descriptions as tasks\n"
-    code += "print(*(f'{name} {task.instruction}' for name, task in tasks().items()), sep='\\n')"
+    code = (
+        "from robogauntlet.adapters.catalog import task_descriptions\n"
+        "for name, task in task_descriptions().items(): print(name, task.instruction)"
+    )
     environment = {**os.environ, mappings.FOLDERS: str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert "gymnasium/Mine move the tip to the red dot" in done.stdout
@@ -118,8 +132,8 @@ def test_a_further_folder_adds_tasks_and_a_broken_file_does_not_affect_others(tm
 
 
 def test_a_task_has_the_cameras_that_its_mapping_names(tmp_path):
-    assert mappings.load_description(written(tmp_path)).cameras == CAMERAS[:1]
-    assert mappings.load_description(written(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
+    assert mappings.load_description(write_mapping(tmp_path)).cameras == CAMERAS[:1]
+    assert mappings.load_description(write_mapping(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
 
 
 def test_an_expression_only_reads():
@@ -158,15 +172,11 @@ def test_a_mapping_that_does_not_fit_its_environment_is_refused_in_a_line(open_m
 
 @pytest.mark.simulator
 def test_an_environment_that_cannot_render_is_refused_if_it_must(open_mine):
-    import gymnasium
-
-    gymnasium.register("Blind-v0", "tests.adapters.blind:Blind")
-    state = {"tcp_position": [0, 0, 0], "tcp_quaternion": [1, 0, 0, 0], "finger_positions": [0, 0]}
-    plain = {"env": "Blind-v0", "state": state, "success": "terminated", "action": {"dx": {"index": 0, "scale": 1}}}
-    with pytest.raises(AdapterError, match=r"cameras\.third_person: Blind-v0 cannot render to rgb_array"):
-        open_mine({**plain, "cameras": {}})
-    with pytest.raises(AdapterError, match="Blind-v0 is not of MuJoCo, only `render` can draw it"):
-        open_mine(plain)
+    changes = {**NO_MUJOCO, "success": "terminated"}
+    with pytest.raises(AdapterError, match=r"cameras\.third_person: NoMujoco-v0 cannot render to rgb_array"):
+        open_mine({**changes, "cameras": {}})
+    with pytest.raises(AdapterError, match="NoMujoco-v0 is not of MuJoCo, only `render` can draw it"):
+        open_mine(changes)
 
 
 @pytest.mark.simulator
@@ -184,7 +194,7 @@ def test_numbers_reach_the_environment_scaled_and_its_poses_come_back_in_the_bas
 
 
 @pytest.mark.simulator
-def test_orbits_draw_the_present_round_a_point_and_along_with_a_body(open_mine):
+def test_orbiting_cameras_follow_a_point_and_a_body(open_mine):
     wrist = {"at": 'unwrapped.data.body("fingertip").xpos', "distance": 0.2, "azimuth": 0, "elevation": -80}
     simulation = open_mine({"cameras": {**REACHER["cameras"], "wrist": wrist}}, View(CAMERAS, 48))
     simulation.reset(0)
@@ -199,13 +209,8 @@ def test_orbits_draw_the_present_round_a_point_and_along_with_a_body(open_mine):
 
 @pytest.mark.simulator
 def test_an_environment_that_ends_stays_as_it_ended(open_mine):
-    import gymnasium
-
-    gymnasium.register("Blind-v0", "tests.adapters.blind:Blind")
-    state = {"tcp_position": ["observation[0:1]", 0, 0], "tcp_quaternion": [1, 0, 0, 0], "finger_positions": [0, 0]}
-    changes = {"env": "Blind-v0", "make": {"render_mode": "rgb_array", "length": 3}, "state": state, "cameras": {}}
-    changes |= {"action": {"dx": {"index": 0, "scale": 1}}, "success": "reward > 0", "terminates": True}
-    simulation = open_mine(changes)
+    changes = {"make": {"render_mode": "rgb_array", "length": 3}, "cameras": {}, "success": "reward > 0"}
+    simulation = open_mine({**NO_MUJOCO, **changes, "terminates": True})
     simulation.reset(0)
     outcomes = [simulation.step(np.full(7, 0.01)) for _ in range(6)]
     assert [outcome.success for outcome in outcomes] == [False, False, True, True, True, True]

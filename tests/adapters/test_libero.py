@@ -1,17 +1,17 @@
-"""Tests of LIBERO's adapter alone, tested where LIBERO is installed (`robogauntlet env create libero`)."""
+"""What is particular to LIBERO, tested where LIBERO is installed (`robogauntlet env create libero`)."""
 
 import itertools
 import re
-from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import AdapterError, FloatArray, Image
+from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.libero import SIMULATOR
 from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.adapters.libero.libero_import import open_libero
-from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL, LiberoSimulation
+from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
 from robogauntlet.adapters.libero.tasks import libero_tasks
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
 from robogauntlet.suites.episode import CAMERAS, View
@@ -28,31 +28,31 @@ SEED, SIZE = 3, 64
 
 
 @pytest.fixture(scope="module")
-def drawer() -> Iterator[LiberoSimulation]:
+def drawer():
     simulation = SIMULATOR.open(DRAWER, View(CAMERAS, SIZE))
     yield simulation
     simulation.close()
 
 
 @pytest.fixture(scope="module")
-def floor() -> Iterator[LiberoSimulation]:
+def floor():
     simulation = SIMULATOR.open(FLOOR, View(CAMERAS, SIZE))
     yield simulation
     simulation.close()
 
 
-def exact_state(simulation: LiberoSimulation) -> FloatArray:
+def exact_state(simulation):
     data = simulation._data
     return np.concatenate([data.qpos, data.qvel, data.qacc, data.qacc_warmstart, data.ctrl])
 
 
-def quat2axisangle(quaternion: FloatArray) -> FloatArray:
+def quat2axisangle(quaternion):
     """As the evaluations of policies for LIBERO turn the hand's quaternion, xyzw, into three numbers."""
     cosine = np.clip(quaternion[3], -1.0, 1.0)
     return quaternion[:3] * 2.0 * np.arccos(cosine) / np.sqrt(1.0 - cosine**2)
 
 
-def native_episode(task: str, actions: FloatArray) -> tuple[FloatArray, dict[str, Image], FloatArray]:
+def native_episode(task, actions):
     """State, images as LIBERO gives them, and proprioception after these actions under LIBERO's own protocol."""
     package, known = open_libero(), libero_tasks()[task]
     from libero.libero.envs import OffScreenRenderEnv
@@ -75,7 +75,7 @@ def native_episode(task: str, actions: FloatArray) -> tuple[FloatArray, dict[str
     return state, images, proprioception
 
 
-def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer: LiberoSimulation) -> None:
+def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer):
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (8, 7))
     drawer.reset(SEED)
     for action in actions:
@@ -92,7 +92,7 @@ def test_an_episode_is_liberos_own_to_the_bit_in_state_and_images(drawer: Libero
     np.testing.assert_allclose(ours[6:], proprioception[7:], atol=1e-9)
 
 
-def test_an_action_of_the_largest_size_is_liberos_own_of_1(floor: LiberoSimulation) -> None:
+def test_an_action_of_the_largest_size_is_liberos_own_of_1(floor):
     np.testing.assert_allclose(floor.action_spec.high, [TRANSLATION] * 3 + [ROTATION] * 3 + [1.0])
     states = []
     for native in (True, False):
@@ -104,7 +104,7 @@ def test_an_action_of_the_largest_size_is_liberos_own_of_1(floor: LiberoSimulati
     assert np.array_equal(*states)
 
 
-def test_a_seed_is_a_stored_state_and_a_placement_of_the_fixtures(drawer: LiberoSimulation) -> None:
+def test_a_seed_is_a_stored_state_and_a_placement_of_the_fixtures(drawer):
     drawer.reset(1)
     fixed, bowl = drawer._model.body("wooden_cabinet_1_main").pos.copy(), drawer._states[1]
     drawer.reset(51)
@@ -113,7 +113,7 @@ def test_a_seed_is_a_stored_state_and_a_placement_of_the_fixtures(drawer: Libero
     assert 0.0 < moved < 0.03
 
 
-def test_without_fixtures_seeds_from_fifty_on_repeat(floor: LiberoSimulation) -> None:
+def test_without_fixtures_seeds_from_fifty_on_repeat(floor):
     hashes = []
     for seed in (1, 51, 2):
         floor.reset(seed)
@@ -121,7 +121,7 @@ def test_without_fixtures_seeds_from_fifty_on_repeat(floor: LiberoSimulation) ->
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-def test_nothing_of_an_episode_is_left_by_the_next_reset(drawer: LiberoSimulation) -> None:
+def test_nothing_of_an_episode_is_left_by_the_next_reset(drawer):
     drawer.reset(1)
     before = exact_state(drawer)
     drawer.reset(2)
@@ -132,7 +132,7 @@ def test_nothing_of_an_episode_is_left_by_the_next_reset(drawer: LiberoSimulatio
     assert np.array_equal(before, exact_state(drawer))
 
 
-def test_a_reset_leaves_numpys_global_generator_as_it_was(floor: LiberoSimulation) -> None:
+def test_a_reset_leaves_numpys_global_generator_as_it_was(floor):
     np.random.seed(5)
     expected = np.random.random(3)
     np.random.seed(5)
@@ -140,7 +140,7 @@ def test_a_reset_leaves_numpys_global_generator_as_it_was(floor: LiberoSimulatio
     assert np.array_equal(np.random.random(3), expected)
 
 
-def test_two_open_tasks_draw_their_own_worlds(drawer: LiberoSimulation, floor: LiberoSimulation) -> None:
+def test_two_open_tasks_draw_their_own_scenes(drawer, floor):
     for simulation in (drawer, floor):
         simulation.reset(0)
     first = [simulation.observe().images["third_person"] for simulation in (drawer, floor)]
@@ -149,22 +149,20 @@ def test_two_open_tasks_draw_their_own_worlds(drawer: LiberoSimulation, floor: L
     assert np.abs(first[0].astype(int) - first[1]).mean() > 20
 
 
-def test_the_render_device_names_the_assets(floor: LiberoSimulation) -> None:
+def test_the_render_device_names_the_assets(floor):
     assert re.search(r", LIBERO assets [0-9a-f]{8} with(out)? stand-ins$", floor.render_device())
 
 
-def test_stepping_updates_no_observables(drawer: LiberoSimulation) -> None:
+def test_stepping_updates_no_observables(drawer):
     assert drawer._env.enabled_observables == set()
 
 
-def test_the_state_has_the_distance_that_objects_slid_while_settling(drawer: LiberoSimulation) -> None:
+def test_the_state_says_how_far_objects_moved_while_they_came_to_rest(drawer):
     drawer.reset(0)
     assert drawer.privileged_state()["settling_shift"] < 0.005
 
 
-def test_a_stored_state_that_does_not_come_to_rest_is_refused(
-    floor: LiberoSimulation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stored_state_that_does_not_come_to_rest_is_refused(floor, monkeypatch):
     falling = floor._states.copy()
     start = floor._model.jnt_qposadr[floor._model.joint("alphabet_soup_1_joint0").id]
     falling[7, 1 + start + 2] += 50.0
@@ -173,12 +171,10 @@ def test_a_stored_state_that_does_not_come_to_rest_is_refused(
         floor.reset(7)
 
 
-def test_a_scene_without_room_is_an_error_and_no_endless_loop(
-    floor: LiberoSimulation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_without_room_is_an_error_and_no_endless_loop(floor, monkeypatch):
     from robosuite.utils.errors import RandomizationError
 
-    def full() -> None:
+    def full():
         raise RandomizationError("no room")
 
     monkeypatch.setattr(floor._env, "reset", full)
@@ -186,9 +182,7 @@ def test_a_scene_without_room_is_an_error_and_no_endless_loop(
         floor.reset(0)
 
 
-def test_the_tasks_that_were_written_down_are_those_of_the_package() -> None:
-    from pathlib import Path
-
+def test_the_stored_tasks_are_those_of_the_package():
     from libero.libero.benchmark import get_benchmark
 
     from robogauntlet.adapters.libero import generate_tasks, tasks

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -29,7 +28,7 @@ pytestmark = [
 
 
 @pytest.fixture(scope="module")
-def surroundings(request: pytest.FixtureRequest) -> Mapping[str, str]:
+def surroundings(request):
     """Environment variables under which LIBERO is found: its Python environment and its assets, kept between runs."""
     kept = Path(request.config.cache.mkdir("libero"))
     assets = unpack(PACK, kept / "assets")
@@ -37,30 +36,22 @@ def surroundings(request: pytest.FixtureRequest) -> Mapping[str, str]:
     return os.environ | named
 
 
-def run_command(surroundings: Mapping[str, str], *arguments: str) -> str:
-    code = "from robogauntlet.orchestrator.cli import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=ROOT,
-        env=surroundings,
-        timeout=600,
-    )
+def run_command(surroundings, *arguments):
+    command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=surroundings, timeout=600)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return done.stdout
 
 
 @pytest.fixture(scope="module")
-def python(surroundings: Mapping[str, str]) -> Iterator[str]:
+def python(surroundings):
     """The Python of LIBERO's environment."""
     run_command(surroundings, "env", "create", "libero")
     (found,) = Path(surroundings["ROBOGAUNTLET_ENVIRONMENTS"]).glob("libero-*/bin/python")
     return str(found)
 
 
-def test_robosuite_1_4_shadows_the_one_behind_it(surroundings: Mapping[str, str], python: str) -> None:
+def test_robosuite_1_4_shadows_the_one_behind_it(surroundings, python):
     code = (
         "import json, robosuite, mujoco, ray\n"
         "print(json.dumps([robosuite.__version__, robosuite.__file__, mujoco.__version__, ray.__file__]))"
@@ -73,7 +64,7 @@ def test_robosuite_1_4_shadows_the_one_behind_it(surroundings: Mapping[str, str]
     assert not ray.startswith(str(Path(python).parents[1]))
 
 
-def test_libero_passes_its_tests_in_its_own_environment(surroundings: Mapping[str, str], python: str) -> None:
+def test_the_tests_of_liberos_adapter_and_oracles_pass_there(surroundings, python):
     files = ["tests/adapters/test_libero.py", "tests/policies/test_libero_oracles.py"]
     command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *files]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=surroundings)
@@ -81,9 +72,7 @@ def test_libero_passes_its_tests_in_its_own_environment(surroundings: Mapping[st
     assert "skipped" not in done.stdout.splitlines()[-1]
 
 
-def test_robosuite_1_5_and_libero_are_played_in_one_run(
-    surroundings: Mapping[str, str], python: str, tmp_path: Path
-) -> None:
+def test_robosuite_1_5_and_libero_are_played_in_one_run(surroundings, python, tmp_path):
     suite, folder = tmp_path / "both.yaml", tmp_path / "run"
     suite.write_text(SUITE)
     run_command(surroundings, "run", str(suite), "--out", str(folder), "--no-media")

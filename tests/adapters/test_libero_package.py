@@ -1,4 +1,4 @@
-"""Tests of the LIBERO adapter without LIBERO: names, assets, versions and untrusted files."""
+"""LIBERO's adapter without LIBERO: names, assets, versions, files that are not trusted."""
 
 import os
 import pickle
@@ -16,11 +16,12 @@ from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Asse
 from robogauntlet.adapters.libero.libero_import import check_versions, configured, read_states
 from robogauntlet.adapters.libero.simulation import SIMULATOR
 from robogauntlet.adapters.libero.tasks import HORIZONS, libero_tasks
+from tests.errors import one_line_error
 
 
 @pytest.fixture
-def nowhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A machine on which nothing of LIBERO lies about."""
+def nowhere(monkeypatch, tmp_path):
+    """A machine without anything of LIBERO."""
     monkeypatch.delenv(VARIABLE, raising=False)
     monkeypatch.setenv("LIBERO_CONFIG_PATH", str(tmp_path / "no-configuration"))
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -28,7 +29,7 @@ def nowhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def folder_of_assets(folder: Path, *, stand_ins: bool = False) -> Path:
+def folder_of_assets(folder, *, stand_ins=False):
     for part in PARTS:
         (folder / part).mkdir(parents=True)
         (folder / part / "thing.xml").write_text(part)
@@ -37,70 +38,67 @@ def folder_of_assets(folder: Path, *, stand_ins: bool = False) -> Path:
     return folder
 
 
-def test_a_pattern_chooses_a_suite_or_the_task_of_a_number() -> None:
+def test_a_pattern_chooses_a_suite_or_the_task_of_a_number():
     counts = {suite: sum(fnmatch(task, f"{suite}-*") for task in SIMULATOR.tasks) for suite in HORIZONS}
     assert counts == {"spatial": 10, "object": 10, "goal": 10, "10": 10, "90": 90}
     assert [task for task in SIMULATOR.tasks if fnmatch(task, "goal-7-*")] == ["goal-7-turn-on-stove"]
 
 
-def test_horizons_and_instructions_are_those_of_the_protocol() -> None:
+def test_horizons_and_instructions_are_those_of_the_protocol():
     cards = SIMULATOR.tasks
     assert cards["spatial-3-on-cookie-box"].horizon == 220
     assert cards["10-8-kitchen8-put-both-moka-pots-on-stove"].horizon == 520
     assert cards["90-20-kitchen3-turn-on-stove"].instruction == "turn on the stove"
 
 
-def test_a_task_declares_missing_scene_controls() -> None:
-    assert libero_tasks()["goal-7-turn-on-stove"].description.fixed.keys() == {"objects", "dynamics"}
+def test_a_task_says_what_cannot_be_adjusted_in_it():
+    assert libero_tasks()["goal-7-turn-on-stove"].description.fixed.keys() == {"objects", "bodies"}
     assert libero_tasks()["spatial-3-on-cookie-box"].description.fixed.keys() == {"objects"}
     assert libero_tasks()["object-0-alphabet-soup"].description.fixed.keys() == {"objects", "table"}
     assert not libero_tasks()["goal-8-put-bowl-on-plate"].description.fixed
 
 
 @pytest.mark.parametrize("mujoco", ["3.4.0", "3.8.1", "4.0.0"])
-def test_a_mujoco_under_which_stored_states_jump_is_refused(mujoco: str) -> None:
-    with pytest.raises(
-        SimulatorUnavailable, match=f"needs mujoco below 3.4, found {mujoco}.*robogauntlet env create libero"
-    ):
+def test_a_mujoco_under_which_stored_states_jump_is_refused(mujoco):
+    message = f"needs mujoco below 3.4, found {mujoco}.*robogauntlet env create libero"
+    with pytest.raises(SimulatorUnavailable, match=message):
         check_versions("1.4.0", mujoco)
 
 
-def test_another_robosuite_is_refused() -> None:
-    with pytest.raises(
-        SimulatorUnavailable, match=r"needs robosuite 1.4.0, found 1.5.2; .*robogauntlet env create libero"
-    ):
+def test_another_robosuite_is_refused():
+    message = r"needs robosuite 1.4.0, found 1.5.2; .*robogauntlet env create libero"
+    with pytest.raises(SimulatorUnavailable, match=message):
         check_versions("1.5.2", "3.3.7")
 
 
-def test_missing_assets_are_one_line_with_what_to_do(nowhere: Path) -> None:
-    with pytest.raises(SimulatorUnavailable) as caught:
+def test_missing_assets_are_one_line_with_what_to_do(nowhere):
+    with one_line_error(SimulatorUnavailable) as caught:
         find_assets()
     message = str(caught.value)
-    assert "\n" not in message
     assert VARIABLE in message
     assert "download_assets" in message
     assert str(nowhere / ".cache" / "libero" / "assets") in message
 
 
-def test_assets_are_found_by_the_variable(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assets_are_found_where_the_variable_says(nowhere, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(folder_of_assets(nowhere / "mine")))
     assert find_assets() == Assets((nowhere / "mine").resolve(), stand_ins=False)
 
 
-def test_a_variable_that_is_wrong_is_not_passed_over(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_variable_is_an_error(nowhere, monkeypatch):
     folder_of_assets(nowhere / ".cache" / "libero" / "assets")
     monkeypatch.setenv(VARIABLE, str(nowhere / "elsewhere"))
     with pytest.raises(SimulatorUnavailable, match="elsewhere"):
         find_assets()
 
 
-def test_assets_are_found_by_liberos_configuration(nowhere: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_assets_are_found_where_liberos_configuration_says(nowhere, monkeypatch):
     (nowhere / "config.yaml").write_text(f"assets: {folder_of_assets(nowhere / 'theirs')}")
     monkeypatch.setenv("LIBERO_CONFIG_PATH", str(nowhere))
     assert find_assets().folder == (nowhere / "theirs").resolve()
 
 
-def test_stand_ins_are_named_and_another_file_changes_the_hash(tmp_path: Path) -> None:
+def test_stand_ins_are_named_and_another_file_is_another_hash(tmp_path):
     own = Assets(folder_of_assets(tmp_path / "own"), stand_ins=False)
     (tmp_path / "own" / "scenes" / "thing.xml").write_text("another")
     other = own.fingerprint()
@@ -110,7 +108,7 @@ def test_stand_ins_are_named_and_another_file_changes_the_hash(tmp_path: Path) -
     assert "with stand-ins" in str(Assets(tmp_path, stand_ins=True))
 
 
-def test_an_archive_is_unpacked_once(tmp_path: Path) -> None:
+def test_an_archive_is_unpacked_once(tmp_path):
     folder_of_assets(tmp_path / "assets", stand_ins=True)
     with tarfile.open(tmp_path / "pack.tar", "w") as pack:
         pack.add(tmp_path / "assets", "assets")
@@ -121,7 +119,7 @@ def test_an_archive_is_unpacked_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["assets/../escaped", "assets/link"])
-def test_an_archive_with_something_else_than_files_is_refused_and_nothing_is_left(tmp_path: Path, name: str) -> None:
+def test_an_archive_of_other_things_than_files_is_refused_and_leaves_nothing(tmp_path, name):
     with tarfile.open(tmp_path / "pack.tar", "w") as pack:
         member = tarfile.TarInfo(name)
         member.type = tarfile.SYMTYPE if "link" in name else tarfile.REGTYPE
@@ -132,30 +130,30 @@ def test_an_archive_with_something_else_than_files_is_refused_and_nothing_is_lef
     assert list((tmp_path / "there").iterdir()) == []
 
 
-def stored(path: Path, content: object) -> Path:
+def stored(path, content):
     with zipfile.ZipFile(path, "w") as packed:
         packed.writestr("archive/data.pkl", pickle.dumps(content, protocol=2))
     return path
 
 
-def test_stored_states_are_read(tmp_path: Path) -> None:
+def test_stored_states_are_read(tmp_path):
     states = np.arange(6.0).reshape(2, 3)
     assert np.array_equal(read_states(stored(tmp_path / "x.pruned_init", states)), states)
 
 
 class Attack:
-    def __reduce__(self) -> tuple[object, tuple[str]]:
+    def __reduce__(self):
         return os.mkdir, ("harm",)
 
 
-def test_stored_states_that_would_run_something_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stored_states_that_would_run_something_are_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(AdapterError, match="expected LIBERO's stored states, an array of numbers; it needs"):
         read_states(stored(tmp_path / "x.pruned_init", Attack()))
     assert not Path("harm").exists()
 
 
-def test_libero_is_given_a_configuration_while_it_is_imported_and_none_is_left(nowhere: Path) -> None:
+def test_libero_is_given_a_configuration_while_it_is_imported_and_none_is_left(nowhere):
     before = os.environ["LIBERO_CONFIG_PATH"]
     with configured(nowhere):
         given = Path(os.environ["LIBERO_CONFIG_PATH"])

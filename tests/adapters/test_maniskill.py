@@ -1,4 +1,4 @@
-"""Tests of the ManiSkill adapter only; the conformance tests are common to all adapters."""
+"""What is particular to ManiSkill; the promises of every adapter are in the conformance test."""
 
 import os
 import subprocess
@@ -56,7 +56,7 @@ def squeeze(simulation, seed):
 
 
 @pytest.mark.simulator
-def test_contacts_of_earlier_episodes_leave_no_trace(push):
+def test_contacts_of_earlier_episodes_have_no_effect(push):
     forward = {seed: squeeze(push, seed) for seed in range(12)}
     for seed in reversed(range(12)):
         for first, again in zip(forward[seed], squeeze(push, seed), strict=True):
@@ -85,7 +85,7 @@ def rest(simulation):
 
 
 @pytest.mark.simulator
-def test_a_cube_falls_asleep_at_the_same_step_whether_or_not_it_moved_when_the_last_episode_ended(push):
+def test_a_cube_falls_asleep_at_the_same_step_whatever_moved_when_the_last_episode_ended(push):
     undisturbed = rest(push)
     for steps in (12, 14, 16, 18):  # 16 leave the cube moving so that its rest would begin later
         shove(push, steps)
@@ -135,7 +135,7 @@ def test_the_target_is_drawn_for_policies_and_the_profiles_draw_the_same(push):
 
 
 @pytest.mark.simulator
-def test_a_missing_vulkan_driver_is_reported_with_a_remedy():
+def test_without_a_vulkan_driver_the_message_says_why_and_what_to_do():
     code = "from robogauntlet.adapters.maniskill.simulation import *; open_task('PushCube-v1', View())"
     nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)

@@ -73,7 +73,7 @@ def test_dimmed_images_give_their_stops_back_whatever_part_is_saturated_or_unlit
         assert stops(gains) == pytest.approx(ev, abs=0.06)
 
 
-def test_unchanged_images_tell_of_no_light():
+def test_unchanged_images_show_no_light():
     image = np.full((4, 4, 3), 100, np.uint8)
     gains, lit = channel_gains([(image, image)])
     assert np.isnan(gains).all()

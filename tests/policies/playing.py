@@ -1,19 +1,14 @@
 """Plays scripted oracles for their tests."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
-from robogauntlet.adapters.contract import Simulator
 from robogauntlet.policies.oracles import scripts
 from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
 
 FAST = View(image_size=32, render_profile=RenderProfile.FAST)
 
 
-def steps_to_success(
-    simulator: Simulator, task: str, seeds: Iterable[int], *, noise: float = 0.0, horizons: int = 1
-) -> list[int | None]:
+def steps_to_success(simulator, task, seeds, *, noise=0.0, horizons=1):
     """Return the control steps until success has held for long enough, or None, for each seed.
 
     The oracle of a task (by its name in the simulator) plays for this number of `horizons` at most. `noise` is the

@@ -28,11 +28,8 @@ def test_every_task_with_an_expert_has_a_demonstration_within_its_horizon():
 def test_the_demonstration_is_played_from_the_first_step_and_then_held():
     task = "robosuite/Lift"
     actions = open_loop_replay.replays()[task]
-    played = [
-        open_loop_replay.ReplayPolicy().act([Query(episode(task), step)])[0].actions
-        for step in range(0, len(actions) + 9, 8)
-    ]
-    found = np.concatenate(played)
+    queries = [Query(episode(task), step) for step in range(0, len(actions) + 9, 8)]
+    found = np.concatenate([open_loop_replay.ReplayPolicy().act([query])[0].actions for query in queries])
     np.testing.assert_array_equal(found[: len(actions)], actions)
     assert not found[len(actions) :, :6].any()
     assert (found[len(actions) :, 6] == actions[-1, 6]).all()

@@ -22,7 +22,7 @@ NO_SCRIPT = {{"mysim/Reach": 5}}
 
 @pytest.fixture
 def declared(monkeypatch, tmp_path):
-    """Declares entry points of a module whose only script returns a value."""
+    """Declares entry points of a module whose script returns a value."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def declare(entries, value=1):
@@ -63,10 +63,12 @@ def test_the_oracles_digest_covers_scripts_of_other_packages(declared):
 
 
 def test_a_tasks_digest_covers_the_script_of_its_own_simulator_only(declared):
-    declared([("mysim", ":GOOD")], value=1)
-    first = [oracles.digest_of_task(task) for task in ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")]
-    declared([("mysim", ":GOOD")], value=2)
-    second = [oracles.digest_of_task(task) for task in ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")]
+    digests = []
+    for value in (1, 2):
+        declared([("mysim", ":GOOD")], value=value)
+        tasks = ("mysim/Reach", "robosuite/Lift", "pybullet/PandaReach-v3")
+        digests.append([oracles.digest_of_task(task) for task in tasks])
+    first, second = digests
     assert [one == other for one, other in zip(first, second, strict=True)] == [False, True, True]
     assert len(set(second)) == 3
 

@@ -11,6 +11,7 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource, bundl
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyInput
 from robogauntlet.suites.episode import Cell, Protocol, View
+from tests.errors import one_line_error
 
 FUNCTION = """
 import numpy as np
@@ -45,34 +46,36 @@ def make(value=0.5):
 """
 
 
-@pytest.fixture
-def module(tmp_path, monkeypatch, request):
-    """Writes a module of a name of its own; returns `options(callable, ...)`."""
+@pytest.fixture(autouse=True)
+def imports(monkeypatch):
+    """Undoes what a test imports."""
     before = set(sys.modules)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    name = f"module_{abs(hash(request.node.name))}"
-
-    def write(text, **files):
-        (tmp_path / f"{name}.py").write_text(text)
-        return lambda what, **more: {"callable": f"{name}:{what}", "folder": str(tmp_path), **more}
-
-    yield write
+    yield
     for added in set(sys.modules) - before:
         del sys.modules[added]
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
-    before = set(sys.modules)
-    monkeypatch.setattr(sys, "path", list(sys.path))
+def module(tmp_path, request):
+    """Writes a module of a name of its own; returns `options(callable, ...)`."""
+    name = f"module_{abs(hash(request.node.name))}"
+
+    def write(text):
+        (tmp_path / f"{name}.py").write_text(text)
+        return lambda what, **more: {"callable": f"{name}:{what}", "folder": str(tmp_path), **more}
+
+    return write
+
+
+@pytest.fixture
+def package(tmp_path):
     folder = tmp_path / "robot_brains"
     folder.mkdir()
     (folder / "__init__.py").touch()
     (folder / "still.py").write_text(POLICY)
     (folder / "scale.py").write_text("SCALE = 0.1\n")
-    yield folder
-    for added in set(sys.modules) - before:
-        del sys.modules[added]
+    return folder
 
 
 def play(options, seeds=range(3)):
@@ -83,18 +86,15 @@ def play(options, seeds=range(3)):
 
 
 def refused(options, match):
-    with pytest.raises(PolicyError, match=match) as caught:
+    with one_line_error(PolicyError, match):
         catalog.spec("python", options)
-    assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("towards", {}), ("towards", {"speed": 0.02}), ("Caller", {"speed": 1.0})]
-)
-def test_a_function_or_a_callable_object_acts(module, name, options):
-    given = module(FUNCTION)(name, options=options)
-    assert catalog.spec("python", given).sees is PolicyInput.OBSERVATION
-    assert [row.status for row in play(given)] == ["failure"] * 3
+@pytest.mark.parametrize(("name", "args"), [("towards", {}), ("towards", {"speed": 0.02}), ("Caller", {"speed": 1.0})])
+def test_a_plain_function_or_one_that_a_class_makes_acts(module, name, args):
+    options = module(FUNCTION)(name, options=args)
+    assert catalog.spec("python", options).sees is PolicyInput.OBSERVATION
+    assert [row.status for row in play(options)] == ["failure"] * 3
 
 
 @pytest.mark.parametrize("name", ["Still", "make"])
@@ -144,10 +144,8 @@ def test_a_missing_module_or_name_is_one_line(module, package):
     refused(options("towards", folder="nowhere"), "expected option folder: a folder, got 'nowhere'")
     refused(options("towards", files=["../secret"]), "expected a file below")
     refused(options("towards", options=[1]), "expected option options: a mapping")
-    refused(
-        {**options("x"), "callable": "no_such_module_here:x"},
-        "expected a module 'no_such_module_here' in .* give its folder",
-    )
+    absent = {**options("x"), "callable": "no_such_module_here:x"}
+    refused(absent, "expected a module 'no_such_module_here' in .* give its folder")
     refused({**options("x"), "callable": "robot_brains.nothing:x"}, "expected a module 'robot_brains.nothing'")
     refused(options("toward"), "expected 'toward', found none; did you mean 'towards'")
     refused(options("np.pi"), "expected a class or a function, got a float")

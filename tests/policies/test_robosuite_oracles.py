@@ -10,5 +10,5 @@ pytestmark = pytest.mark.simulator
 
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 @pytest.mark.parametrize("task", SIMULATOR.tasks)
-def test_the_oracle_succeeds_within_the_horizon(task: str, noise: float) -> None:
+def test_the_oracle_succeeds_within_the_horizon(task, noise):
     assert None not in steps_to_success(SIMULATOR, task, range(4), noise=noise)

@@ -1,4 +1,4 @@
-"""Synthetic runs of experts and merged policies for the tests of merging and its report."""
+"""Rows of experts and merged policies that were never played, for the tests of merging and its report."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def evidence(inferred, probability=0.9, tasks=TASKS):
 
 
 def routed_rows(planned=10, seed=0, right=(0.97, 0.7)):
-    """A row per planned episode: experts at 95 %, oracle-routed at 90 %, and two routers with accuracies `right`."""
+    """A row per planned episode: experts at 95 %, oracle-routed at 90 %, and two routers with these accuracies."""
     generator = random.Random(seed)
     made = []
     for cell in plan():

@@ -1,12 +1,16 @@
-"""Synthetic runs: plans, rows and stores for the tests of results/."""
+"""Plans, rows and stores of runs that were never played, for the tests of results/."""
 
 from __future__ import annotations
 
 import random
+import sqlite3
+from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 
 import pandas as pd
 
+from robogauntlet.results.analysis import robustness
 from robogauntlet.results.analysis.tables import CATEGORIES, COLUMNS, build_tables
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import PlannedCell, RunDocument, RunStatus, store_url, write_run
@@ -28,7 +32,7 @@ def cells(policies=("oracle", "random"), tasks=TASKS, conditions=CLEAN):
 
 
 def suite(name="synthetic", **changes):
-    """A suite with these changes. Its name is not checked: a database may hold any."""
+    """A suite with these changes. Its name is not checked, since a database may hold any."""
     values = {"name": "synthetic", "policies": ["oracle"], "tasks": ["maniskill/PushCube-v1"], "seeds": {"count": 10}}
     return Suite.model_validate({**values, **changes}).model_copy(update={"name": name})
 
@@ -37,12 +41,8 @@ def document(planned=10, of=None, **changes):
     """A run document. `changes` are fields of it, or of its suite."""
     plan = tuple(
         PlannedCell(
-            simulator=cell.simulator,
-            task=cell.task,
-            policy=cell.policy,
-            policy_digest=cell.policy_digest,
-            axis=cell.condition.axis,
-            severity=cell.condition.severity,
+            **{name: getattr(cell, name) for name in ("simulator", "task", "policy", "policy_digest")},
+            **asdict(cell.condition),
             planned=planned,
         )
         for cell in (cells() if of is None else of)
@@ -98,20 +98,41 @@ def rows(of=None, planned=10, errors=0, seed=0):
     return made
 
 
+def rows_where(is_success, plan, seeds):
+    """A row per cell and seed, a success or a failure by `is_success(cell, seed)`."""
+    return [
+        row(cell, seed, "success" if is_success(cell, seed) else "failure") for cell in plan for seed in range(seeds)
+    ]
+
+
 def run_folder(folder: Path, run: RunDocument, results) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     write_run(folder, run)
-    store = Store.open(store_url(folder, run), run.run_id)
-    store.add(list(results))
-    store.close()
+    with closing(Store.open(store_url(folder, run), run.run_id)) as store:
+        store.add(list(results))
     return folder
+
+
+def execute(file: Path, *statements):
+    """Executes statements of SQL on a database file."""
+    with closing(sqlite3.connect(file)) as connection, connection:
+        for statement in statements:
+            connection.execute(statement)
+
+
+def columns_of(results, columns):
+    return pd.DataFrame({name: [getattr(result, name) for result in results] for name in columns})
 
 
 def frame_of(results):
     """The columns of records that tables are made from, as a report reads them."""
-    made = pd.DataFrame({name: [getattr(result, name) for result in results] for name in COLUMNS})
+    made = columns_of(results, COLUMNS)
     return made.astype(dict.fromkeys(CATEGORIES, "category")) if len(made) else made
 
 
 def tables_of(run, results):
     return build_tables(run, frame_of(results))
+
+
+def robustness_of(run, results):
+    return robustness.build_robustness(run, columns_of(results, robustness.COLUMNS))

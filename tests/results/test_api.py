@@ -7,14 +7,14 @@ import robogauntlet
 from robogauntlet.results.analysis.comparison import Difference, Verdict
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunError
-from tests.results.synthetic import cells, document, row, run_folder
+from tests.results.synthetic import cells, document, rows_where, run_folder
 
 
 @pytest.fixture
 def folders(tmp_path):
     def save(name, every):
         own = cells(("p",))
-        rows = [row(cell, seed, "success" if seed % every else "failure") for cell in own for seed in range(30)]
+        rows = rows_where(lambda cell, seed: seed % every, own, 30)
         return run_folder(tmp_path / name, document(30, own, run_id=name), rows)
 
     return save("now", 2), save("before", 5)
@@ -41,14 +41,10 @@ def test_a_comparison_prints_itself(folders):
     assert found.verdict is Verdict.REGRESSED
     assert str(found).startswith("REGRESSED: now against before\n")
     assert found._repr_markdown_().startswith("### ")
-    assert (
-        robogauntlet.compare(robogauntlet.open_run(folders[1]), folders[0], allowed={Difference.SUITE}).verdict
-        is Verdict.IMPROVED
-    )
+    back = robogauntlet.compare(robogauntlet.open_run(folders[1]), folders[0], allowed={Difference.SUITE})
+    assert back.verdict is Verdict.IMPROVED
 
 
-def test_a_folder_without_a_run_is_refused(tmp_path):
+def test_opening_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(RunError, match="expected a run folder"):
         robogauntlet.open_run(tmp_path)
-    with pytest.raises(AttributeError):
-        _ = robogauntlet.nothing

@@ -87,7 +87,7 @@ def test_the_hash_of_rows_changes_with_every_outcome_field(name):
 
 
 @given(st.text(st.characters(codec="utf-8")), st.integers(0, 2**40), st.floats(-1e6, 1e6), st.booleans())
-def test_the_hash_of_rows_tells_any_two_outcomes_apart(text, steps, reward, once):
+def test_the_hash_of_rows_differs_for_any_two_outcomes(text, steps, reward, once):
     other = dataclasses.replace(ROW, error=text, steps=steps, reward_sum=reward, success_once=once)
     same = outcome_row(other) == outcome_row(ROW)
     assert (rows_hash([outcome_row(other)]) == rows_hash([outcome_row(ROW)])) == same

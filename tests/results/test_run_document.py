@@ -8,10 +8,11 @@ import pytest
 
 from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunError, read_run, store_url, write_run
 from robogauntlet.results.store.episode_store import Store
+from tests.errors import one_line_error
 from tests.results.synthetic import document
 
 
-def test_what_is_written_is_read_back(tmp_path):
+def test_a_written_document_is_read_back(tmp_path):
     run = document(
         instructions={"maniskill/PushCube-v1": "push the cube – ganz sanft"}, skipped={"robosuite": "absent"}
     )
@@ -38,7 +39,7 @@ def test_a_write_that_fails_leaves_the_old_document(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == [RUN_FILE]
 
 
-def test_what_is_no_run_folder_is_named(tmp_path):
+def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(RunError, match="there is nothing"):
         read_run(tmp_path / "absent")
     with pytest.raises(RunError, match=r"it has no run\.json"):
@@ -52,9 +53,8 @@ def test_what_is_no_run_folder_is_named(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"{}", b"[1]", b"\xff\xfe", b'{"format": 1, "surprise": 2}'])
 def test_a_damaged_document_is_a_run_error_of_one_line(tmp_path, content):
     (tmp_path / RUN_FILE).write_bytes(content)
-    with pytest.raises(RunError, match=r"run\.json") as raised:
+    with one_line_error(RunError, r"run\.json"):
         read_run(tmp_path)
-    assert "\n" not in str(raised.value)
 
 
 def test_another_format_is_refused(tmp_path):
@@ -76,5 +76,5 @@ def test_the_store_is_in_the_run_folder_whatever_its_name(tmp_path, name):
 def test_an_address_that_is_given_wins_and_a_database_needs_one(tmp_path):
     hidden = document(store_url="postgresql://reader:***@host/db")
     assert store_url(tmp_path, hidden, "postgresql://reader:secret@host/db") == "postgresql://reader:secret@host/db"
-    with pytest.raises(RunError, match="--store"):
+    with pytest.raises(RunError, match=r"its rows are in postgresql.*; give that address with --store"):
         store_url(tmp_path, hidden)

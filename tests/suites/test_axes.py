@@ -11,9 +11,8 @@ every_scale = pytest.mark.parametrize("axis", SCALES.values(), ids=SCALES)
 
 def test_the_severities_are_frozen():
     """Levels that change make reports incomparable: a change of levels needs an axis of another name."""
-    assert (
-        content_hash({name: [axis.levels, axis.secondary_levels] for name, axis in AXES.items()}) == "169ba6970107b247"
-    )
+    levels = {name: [axis.levels, axis.secondary_levels] for name, axis in AXES.items()}
+    assert content_hash(levels) == "169ba6970107b247"
 
 
 @every_scale
@@ -49,6 +48,6 @@ def test_the_axis_of_a_condition_is_found_and_clean_has_none():
         (Condition("blur", 6), "got 6"),
     ],
 )
-def test_a_condition_that_is_none_is_refused(condition, message):
+def test_an_unknown_condition_is_refused(condition, message):
     with pytest.raises(ValueError, match=message):
         axis_of(condition)

@@ -1,4 +1,4 @@
-"""Definitions of environments, in a suite or in the configuration."""
+"""Environments, in a suite or in the configuration."""
 
 import pytest
 
@@ -34,7 +34,7 @@ def test_a_version_of_python_may_be_written_as_a_number(tmp_path):
         ("{requirements: ['--index-url=x']}", "expected a requirement of pip, such as robosuite==1.4.0, and no option"),
         ("{requirements: robosuite}", "found text ('robosuite')"),
         ("{interpreter: python3}", "expected the full path of a Python interpreter, found text ('python3')"),
-        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or a definition without one"),
+        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or the definition of an environment"),
         ("{installer: uv}", "expected inherit: false with uv, which ignores inherited packages"),
         ("{installer: conda}", "expected 'pip' or 'uv', found 'conda'"),
     ],
@@ -45,10 +45,10 @@ def test_a_mistake_is_reported_with_its_line(tmp_path, entry, message):
     assert message in found
 
 
-def test_an_unknown_simulator_is_reported_with_the_nearest_name(tmp_path):
+def test_an_unknown_simulator_is_answered_with_the_nearest(tmp_path):
     assert problem(tmp_path, "environments: {libro: {}}\n") == "1: unknown simulator 'libro'; did you mean 'libero'?"
 
 
-def test_the_hash_ignores_defaults():
+def test_a_default_that_is_given_does_not_change_the_hash():
     assert EnvironmentEntry(inherit=True).hash == EnvironmentEntry().hash
     assert EnvironmentEntry(inherit=False).hash != EnvironmentEntry().hash

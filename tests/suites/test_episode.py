@@ -1,4 +1,4 @@
-"""The identity of an episode: the same everywhere, and different for whatever differs."""
+"""The identity of an episode."""
 
 import dataclasses
 import subprocess
@@ -13,6 +13,7 @@ names = st.text("abcXYZ-_/0", min_size=1, max_size=8)
 conditions = st.builds(Condition, names, st.integers(0, 5))
 views = st.builds(View, st.sampled_from([CAMERAS, CAMERAS[:1]]), st.integers(16, 256), st.sampled_from(RenderProfile))
 protocols = st.builds(Protocol, st.integers(1, 500), st.integers(1, 32), views)
+EPISODE = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
 episodes = st.builds(Episode, names, names, names, st.integers(0, 2**31), protocols, conditions)
 
 
@@ -22,7 +23,7 @@ def test_the_policys_name_is_no_part_of_the_identity(episode):
 
 
 @given(episodes, st.data())
-def test_whatever_else_differs_gives_another_id(episode, data):
+def test_any_other_difference_changes_the_id(episode, data):
     field = data.draw(st.sampled_from(["policy_digest", "task", "seed", "protocol", "condition"]))
     other = getattr(data.draw(episodes), field)
     changed = dataclasses.replace(episode, **{field: other})
@@ -37,8 +38,7 @@ def test_two_policies_of_one_pair_share_the_pair_id(episode, digest):
 
 
 def test_the_id_is_frozen():
-    episode = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
-    assert (episode.id, episode.pair_id) == ("c1f4f900d7dc52bb", "8df80ca93d72308d")
+    assert (EPISODE.id, EPISODE.pair_id) == ("c1f4f900d7dc52bb", "8df80ca93d72308d")
 
 
 def test_the_id_is_the_same_in_another_process():
@@ -47,8 +47,7 @@ def test_the_id_is_the_same_in_another_process():
         "print(Episode('oracle', '0123', 'robosuite/Lift', 7, Protocol(100, 8, View()), Condition()).id)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    episode = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
-    assert done.stdout.strip() == episode.id
+    assert done.stdout.strip() == EPISODE.id
 
 
 def test_a_cell_gives_its_episode_of_a_seed():

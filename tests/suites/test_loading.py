@@ -1,4 +1,4 @@
-"""Suite files: every mistake is reported at once, with its place and the nearest name."""
+"""Suite files: all mistakes are reported at once, with their lines and the nearest names."""
 
 import textwrap
 
@@ -35,25 +35,23 @@ def problems(tmp_path):
     """The problems of a suite text, as `line: message`."""
 
     def read(text):
-        path = tmp_path / "suite.yaml"
-        path.write_text(textwrap.dedent(text).lstrip("\n"), encoding="utf-8")
         with pytest.raises(SuiteError) as caught:
-            load_suite(path, NAMES)
+            load(tmp_path, text)
         for problem in caught.value.problems:
-            assert problem.path == str(path)
+            assert problem.path == str(tmp_path / "suite.yaml")
             assert "\n" not in str(problem)
         return [f"{problem.line}: {problem.message}" for problem in caught.value.problems]
 
     return read
 
 
-def load(tmp_path, text, names=NAMES):
+def load(tmp_path, text):
     path = tmp_path / "suite.yaml"
-    path.write_text(textwrap.dedent(text), encoding="utf-8")
-    return load_suite(path, names)
+    path.write_text(textwrap.dedent(text).lstrip("\n"), encoding="utf-8")
+    return load_suite(path, NAMES)
 
 
-def test_a_sound_suite_has_the_documented_defaults(tmp_path):
+def test_a_valid_suite_has_the_documented_defaults(tmp_path):
     suite = load(tmp_path, SOUND)
     assert suite.all_conditions() == [Condition()]
     assert list(suite.seeds) == [3, 4, 5, 6]
@@ -78,18 +76,6 @@ def test_conditions_have_axes_and_severities(tmp_path):
     assert [str(c) for c in suite.all_conditions()] == ["clean", "light@2", "light@4"]
 
 
-def test_perturbed_conditions_need_the_clean_one_to_be_compared_with(problems):
-    assert problems(SOUND + "conditions: [{axis: light, severities: [2]}]\n") == [
-        "5: no clean condition to compare the perturbed ones with; add clean"
-    ]
-
-
-def test_severity_0_of_an_axis_is_not_a_condition_of_its_own(problems):
-    assert problems(SOUND + "conditions: [clean, {axis: light, severities: [0, 2]}]\n") == [
-        "5: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}"
-    ]
-
-
 def test_a_condition_that_is_only_named_is_clean_or_a_control(problems):
     assert problems(SOUND + "conditions: [clean, light, blnd]\n") == [
         "5: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}",
@@ -100,12 +86,6 @@ def test_a_condition_that_is_only_named_is_clean_or_a_control(problems):
 def test_controls_are_conditions_of_their_own_name(tmp_path):
     suite = load(tmp_path, SOUND + "conditions: [clean, blind]\n")
     assert [str(condition) for condition in suite.all_conditions()] == ["clean", "blind"]
-
-
-def test_a_control_has_one_severity(problems):
-    assert problems(SOUND + "conditions: [clean, {axis: blind, severities: [2]}]\n") == [
-        "5: 'blind' has severity 1 at most, got 2"
-    ]
 
 
 def test_every_mistake_is_reported_at_once_with_its_line(problems):
@@ -132,13 +112,13 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
     ]
 
 
-def test_an_unknown_task_is_reported_with_those_of_its_simulator(problems):
+def test_the_message_for_an_unknown_task_names_those_of_its_simulator(problems):
     assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
         "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"
     ]
 
 
-def test_what_is_there_for_tests_is_not_suggested_though_it_may_be_used(tmp_path):
+def test_internal_tasks_and_policies_are_not_suggested(tmp_path):
     names = Registry({"a/One": KnownTask(50), "null/One": KnownTask(50, internal=True)}, NAMES.policies, {})
     path = tmp_path / "s.yaml"
     path.write_text("name: s\npolicies: [oracle]\ntasks: [null/One]\nseeds: {count: 1}\n")
@@ -186,6 +166,9 @@ def test_what_is_there_for_tests_is_not_suggested_though_it_may_be_used(tmp_path
         (("name: a-suite", "name: a-suite\nerror_tolerance: 2"), "2: error_tolerance: expected a value less than or equal to 1, found 2"),
         (("name: a-suite", "name: a-suite\nconditions: [{axis: light, severities: [9]}]"), "2: conditions.1.severities.1: expected a value less than or equal to 5, found 9"),
         (("name: a-suite", "name: a-suite\nconditions: [clean, clean]"), "2: duplicate condition 'clean'"),
+        (("name: a-suite", "name: a-suite\nconditions: [{axis: light, severities: [2]}]"), "2: no clean condition to compare the perturbed ones with; add clean"),
+        (("name: a-suite", "name: a-suite\nconditions: [clean, {axis: light, severities: [0, 2]}]"), "2: expected severities from 1 for 'light', as {axis: light, severities: [2, 4]}"),
+        (("name: a-suite", "name: a-suite\nconditions: [clean, {axis: blind, severities: [2]}]"), "2: 'blind' has severity 1 at most, got 2"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_clear_line(problems, change, expected):
@@ -204,7 +187,7 @@ def test_object_tags_are_refused_and_not_constructed(problems, tmp_path):
     assert not target.exists()
 
 
-def test_invalid_yaml_is_reported_with_its_line(problems):
+def test_text_that_is_not_yaml_is_refused_with_its_line(problems):
     (found,) = problems("name: a\ntasks: [a, b\n")
     assert found.startswith("3: not YAML: ")
 
@@ -223,7 +206,7 @@ def test_a_directory_is_refused(tmp_path):
         load_suite(tmp_path, NAMES)
 
 
-def test_a_missing_file_is_reported_with_the_nearest_name(tmp_path):
+def test_the_message_for_a_missing_file_has_the_nearest_name(tmp_path):
     (tmp_path / "demo.yaml").touch()
     with pytest.raises(SuiteError, match=r"no such file; did you mean .*demo\.yaml\?"):
         load_suite(tmp_path / "dmeo.yaml", NAMES)
@@ -236,7 +219,7 @@ def test_a_file_that_is_not_utf8_is_refused(tmp_path):
         load_suite(path, NAMES)
 
 
-def test_a_huge_file_is_refused_unread(tmp_path):
+def test_a_huge_file_is_refused_without_reading_it(tmp_path):
     path = tmp_path / "suite.yaml"
     path.write_bytes(b"#" * 1_000_001)
     with pytest.raises(SuiteError, match="at most 1000000 bytes"):
@@ -264,22 +247,14 @@ def test_a_suite_can_say_which_policies_the_report_compares(tmp_path):
 @pytest.mark.parametrize(
     ("right", "wrong", "problem"),
     [
-        (
-            "expert: oracle",
-            "expert: oracel",
-            "6: merging names no policy of this suite: 'oracel'; did you mean 'oracle'?",
-        ),
+        ("expert: oracle", "expert: oracel", "6: merging names no policy of this suite: 'oracel'; did you mean 'oracle'?"),
         ("merged-2]\n", "mergd]\n", "8: merging names no policy of this suite: 'mergd'; did you mean 'merged'?"),
         (": random\n  r", ": oracle\n  r", "7: merging names policy 'oracle' twice; each side is another policy"),
         ("  oracle_routed: random\n", "", "5: missing key 'oracle_routed'"),
         ("oracle_routed", "oracle_route", "7: unknown key 'oracle_route'; did you mean 'oracle_routed'?"),
-        (
-            "routed: [merged, merged-2]",
-            "routed: []",
-            "8: merging.routed: expected at least one entry, found an empty list",
-        ),
+        ("routed: [merged, merged-2]", "routed: []", "8: merging.routed: expected at least one entry, found an empty list"),
     ],
-)
+)  # fmt: skip
 def test_a_mistake_in_the_merging_block_is_named_with_its_line(problems, right, wrong, problem):
     assert MERGING.count(right) == 1
     assert problem in problems(MERGING.replace(right, wrong))

@@ -20,7 +20,7 @@ def words(sentence):
     return re.findall(r"[a-z0-9]+", sentence.lower())
 
 
-def test_another_goal_is_not_that_of_a_task():
+def test_the_other_goals_are_goals_of_no_task():
     assert not set(OTHER_GOALS.values()) & INSTRUCTIONS
     assert all(len(words(goal)) <= MOST_WORDS for goal in OTHER_GOALS.values())
 
@@ -39,7 +39,7 @@ def test_paraphrases_differ_and_are_short_enough_for_the_smallest_policy(instruc
 
 
 @pytest.mark.parametrize("instruction", PARAPHRASES)
-def test_fillers_and_irrelevant_clauses_keep_the_sentence(instruction):
+def test_fillers_and_irrelevant_clauses_do_not_change_the_sentence(instruction):
     filler, *_, behind = PARAPHRASES[instruction]
     assert filler.endswith(instruction)
     assert behind.endswith(instruction)

@@ -26,7 +26,7 @@ def declared(monkeypatch):
     return declare
 
 
-def test_a_broken_plugin_does_not_affect_the_others(declared):
+def test_a_broken_plugin_affects_no_other(declared):
     things, broken = declared(good="GOOD", missing="NOT_THERE", wrong="NO_THING", renamed="MISNAMED")
     assert things == {"good": GOOD}
     reasons = {plugin.name: plugin.reason for plugin in broken}
@@ -43,12 +43,8 @@ def test_a_broken_plugin_does_not_affect_the_others(declared):
         ("Lift", ["robosuite/Lift", "maniskill/PushCube-v1"], "; did you mean 'robosuite/Lift'?"),
         ("xyz", ["Lift", "Door"], "; known: Door, Lift"),
         ("xyz", [], "; there are none"),
-        (
-            "q",
-            [f"task{i:02}" for i in range(14)],
-            "; known: " + ", ".join(f"task{i:02}" for i in range(12)) + " and 2 more",
-        ),
+        ("q", list("abcdefghijklmn"), "; known: a, b, c, d, e, f, g, h, i, j, k, l and 2 more"),
     ],
 )
-def test_an_unknown_name_is_answered_with_the_nearest_or_the_known_names(name, known, expected):
+def test_an_unknown_name_is_answered_with_the_nearest_or_all_names(name, known, expected):
     assert did_you_mean(name, known) == expected

@@ -40,13 +40,8 @@ def test_the_horizon_is_the_tasks_own_unless_the_suite_sets_it():
 @pytest.mark.parametrize(
     "changes",
     [
-        {"workers": 3},
-        {"workers": "auto"},
-        {"name": "t"},
-        {"error_tolerance": 0.5},
-        {"tasks": ["b/One", "a/One"]},
-        {"description": "x"},
-        MERGING,
+        *({"workers": 3}, {"workers": "auto"}, {"name": "t"}, {"error_tolerance": 0.5}, {"description": "x"}),
+        *({"tasks": ["b/One", "a/One"]}, MERGING),
     ],
 )
 def test_the_hash_ignores_how_a_suite_is_run(changes):
@@ -56,19 +51,13 @@ def test_the_hash_ignores_how_a_suite_is_run(changes):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"seeds": {"count": 4}},
-        {"seeds": {"start": 1, "count": 3}},
-        {"replan_every": 4},
-        {"image_size": 64},
-        {"render_profile": "fast"},
-        {"cameras": ["wrist"]},
-        {"horizon": 10},
-        {"policies": ["oracle"]},
-        {"tasks": ["a/One", "a/Two"]},
+        *({"seeds": {"count": 4}}, {"seeds": {"start": 1, "count": 3}}, {"replan_every": 4}, {"horizon": 10}),
+        *({"image_size": 64}, {"render_profile": "fast"}, {"cameras": ["wrist"]}),
+        *({"policies": ["oracle"]}, {"tasks": ["a/One", "a/Two"]}),
         {"conditions": [{"axis": "light", "severities": [1]}]},
     ],
 )
-def test_the_hash_tells_what_is_evaluated(changes):
+def test_the_hash_depends_on_what_is_evaluated(changes):
     assert suite(**changes).content_hash(DIGESTS, NAMES) != suite().content_hash(DIGESTS, NAMES)
 
 
@@ -86,7 +75,7 @@ def test_workers_are_per_simulator_with_one_by_default():
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "suites").glob("*.yaml")), ids=lambda p: p.stem)
-def test_a_shipped_suite_is_sound(path):
+def test_a_shipped_suite_is_valid(path):
     from robogauntlet.orchestrator.runs.plan import load_registry
 
     assert load_suite(path, load_registry()).name == path.stem
@@ -106,6 +95,6 @@ def test_a_short_form_is_a_kind_with_its_one_option(text, entry):
 
 
 @pytest.mark.parametrize("text", ["oracle:", "openpi:", "nobody:there", ":x", "python :x"])
-def test_what_is_no_short_form_is_refused_as_a_name(text):
+def test_an_invalid_short_form_is_refused_as_a_name(text):
     with pytest.raises(ValueError, match="name"):
         PolicyEntry.model_validate(text)

@@ -1,4 +1,4 @@
-"""A part of a suite has the whole one's episodes."""
+"""Selections of a suite."""
 
 import pytest
 
@@ -28,11 +28,11 @@ def ids(suite):
     return {cell.episode(seed).id for cell in suite.cells(NAMES, digests) for seed in suite.seeds}
 
 
-def test_everything_is_the_suite_itself(suite):
+def test_selecting_everything_changes_nothing(suite):
     assert SuiteSelection().apply_to(suite) == suite
 
 
-def test_its_episodes_are_among_the_whole_suites(suite):
+def test_a_selection_has_episodes_of_the_whole_suite(suite):
     part = SuiteSelection(policies=("t*",), tasks=("a/Y",), seeds=2).apply_to(suite)
     assert len(ids(part)) == 2 * 1 * 2
     assert ids(part) < ids(suite)
@@ -53,6 +53,6 @@ def test_a_comparison_is_kept_only_with_all_its_policies(suite):
         (SuiteSelection(seeds=6), "expected 1 to 5 seeds, got 6"),
     ],
 )
-def test_what_the_suite_does_not_have_is_refused(suite, part, message):
+def test_a_selection_outside_the_suite_is_refused(suite, part, message):
     with pytest.raises(SelectionError, match=message):
         part.apply_to(suite)

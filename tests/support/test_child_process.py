@@ -16,7 +16,7 @@ def child(code, **options):
     return JsonChild([sys.executable, "-c", code], **options)
 
 
-def test_every_request_has_its_answer_and_prints_are_none():
+def test_every_request_has_its_answer_whatever_is_printed():
     with child(SERVE + "serve(lambda request: [print('x'), request])") as echo:
         for request in ({"a": 1}, None, "é\n", "x" * 500_000):
             assert echo.ask(request, 20.0) == [None, request]
@@ -31,13 +31,13 @@ def test_every_request_has_its_answer_and_prints_are_none():
         ("import os; os.kill(os.getpid(), 9)", "the process was killed by SIGKILL: no message"),
     ],
 )
-def test_one_that_ends_says_how(code, how):
+def test_the_error_says_how_the_process_ended(code, how):
     with child(code) as ending, pytest.raises(ChildEnded) as caught:
         ending.ask("x" * 500_000, 20.0)
     assert str(caught.value) == how
 
 
-def test_one_that_does_not_answer_is_left_for_its_owner_to_kill():
+def test_a_process_that_does_not_answer_is_left_running():
     with child("import time; time.sleep(60)") as hanging:
         with pytest.raises(ChildTimeout, match=r"did not answer within 0\.2 s"):
             hanging.ask(None, 0.2)
@@ -45,14 +45,14 @@ def test_one_that_does_not_answer_is_left_for_its_owner_to_kill():
     assert not hanging.alive
 
 
-def test_it_may_end_by_itself_before_it_is_killed(tmp_path):
+def test_a_process_may_end_by_itself_before_it_is_killed(tmp_path):
     polite = child(SERVE + f"serve(id)\nopen({str(tmp_path / 'closed')!r}, 'w')")
     polite.close(grace_s=20.0)
     polite.close()
     assert (tmp_path / "closed").exists()
 
 
-def test_its_group_ends_with_it():
+def test_the_process_group_ends_with_the_process():
     code = "import subprocess\np = subprocess.Popen(['sleep', '60'])\n" + SERVE + "serve(lambda request: p.pid)"
     with child(code, own_group=True) as parent:
         grandchild = psutil.Process(parent.ask(None, 20.0))
@@ -62,7 +62,7 @@ def test_its_group_ends_with_it():
         time.sleep(0.02)
 
 
-def test_one_that_cannot_be_started_is_an_error_of_the_system_and_leaves_no_descriptor():
+def test_a_failed_start_is_an_oserror_and_leaves_no_descriptor():
     before = psutil.Process(os.getpid()).num_fds()
     with pytest.raises(FileNotFoundError):
         JsonChild(["/nowhere/python"])

@@ -12,19 +12,19 @@ from robogauntlet.support.errors import describe, describe_os_error, describe_os
 LINES = "first\n\n  second  \n"
 
 
-class Unspeakable(Exception):
+class WithoutText(Exception):
     def __str__(self):
         raise RuntimeError
 
 
-@given(st.text().map(ValueError) | st.builds(Unspeakable) | st.text())
+@given(st.text().map(ValueError) | st.builds(WithoutText) | st.text())
 def test_a_line_is_never_empty_and_never_two(error):
     for line in (first_line(error), last_line(error)):
         assert line == line.strip()
         assert len(line.splitlines()) == 1
 
 
-@given(st.text().map(ValueError) | st.builds(Unspeakable))
+@given(st.text().map(ValueError) | st.builds(WithoutText))
 def test_a_description_is_one_line_that_begins_with_the_class(error):
     assert describe(error).startswith(f"{type(error).__name__}: ")
     assert len(describe(error).splitlines()) == 1
@@ -36,16 +36,13 @@ def test_blank_lines_do_not_count():
 
 
 def test_without_a_message_there_is_the_class_or_no_message():
-    assert (first_line(ValueError()), last_line(ValueError(" \n")), last_line("\n")) == (
-        "ValueError",
-        "ValueError",
-        "no message",
-    )
+    assert (first_line(ValueError()), last_line(ValueError(" \n"))) == ("ValueError", "ValueError")
+    assert last_line("\n") == "no message"
     assert describe(ValueError()) == "ValueError: no message"
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (OSError(errno.ENOSPC, "x"), "the disk is full; free some space and run again"),
         (OSError(errno.ENAMETOOLONG, "x"), "File name too long"),
@@ -53,8 +50,8 @@ def test_without_a_message_there_is_the_class_or_no_message():
         (ValueError("x"), "x"),
     ],
 )
-def test_an_error_of_the_system_says_what_to_do(error, said):
-    assert describe_os_error(error) == said
+def test_an_error_of_the_system_says_what_to_do(error, message):
+    assert describe_os_error(error) == message
 
 
 def test_a_path_outside_of_the_folder_is_named_instead():

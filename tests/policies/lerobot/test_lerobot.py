@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import Observation
+from robogauntlet.adapters.contract import ActionSpec, Observation, ObservationSpec
 from robogauntlet.orchestrator.environments.environment import Environment, adapter_environment
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.policies import catalog
-from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query, check_fit
 from robogauntlet.policies.lerobot.checkpoint import FILES, read_checkpoint
 from robogauntlet.policies.lerobot.lerobot_policy import ProcessLost
 from robogauntlet.suites.episode import Episode, Protocol, View, content_hash
 from tests import ROOT
+from tests.errors import one_line_error
 
 MAKING = Path(__file__).with_name("making.py")
 VIEW = View(("third_person",), 32)
-STEPS, LOOKS = 6, {"act": 3, "diffusion": 1}
+STEPS, CHUNK = 6, {"act": 3, "diffusion": 1}
 EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
 
 
@@ -36,9 +37,7 @@ def python():
         if environment is None:
             return sys.executable
         if environment.manifest is None:
-            pytest.skip(
-                f"no environment in {folder}: ROBOGAUNTLET_ENVIRONMENTS={folder} robogauntlet env create lerobot"
-            )
+            pytest.skip(f"not there: ROBOGAUNTLET_ENVIRONMENTS={folder} robogauntlet env create lerobot")
         return str(environment.python)
 
 
@@ -49,12 +48,10 @@ def made(python, tmp_path_factory):
     generator = np.random.default_rng(0)
     images = generator.integers(0, 256, (STEPS, 32, 32, 3), np.uint8)
     states = generator.normal(size=(STEPS, 8)).astype(np.float32)
-    seeds = {
-        kind: [seed_at(step) if step % looks == 0 else -1 for step in range(STEPS)] for kind, looks in LOOKS.items()
-    }
+    seeds = {kind: [-1 if step % length else seed_at(step) for step in range(STEPS)] for kind, length in CHUNK.items()}
     np.savez(folder / "asked.npz", images=images, states=states, **seeds)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    subprocess.run([python, MAKING, folder, *LOOKS], env=environment, check=True, capture_output=True)
+    subprocess.run([python, MAKING, folder, *CHUNK], env=environment, check=True, capture_output=True)
     return folder
 
 
@@ -72,12 +69,8 @@ def bare(tmp_path):
 
     def write(**changed):
         features = {"observation.images.front": {"shape": [3, 32, 32]}, "observation.state": {"shape": [8]}}
-        config = {
-            "type": "act",
-            "n_action_steps": 3,
-            "input_features": features,
-            "output_features": {"action": {"shape": [7]}},
-        }
+        config = {"type": "act", "n_action_steps": 3, "input_features": features}
+        config["output_features"] = {"action": {"shape": [7]}}
         for name in FILES:
             (tmp_path / name).write_text(json.dumps({**config, **changed}) if name == FILES[0] else "{}")
         return tmp_path
@@ -93,7 +86,7 @@ def answers(policy, made, kind):
     asked, other = np.load(made / "asked.npz"), Episode("p", "d", "null/Reach", 4, EPISODE.protocol)
     policy.reset([EPISODE, other])
     rows = []
-    for step in range(0, STEPS, LOOKS[kind]):
+    for step in range(0, STEPS, CHUNK[kind]):
         seen = Observation({"third_person": asked["images"][step]}, asked["states"][step].astype(np.float64), "reach")
         rows.append(policy.act([Query(EPISODE, step, seen)])[0].actions)
         policy.act([Query(other, step, seen)])  # another episode in between changes nothing
@@ -103,14 +96,14 @@ def answers(policy, made, kind):
 
 @pytest.mark.slow
 def test_actions_of_act_are_bit_identical_to_lerobots(played, made):
-    assert played.spec.chunk_length == LOOKS["act"]
+    assert played.spec.chunk_length == CHUNK["act"]
     np.testing.assert_array_equal(answers(played, made, "act"), np.load(made / "act.npy").astype(np.float64))
 
 
 @pytest.mark.slow
 def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identical_to_lerobots(python, made):
     policy = catalog.load("lerobot", {"checkpoint": str(made / "diffusion"), "python": python})
-    assert policy.spec.chunk_length == LOOKS["diffusion"]
+    assert policy.spec.chunk_length == CHUNK["diffusion"]
     found = answers(policy, made, "diffusion")
     policy.close()
     np.testing.assert_array_equal(found, np.load(made / "diffusion.npy").astype(np.float64))
@@ -187,25 +180,22 @@ TWO = {"observation.images.a": {"shape": [3, 32, 32]}, "observation.images.b": {
     ],
 )
 def test_a_mismatch_is_one_line_before_anything_starts(bare, changed, options, message):
-    with pytest.raises(PolicyError, match=message) as caught:
+    with one_line_error(PolicyError, message):
         catalog.spec("lerobot", {"checkpoint": str(bare(**changed)), **options})
-    assert "\n" not in str(caught.value)
 
 
 def test_the_message_for_another_version_names_the_missing_file(bare):
     folder = bare()
     (folder / "policy_preprocessor.json").unlink()
-    with pytest.raises(
-        PolicyError, match=r"a checkpoint of LeRobot 0\.4 or newer .* it lacks policy_preprocessor.json"
-    ):
+    message = r"a checkpoint of LeRobot 0\.4 or newer .* it lacks policy_preprocessor.json"
+    with pytest.raises(PolicyError, match=message):
         catalog.digest("lerobot", {"checkpoint": str(folder)})
 
 
 def test_a_checkpoint_that_is_neither_folder_nor_on_the_hub_is_one_line(monkeypatch):
     monkeypatch.setattr("huggingface_hub.constants.HF_HUB_OFFLINE", True)
-    with pytest.raises(
-        PolicyError, match=r"^policy 'lerobot': no folder no-user/no-model, .* does not provide it: .+$"
-    ):
+    message = r"^policy 'lerobot': no folder no-user/no-model, .* does not provide it: .+$"
+    with pytest.raises(PolicyError, match=message):
         catalog.digest("lerobot", {"checkpoint": "no-user/no-model"})
     with pytest.raises(PolicyError, match=r"expected a folder or an id on the hub, got './nothing'"):
         catalog.digest("lerobot", {"checkpoint": "./nothing"})
@@ -217,9 +207,6 @@ def test_without_lerobot_the_message_says_how_to_install_it(bare):
 
 
 def test_images_of_another_size_do_not_fit(bare):
-    from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
-    from robogauntlet.policies.contract import check_fit
-
     spec = catalog.spec("lerobot", {"checkpoint": str(bare())})
     with pytest.raises(PolicyMismatch, match="made for 32 px images, the suite renders 96 px"):
         check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(("third_person",), 96))

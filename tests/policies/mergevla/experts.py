@@ -1,7 +1,5 @@
 """Tiny experts of one base, with the weights that fine-tuning changes."""
 
-from pathlib import Path
-
 import torch
 
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
@@ -18,28 +16,15 @@ INSTRUCTIONS = {"null/Reach": "reach", "null/Slow": "wait", "null/Raise": "look"
 RANK = 2
 
 
-def save_base(folder: Path, seed=0, architecture=SMALL) -> Path:
-    save_checkpoint(
-        folder, build(architecture, seed), CheckpointMetadata(architecture, task_statistics(task="null/All"))
-    )
+def save_base(folder, seed=0, architecture=SMALL):
+    metadata = CheckpointMetadata(architecture, task_statistics(task="null/All"))
+    save_checkpoint(folder, build(architecture, seed), metadata)
     return folder
 
 
-def save_expert(
-    folder: Path,
-    base: Path,
-    task: str,
-    seed: int,
-    *,
-    size=0.05,
-    rank=RANK,
-    convolutions=False,
-    tune_all=False,
-    action_steps=None,
-) -> Path:
+def save_expert(folder, base, task, seed, *, rank=RANK, convolutions=False, tune_all=False, action_steps=None):
     """An expert whose every trainable weight was moved at random."""
     model = load_checkpoint(base).model
-    architecture = model.architecture
     lora = LoraSettings(rank, convolutions)
     add_lora(model, lora, seed)
     generator = torch.Generator().manual_seed(seed)
@@ -47,12 +32,12 @@ def save_expert(
         for parameter in model.parameters():
             if parameter.requires_grad or tune_all:
                 parameter += 0.05 * torch.randn(parameter.shape, generator=generator)
-    metadata = CheckpointMetadata(architecture, task_statistics(seed, task), action_steps=action_steps, lora=lora)
+    metadata = CheckpointMetadata(model.architecture, task_statistics(seed, task), action_steps=action_steps, lora=lora)
     save_checkpoint(folder, model, metadata, base=base)
     return folder
 
 
-def save_experts(folder: Path, tasks=TASKS, architecture=SMALL) -> list[Path]:
+def save_experts(folder, tasks=TASKS, architecture=SMALL):
     """A base in `folder/base`, and an expert for each task in `folder/experts`."""
     base = save_base(folder / "base", architecture=architecture)
     return [

@@ -31,10 +31,8 @@ def same(sent, received):
     if isinstance(sent, list):
         return len(sent) == len(received) and all(map(same, sent, received))
     if isinstance(sent, np.ndarray):
-        return (sent.dtype.str, sent.shape) == (
-            received.dtype.str,
-            received.shape,
-        ) and sent.tobytes() == received.tobytes()
+        ours, theirs = ((one.dtype.str, one.shape, one.tobytes()) for one in (sent, received))
+        return ours == theirs
     return type(sent) is type(received) and sent == received
 
 

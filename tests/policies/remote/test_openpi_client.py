@@ -74,7 +74,5 @@ def test_frames_and_images_are_byte_identical_to_openpis(query):
     message = {**shown(query.observation), "one": np.float32(2), "plain": [1, 2.5, None, True]}
     assert pack(message) == packing.packb(message)
     for size in ((20, 40), (41, 20), (224, 300), (33, 97)):
-        ours = resize_image(
-            read_options({"address": "a:1", "image_size": list(size)}), query.observation.images["wrist"]
-        )
-        np.testing.assert_array_equal(ours, images.resize_with_pad(query.observation.images["wrist"], *size))
+        image, options = query.observation.images["wrist"], read_options({"address": "a:1", "image_size": list(size)})
+        np.testing.assert_array_equal(resize_image(options, image), images.resize_with_pad(image, *size))

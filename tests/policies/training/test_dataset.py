@@ -12,6 +12,7 @@ import pytest
 from robogauntlet.policies.training.dataset import Demonstrations, find_datasets, pooled_hash
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
 from robogauntlet.policies.training.lerobot_format import DatasetError, image_key
+from tests.errors import one_line_error
 from tests.policies.training.synthetic import recording, write
 
 LENGTHS = (6, 12, 3)
@@ -28,6 +29,11 @@ def recordings():
 def dataset(tmp_path, recordings):
     write(tmp_path / "set", recordings)
     return Demonstrations(tmp_path / "set")
+
+
+def replace_column(file, column, values):
+    table = pq.read_table(file)
+    pq.write_table(table.set_column(table.column_names.index(column), column, values), file)
 
 
 def test_recorded_episodes_are_read_back(dataset, recordings):
@@ -59,7 +65,7 @@ def test_reading_a_batch_does_not_change_the_data(dataset):
 
 
 def test_a_sample_depends_on_its_seed_and_step_alone(dataset):
-    def drawn(seed: int, step: int) -> bytes:
+    def drawn(seed, step):
         return DatasetMixture([dataset]).sample(5, seed=seed, step=step, chunk_length=8).actions.tobytes()
 
     assert drawn(1, 7) == drawn(1, 7)
@@ -120,9 +126,8 @@ def test_a_folder_that_is_no_dataset_is_refused_in_one_line(dataset, tmp_path):
     sound, whole = json.loads(info.read_text()), data.read_bytes()
 
     def refused(pattern):
-        with pytest.raises(DatasetError, match=pattern) as caught:
+        with one_line_error(DatasetError, pattern):
             Demonstrations(tmp_path / "set")
-        assert "\n" not in str(caught.value)
 
     info.write_text(json.dumps({**sound, "codebase_version": "v2.1"}))
     refused("expected codebase_version v3.0, got v2.1")
@@ -169,23 +174,19 @@ def test_a_dataset_without_episodes_is_refused(tmp_path):
 def test_unsuitable_columns_are_refused_in_one_line(column, values, message, tmp_path):
     write(tmp_path, [recording()])
     data = tmp_path / "data/chunk-000/file-000.parquet"
-    table = pq.read_table(data)
-    pq.write_table(table.set_column(table.column_names.index(column), column, values), data)
-    with pytest.raises(DatasetError, match=f"{tmp_path}.*{message}") as caught:
+    replace_column(data, column, values)
+    with one_line_error(DatasetError, f"{tmp_path}.*{message}"):
         Demonstrations(tmp_path).preload()
-    assert "\n" not in str(caught.value)
 
 
 def test_data_files_of_other_columns_than_the_first_are_refused(dataset, tmp_path):
     data = tmp_path / "set/data/chunk-000/file-001.parquet"
-    table = pq.read_table(data)
-    values = pa.array(["no"] * len(table))
-    pq.write_table(table.set_column(table.column_names.index("next.success"), "next.success", values), data)
+    replace_column(data, "next.success", pa.array(["no"] * LENGTHS[2]))
     with pytest.raises(DatasetError, match=r"file-001\.parquet: expected next.success as in file-000\.parquet"):
         Demonstrations(tmp_path / "set")
 
 
-def test_an_unreadable_record_of_the_collection_is_an_error(tmp_path):
+def test_a_broken_record_of_the_collection_is_an_error(tmp_path):
     write(tmp_path, [recording()])
     assert Demonstrations(tmp_path).task == "null/Reach"
     (tmp_path / "meta/robogauntlet.json").write_text("{")

@@ -24,9 +24,8 @@ def test_the_files_are_those_of_lerobot_v3(tmp_path, recordings):
     assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (5, 40, 1)
     assert info["splits"] == {"train": "0:5"}
     assert info["features"]["observation.images.wrist"]["shape"] == [16, 16, 3]
-    assert [path.name for path in sorted((tmp_path / "data/chunk-000").iterdir())] == [
-        f"file-00{number}.parquet" for number in range(3)
-    ]
+    names = {path.name for path in (tmp_path / "data/chunk-000").iterdir()}
+    assert names == {f"file-00{number}.parquet" for number in range(3)}
     tasks = pd.read_parquet(tmp_path / "meta/tasks.parquet")
     assert tasks.loc["reach the goal", "task_index"] == 0
     episodes = pd.read_parquet(tmp_path / "meta/episodes/chunk-000/file-000.parquet")
@@ -52,10 +51,8 @@ def test_a_continued_dataset_equals_one_written_at_once(tmp_path, recordings):
     assert stats[0] == stats[1]
 
 
-@pytest.mark.parametrize(("size", "seconds"), [(0, 0.0), (2**40, 11.0)])
-def test_added_episodes_are_committed_together_when_they_are_large_or_old(
-    tmp_path, recordings, monkeypatch, size, seconds
-):
+@pytest.mark.parametrize(("size", "age_s"), [(0, 0.0), (2**40, 11.0)])
+def test_added_episodes_are_committed_together_when_large_or_old(tmp_path, recordings, monkeypatch, size, age_s):
     monkeypatch.setattr("robogauntlet.policies.training.dataset_writer.FLUSH_BYTES", size)
     clock = [0.0]
     writer = DatasetWriter(tmp_path, SOURCE, now=lambda: clock[0])
@@ -64,7 +61,7 @@ def test_added_episodes_are_committed_together_when_they_are_large_or_old(
     assert writer.attempts == []
     for each in recordings[:2]:
         writer.add(won(each), encode_episode(each))
-    clock[0] = seconds
+    clock[0] = age_s
     writer.flush_if_due()
     assert [attempt.seed for attempt in writer.attempts] == [7, 0, 1]
     assert (writer.episodes, Demonstrations(tmp_path).episodes) == (2, 2)

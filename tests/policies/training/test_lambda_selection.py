@@ -28,7 +28,7 @@ def test_each_task_gets_the_lambda_with_which_its_held_out_loss_is_least(made):
         assert losses[recipe.lambda_[task]] == min(losses.values())
 
 
-def test_the_table_holds_the_losses_of_the_merged_model(made):
+def test_the_table_has_the_losses_of_the_merged_model(made):
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 
     experts, pool, folders = made

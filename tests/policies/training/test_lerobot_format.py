@@ -71,9 +71,8 @@ def test_the_columns_are_those_that_lerobot_expects():
     table = episode_table(episode, episode_index=4, first_index=100, task_index=2)
     assert table.schema.field("action").type == pa.list_(pa.float32(), 7)
     assert table.schema.field("observation.state").type == pa.list_(pa.float32(), 8)
-    assert table.schema.field("observation.images.wrist").type == pa.struct(
-        [("bytes", pa.binary()), ("path", pa.string())]
-    )
+    image = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    assert table.schema.field("observation.images.wrist").type == image
     assert table["index"].to_pylist() == list(range(100, 112))
     assert table["frame_index"].to_pylist() == list(range(12))
     assert set(table["episode_index"].to_pylist()) == {4}

@@ -1,4 +1,4 @@
-"""Two runs of a suite against each other: what is called worse, and what may not be compared."""
+"""Comparison of two runs: what counts as worse, and what may not be compared."""
 
 import json
 from dataclasses import replace
@@ -21,7 +21,7 @@ TASKS = ("maniskill/A", "pybullet/B", "robosuite/C")
 
 
 def run(name, success, /, *, of=None, digest=None, drop=(), errors=(), moved=False, **changes):
-    """A run in which `success(cell, seed)` says what came of an episode."""
+    """A run whose episode succeeds if `success(cell, seed)`."""
     own = cells(("p",), TASKS) if of is None else of
     rows = []
     for cell in own:
@@ -45,7 +45,7 @@ def worse_in_b(cell, seed):
     return always(cell, seed) and not (cell.task == "pybullet/B" and seed % 4 == 1)
 
 
-def test_a_run_without_a_change_is_no_evidence_of_any():
+def test_equal_runs_give_no_evidence_of_a_change():
     found = compare_runs(run("new", always), run("old", always))
     assert found.verdict is Verdict.NO_EVIDENCE
     assert found.pairs == 180
@@ -67,7 +67,7 @@ def test_a_task_that_became_worse_is_named_and_the_others_are_not():
     assert not one.no_worse
 
 
-def test_the_other_way_round_it_is_an_improvement():
+def test_the_reverse_is_an_improvement():
     assert compare_runs(run("new", always), run("old", worse_in_b)).verdict is Verdict.IMPROVED
 
 
@@ -78,7 +78,7 @@ def test_what_became_worse_outweighs_what_became_better():
     assert compare_runs(run("new", better_in_c), run("old", always)).verdict is Verdict.REGRESSED
 
 
-def test_the_order_of_rows_does_not_count():
+def test_the_order_of_rows_changes_nothing():
     new, old = run("new", worse_in_b), run("old", always)
     order = np.random.default_rng(0).permutation(len(new.rows))
     mixed = Run("new", new.document, new.rows.iloc[order])
@@ -89,7 +89,7 @@ def test_the_order_of_rows_does_not_count():
     assert lines(compare_runs(mixed, old)) == lines(compare_runs(new, old))
 
 
-def test_errors_and_what_only_one_has_are_in_no_pair_and_are_counted():
+def test_errors_and_unpaired_episodes_are_in_no_pair_and_are_counted():
     new = run("new", always, errors={("maniskill/A", 3)}, drop={("pybullet/B", 0), ("pybullet/B", 1)})
     found = compare_runs(new, run("old", always))
     assert found.pairs == 177
@@ -97,7 +97,7 @@ def test_errors_and_what_only_one_has_are_in_no_pair_and_are_counted():
     assert found.unpaired == {"p": (0, 3)}
 
 
-def test_runs_without_a_shared_episode_are_not_comparable():
+def test_without_a_shared_episode_runs_are_not_comparable():
     found = compare_runs(run("new", always, of=cells(("p",), TASKS[:1])), run("old", always, of=cells(("q",), TASKS)))
     assert found.verdict is Verdict.NOT_COMPARABLE
     assert as_text(found).splitlines()[-1] == "- expected episodes that new shares with old, got none"
@@ -139,7 +139,7 @@ def test_packages_that_are_no_simulators_may_differ():
 
 
 def simulated(generator, worse, better, pairs, tasks=1):
-    """Counts of a night: per pair, chances that only the baseline and only the run succeeds."""
+    """Counts of pairs, from the probabilities that only the baseline and only the run succeeds."""
     for _ in range(tasks):
         lost, won, rest = generator.multinomial(pairs, [worse, better, 1 - worse - better])
         yield Pairs(rest, int(won), int(lost), 0)
@@ -151,31 +151,22 @@ def family(strata):
 
 
 @pytest.mark.parametrize(("pairs", "tasks", "disagree"), [(100, 9, 0.2), (155, 1, 0.2)])
-def test_of_a_thousand_nights_without_a_change_at_most_one_in_twenty_raises_an_alarm(pairs, tasks, disagree):
+def test_without_a_change_at_most_one_run_in_twenty_raises_an_alarm(pairs, tasks, disagree):
     generator = np.random.default_rng(0)
-    alarms = sum(
-        min(
-            p for p, _ in family_p_values(family(simulated(generator, disagree / 2, disagree / 2, pairs, tasks)), ALPHA)
-        )
-        <= ALPHA
-        for _ in range(1000)
-    )
-    assert alarms <= 50
+    chance = disagree / 2
+    nights = (family(simulated(generator, chance, chance, pairs, tasks)) for _ in range(1000))
+    assert sum(min(worse for worse, _ in family_p_values(night, ALPHA)) <= ALPHA for night in nights) <= 50
 
 
-def test_a_drop_of_ten_points_with_155_pairs_of_which_a_fifth_disagree_is_caught_in_four_of_five_nights():
+def test_a_drop_of_ten_points_in_155_pairs_is_found_in_four_of_five_runs():
     generator = np.random.default_rng(0)
-    caught = sum(
-        family_p_values(list(simulated(generator, 0.15, 0.05, 155)), ALPHA)[0][0] <= ALPHA for _ in range(1000)
-    )
-    assert caught >= 800
+    nights = (list(simulated(generator, 0.15, 0.05, 155)) for _ in range(1000))
+    assert sum(family_p_values(night, ALPHA)[0][0] <= ALPHA for night in nights) >= 800
 
 
 @given(st.lists(st.builds(Pairs, *[st.integers(0, 30)] * 4), min_size=1, max_size=12))
 def test_nothing_is_both_worse_and_better(strata):
-    assert all(
-        min(worse, better) > ALPHA or max(worse, better) > ALPHA for worse, better in family_p_values(strata, ALPHA)
-    )
+    assert all(max(both) > ALPHA for both in family_p_values(strata, ALPHA))
 
 
 @pytest.fixture
@@ -190,18 +181,18 @@ def test_the_text_has_task_difference_and_p_value(regressed):
     assert lines[2].startswith("- p, all tasks: ")
 
 
-def test_an_unchanged_policy_with_different_actions_is_reported():
+def test_a_policy_that_did_not_change_but_acts_differently_is_reported():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    reason = "not changed, but 1 of 180 episodes have different actions"
-    assert f"{reason}: the program or a library changed" in as_text(compare_runs(new, old))
+    line = "not changed, and yet 1 of 180 episodes have other actions"
+    assert f"{line}: the program or a library acts differently" in as_text(compare_runs(new, old))
     now, before = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
         for one, processor in ((new, "a 586"), (old, "a 486"))
     )
-    why = "the processor (a 486 before, a 586 now) or the program changed"
-    assert f"{reason}: {why}" in as_text(compare_runs(now, before))
-    assert f"{reason}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
+    why = "another processor rounds differently (a 486 before, a 586 now), or the program does"
+    assert f"{line}: {why}" in as_text(compare_runs(now, before))
+    assert f"{line}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
 
 
 def test_markdown_keeps_names_harmless_and_has_a_table_per_policy(regressed):
@@ -223,6 +214,6 @@ def test_junit_fails_the_cases_that_became_worse(regressed):
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_states_that_runs_are_not_comparable(name):
+def test_every_format_says_that_runs_are_not_comparable(name):
     found = compare_runs(run("new", always, name="other"), run("old", always))
     assert "suite" in FORMATS[name](found)

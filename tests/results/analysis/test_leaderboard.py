@@ -24,7 +24,7 @@ def test_two_share_a_letter_if_and_only_if_they_are_not_known_to_differ(drawn):
 
 
 @given(known_differences())
-def test_no_letter_is_superfluous(drawn):
+def test_no_letter_is_redundant(drawn):
     count, differ = drawn
     letters = compact_letters(range(count), differ)
     names = sorted({letter for own in letters.values() for letter in own})
@@ -35,19 +35,12 @@ def test_no_letter_is_superfluous(drawn):
 
 def played(policy, outcomes, tasks=("null/Reach",), **changes):
     rows = [
-        {
-            "pair_id": f"{task}-{seed}",
-            "policy": policy,
-            "policy_digest": policy,
-            "task": task,
-            "severity": 0,
-            "status": outcome,
-            **changes,
-        }
+        {"pair_id": f"{task}-{seed}", "task": task, "status": outcome, "severity": 0, **changes}
         for task in tasks
         for seed, outcome in enumerate(outcomes)
     ]
-    return PolicyEpisodes(policy, policy, "run", 0.0, pd.DataFrame(rows, columns=list(COLUMNS)))
+    frame = pd.DataFrame(rows, columns=list(COLUMNS)).assign(policy=policy, policy_digest=policy)
+    return PolicyEpisodes(policy, policy, "run", 0.0, frame)
 
 
 def test_policies_that_differ_clearly_get_other_letters_and_like_ones_the_same():
@@ -65,11 +58,11 @@ def test_errors_and_perturbed_episodes_are_in_no_rate():
     assert (found.successes, found.verdicts) == (2, 3)
 
 
-def test_policies_without_a_common_episode_share_a_letter():
+def test_policies_without_an_episode_in_common_are_not_separated():
     found = leaderboard([played("a", ["success"] * 50, ("null/A",)), played("b", ["failure"] * 50, ("null/B",))])
     assert [one.letters for one in found] == ["a", "a"]
 
 
-def test_without_policies_the_leaderboard_is_empty():
+def test_without_rates_the_leaderboard_is_empty():
     assert leaderboard([]) == []
     assert leaderboard([played("none", ["error"] * 3)]) == []

@@ -1,18 +1,17 @@
-"""Success lost against a baseline policy under perturbations, and whether the router failed first."""
+"""What a policy loses against another under perturbations, and whether its router failed first."""
 
 import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from robogauntlet.results.analysis.policy_shift import first_to_fail, interaction
-from robogauntlet.results.analysis.robustness import COLUMNS, Repeats, build_robustness
-from robogauntlet.results.report import findings as report_findings
+from robogauntlet.results.analysis.robustness import Repeats
 from robogauntlet.results.report import policy_shift as words
+from robogauntlet.results.report.findings import findings
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import CompareEntry
-from tests.results.synthetic import cells, document, row
+from tests.results.synthetic import cells, document, robustness_of, row, rows_where
 
 AXES = ("noise", "blur")
 CONDITIONS = (Condition(), *(Condition(axis, severity) for axis in AXES for severity in (2, 4)))
@@ -39,8 +38,8 @@ def rows(seed=0, wrong=0.0, plan=PLAN):
 
 
 def built(results=None, plan=PLAN, **changes):
-    frame = pd.DataFrame([dataclasses.asdict(result) for result in (rows() if results is None else results)])
-    return build_robustness(document(SEEDS, of=plan, **{"compare": COMPARE, **changes}), frame[list(COLUMNS)])
+    run = document(SEEDS, of=plan, **{"compare": COMPARE, **changes})
+    return robustness_of(run, rows() if results is None else results)
 
 
 def test_without_a_comparison_in_the_suite_none_is_made():
@@ -60,7 +59,7 @@ def test_the_loss_at_every_level_is_paired_and_tested():
     assert noise.p <= noise.adjusted < 0.001
 
 
-def test_losing_more_than_in_the_clean_world_is_shown_where_it_is_so():
+def test_losing_more_than_under_the_clean_condition_is_shown_where_it_is_so():
     found = {row.axis: row for row in built().policy_shift.interactions}
     assert found["noise"].is_shown
     assert found["noise"].extra.value == pytest.approx(0.5, abs=0.15)
@@ -80,20 +79,13 @@ def test_the_interval_of_the_extra_loss_covers_the_true_loss_with_its_confidence
 
 
 def test_equal_rows_give_equal_intervals():
-    assert built().policy_shift == built().policy_shift
+    assert built() == built()
 
 
 def test_errors_leave_their_pairs_out():
-    results = [
-        row(
-            next(c for c in PLAN if c.policy == r.policy and c.task == r.task and c.condition == Condition()),
-            0,
-            "error",
-        )
-        if (r.policy, r.seed, r.axis) == ("expert", 0, "clean")
-        else r
-        for r in rows()
-    ]
+    clean = [cell for cell in PLAN if cell.policy == "expert" and cell.condition == Condition()]
+    errors = {error.episode_id: error for error in (row(cell, 0, "error") for cell in clean)}
+    results = [errors.get(result.episode_id, result) for result in rows()]
     assert next(t for t in built(results).policy_shift.losses if not t.severity).pairs == 2 * SEEDS - 2
 
 
@@ -101,7 +93,7 @@ def routers(results):
     return [r for r in built(results).policy_shift.routers if r.axis == "noise"]
 
 
-def test_the_router_fails_first_if_the_loss_is_on_misrouted_episodes():
+def test_the_router_failed_first_if_the_loss_is_on_misrouted_episodes():
     by_policy, by_router = routers(rows()), routers([*rows(1, wrong=0.9)])
     assert [r.severity for r in by_policy] == [0, 2, 4]
     assert by_policy[2].right.rate == 1.0
@@ -110,14 +102,14 @@ def test_the_router_fails_first_if_the_loss_is_on_misrouted_episodes():
     assert first_to_fail(by_router) == "router"
 
 
-def test_where_nothing_is_shown_to_be_lost_nothing_gave_way():
+def test_without_a_loss_that_is_shown_neither_failed_first():
     assert first_to_fail([r for r in built().policy_shift.routers if r.axis == "blur"]) is None
     assert first_to_fail(routers(rows())[:1]) is None
 
 
-def test_episodes_played_again_are_compared_to_the_bit():
+def test_repeated_episodes_are_compared_to_the_bit():
     plan = cells(("expert",), TASKS, (Condition(), Condition("again", 1)))
-    results = [row(cell, seed, "success") for cell in plan for seed in range(5)]
+    results = rows_where(lambda cell, seed: True, plan, 5)
     assert built(results, plan, compare=None).repeats == (Repeats("maniskill", 5, 5), Repeats("pybullet", 5, 5))
     results[-1] = dataclasses.replace(results[-1], final_state_hash="other")
     found = built(results, plan, compare=None)
@@ -126,12 +118,12 @@ def test_episodes_played_again_are_compared_to_the_bit():
     assert found.controls == ()
 
 
-def test_without_repeated_episodes_the_report_states_that_determinism_was_not_tested():
+def test_without_repeated_episodes_the_report_says_that_chance_was_not_tested():
     assert "was not tested" in words.repeats_sentence(built())
 
 
 def test_findings_say_what_was_shown_and_no_more():
-    found = report_findings.findings(built())
+    found = findings(built())
     assert any(s.startswith("merged: success falls with severity along noise (") for s in found)
     assert any(s.startswith("merged: a fall was not shown along blur; this does not show") for s in found)
     assert any("a fall was not shown along noise and blur" in s for s in found if s.startswith("expert"))
@@ -144,12 +136,8 @@ def test_findings_name_the_three_lowest_of_many_axes():
     conditions = (Condition(), *(Condition(axis, 4) for axis in axes))
     plan = cells(("expert",), TASKS, conditions)
     left = dict(zip(axes, (30, 5, 25, 10, 15), strict=True))
-    results = [
-        row(cell, seed, "success" if seed < left.get(cell.condition.axis, SEEDS) else "failure")
-        for cell in plan
-        for seed in range(SEEDS)
-    ]
-    (fall,) = [s for s in report_findings.findings(built(results, plan, compare=None)) if "falls" in s]
+    results = rows_where(lambda cell, seed: seed < left.get(cell.condition.axis, SEEDS), plan, SEEDS)
+    (fall,) = [s for s in findings(built(results, plan, compare=None)) if "falls" in s]
     assert "success falls with severity along 5 of 5 axes, to the lowest rates along blur (100 % to 10 %" in fall
     assert "illuminance (" in fall
     assert "table (" in fall
@@ -158,9 +146,8 @@ def test_findings_name_the_three_lowest_of_many_axes():
 
 def test_findings_do_not_claim_a_difference_that_chance_explains():
     plan = cells(("expert", "merged"), TASKS, CONDITIONS)
-    same = [row(cell, seed, "success" if seed % 2 else "failure") for cell in plan for seed in range(SEEDS)]
-    found = report_findings.findings(built(same))
-    assert not any("falls" in s or "loses" in s or "gave way" in s for s in found)
+    found = findings(built(rows_where(lambda cell, seed: seed % 2, plan, SEEDS)))
+    assert not any("falls" in s or "loses" in s or "failed first" in s for s in found)
     assert any(s.startswith("merged: no axis was shown to change its loss against expert") for s in found)
 
 
@@ -168,8 +155,8 @@ def test_false_findings_of_falls_are_rare_where_nothing_falls():
     """Equal rates at all levels: a fall along any of two axes of two policies is found in 1 of 10 runs at most."""
     generator, false = np.random.default_rng(7), 0
     for _ in range(20):
-        level = [row(cell, n, "success" if generator.random() < 0.6 else "failure") for cell in PLAN for n in range(20)]
-        false += any("success falls" in s for s in report_findings.findings(built(level)))
+        level = rows_where(lambda cell, seed: generator.random() < 0.6, PLAN, 20)
+        false += any("success falls" in s for s in findings(built(level)))
     assert false <= 5
 
 
@@ -186,57 +173,40 @@ def test_the_heat_map_has_the_clean_condition_once_and_a_column_per_simulator():
     assert table.rows[2][1].endswith("], 50")
 
 
-def test_heat_maps_stand_beside_each_other_and_those_of_floors_apart():
+def test_heat_maps_of_no_skill_baselines_are_in_a_group_of_their_own():
     found = built(no_skill_baselines=("merged",))
-    ((skilled,), (floor,)) = (words.heat_map_groups(found, no_skill_baselines=one)[0] for one in (False, True))
-    assert (skilled.policy, floor.policy) == ("expert", "merged")
+    ((skilled,), (baseline,)) = (words.heat_map_groups(found, no_skill_baselines=one)[0] for one in (False, True))
+    assert (skilled.policy, baseline.policy) == ("expert", "merged")
     ((expert, merged),) = words.heat_map_groups(built(), no_skill_baselines=False)
     assert (expert.policy, merged.policy) == ("expert", "merged")
     assert words.heat_map_groups(built(), no_skill_baselines=True) == ()
 
 
-def test_no_skill_success_is_subtracted_before_shares_are_computed():
-    """Rates .9, .5 with a floor of .1: (.5 - .1) / (.9 - .1) is kept at level 4, not .5 / .9."""
+def test_the_rate_of_a_no_skill_baseline_is_subtracted_before_shares_are_computed():
+    """Rates .9, .5 and .1 of the baseline: (.5 - .1) / (.9 - .1) is kept at level 4, not .5 / .9."""
     plan = cells(("expert", "replay"), TASKS, (Condition(), Condition("noise", 4)))
     left = {("expert", 0): 45, ("expert", 4): 25, ("replay", 0): 5, ("replay", 4): 5}
-    results = [
-        row(cell, seed, "success" if seed < left[cell.policy, cell.condition.severity] else "failure")
-        for cell in plan
-        for seed in range(SEEDS)
-    ]
-    kept = {
-        floors: {
-            c.policy: c.curve
-            for c in built(results, plan, compare=None, no_skill_baselines=floors).curves
-            if not c.simulator
-        }
-        for floors in ((), ("replay",))
-    }
-    assert kept[()]["expert"].retention[1].value == pytest.approx(25 / 45)
-    assert kept["replay",]["expert"].retention[1].value == pytest.approx((0.5 - 0.1) / (0.9 - 0.1))
-    assert kept["replay",]["replay"] == kept[()]["replay"]
-    assert words.no_skill_sentence(built(results, plan, compare=None)) is None
-    assert "Success of replay at the same level" in words.no_skill_sentence(
-        built(results, plan, compare=None, no_skill_baselines=("replay",))
+    results = rows_where(lambda cell, seed: seed < left[cell.policy, cell.condition.severity], plan, SEEDS)
+    without, with_baseline = (
+        built(results, plan, compare=None, no_skill_baselines=names) for names in ((), ("replay",))
     )
+    whole, above = ({c.policy: c.curve for c in found.curves if not c.simulator} for found in (without, with_baseline))
+    assert whole["expert"].retention[1].value == pytest.approx(25 / 45)
+    assert above["expert"].retention[1].value == pytest.approx((0.5 - 0.1) / (0.9 - 0.1))
+    assert above["replay"] == whole["replay"]
+    assert words.no_skill_sentence(without) is None
+    assert "Success of replay at the same level" in words.no_skill_sentence(with_baseline)
 
 
 def capped_everywhere():
-    """The oracle fails at noise@4 in every task, so that level says nothing; noise@2 does."""
+    """The oracle fails at noise@4 in every task, so that this level is left out."""
     plan = cells(("oracle", "expert", "merged"), TASKS, CONDITIONS)
-    left = {
-        ("expert", "clean", 0): 48,
-        ("expert", "noise", 2): 45,
-        ("merged", "clean", 0): 40,
-        ("merged", "noise", 2): 10,
-    }
-    results = []
-    for cell in plan:
-        place = (cell.policy, cell.condition.axis, cell.condition.severity)
-        wins = SEEDS if cell.policy == "oracle" else left.get(place, 40)
-        wins = 0 if place == ("oracle", "noise", 4) else wins
-        results += [row(cell, seed, "success" if seed < wins else "failure") for seed in range(SEEDS)]
-    return built(results, plan, oracle_gate="oracle")
+    wins = {("expert", "clean"): 48, ("expert", "noise@2"): 45, ("merged", "noise@2"): 10, ("oracle", "noise@4"): 0}
+
+    def is_success(cell, seed):
+        return seed < wins.get((cell.policy, str(cell.condition)), SEEDS if cell.policy == "oracle" else 40)
+
+    return built(rows_where(is_success, plan, SEEDS), plan, oracle_gate="oracle")
 
 
 @pytest.mark.filterwarnings("error")
@@ -246,7 +216,7 @@ def test_a_level_that_is_left_out_in_every_task_is_in_no_loss_and_in_no_finding(
     assert noise.extra.value == pytest.approx((45 - 10 - (48 - 40)) / SEEDS)
     assert noise.extra.interval is not None
     assert ("noise", 4) not in {(t.axis, t.severity) for t in found.policy_shift.losses}
-    sentences = report_findings.findings(found)
+    sentences = findings(found)
     assert not any("nan" in sentence for sentence in sentences)
     assert any("noise (80 % to 20 % at 28 dB PSNR)" in s for s in sentences if s.startswith("merged"))
     merged = next(m for m in words.heat_maps(found) if m.policy == "merged")

@@ -1,14 +1,13 @@
-"""How success falls with severity, and what was delivered, from rows."""
+"""Success by severity, and delivered values, from rows."""
 
 import dataclasses
 import math
 
-import pandas as pd
 import pytest
 
-from robogauntlet.results.analysis.robustness import COLUMNS, StartStates, build_robustness, is_perturbed
+from robogauntlet.results.analysis.robustness import StartStates, is_perturbed
 from robogauntlet.suites.episode import Condition
-from tests.results.synthetic import cells, document, row
+from tests.results.synthetic import cells, document, robustness_of, row, rows_where
 
 CONDITIONS = (Condition(), Condition("noise", 2), Condition("noise", 4), Condition("blur", 4))
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3")
@@ -30,8 +29,7 @@ def rows(**changes):
 
 
 def built(results=None, plan=PLAN, **changes):
-    frame = pd.DataFrame([dataclasses.asdict(result) for result in (rows() if results is None else results)])
-    return build_robustness(document(SEEDS, of=plan, **changes), frame[list(COLUMNS)])
+    return robustness_of(document(SEEDS, of=plan, **changes), rows() if results is None else results)
 
 
 def curve(robustness, policy, simulator, axis):
@@ -64,11 +62,7 @@ def test_the_clean_episodes_are_level_0_of_every_axis():
 
 
 def test_errors_are_left_out_of_their_level():
-    results = [
-        row(dataclasses.replace(PLAN[0]), r.seed, "error") if r.policy == "expert" and r.seed == 0 and i == 0 else r
-        for i, r in enumerate(rows())
-    ]
-    found = curve(built(results), "expert", "maniskill", "noise")
+    found = curve(built([row(PLAN[0], 0, "error"), *rows()[1:]]), "expert", "maniskill", "noise")
     assert found.curve.rates[0].value == 1.0
     assert found.seeds == SEEDS
 
@@ -78,14 +72,9 @@ GATED = cells(("expert", "oracle"), TASKS[:1], (Condition(), Condition("noise", 
 
 def gated(unsolved):
     """The oracle fails on these (severity, seed); the expert always succeeds but for seed 1 at severity 4."""
-    found = []
-    for cell in GATED:
-        for seed in range(SEEDS):
-            severity = cell.condition.severity
-            failed = (severity, seed) in unsolved if cell.policy == "oracle" else (severity, seed) == (4, 1)
-            found.append(row(cell, seed, "failure" if failed else "success"))
-    frame = pd.DataFrame([dataclasses.asdict(result) for result in found])
-    return build_robustness(document(SEEDS, of=GATED, oracle_gate="oracle"), frame[list(COLUMNS)])
+    failed = {"oracle": unsolved, "expert": {(4, 1)}}
+    results = rows_where(lambda cell, seed: (cell.condition.severity, seed) not in failed[cell.policy], GATED, SEEDS)
+    return built(results, GATED, oracle_gate="oracle")
 
 
 def test_a_seed_that_the_gate_does_not_solve_counts_at_no_level():
@@ -111,13 +100,7 @@ def test_the_gate_itself_has_no_curve():
 
 def test_controls_are_no_axes_and_are_set_beside_the_clean_episodes():
     plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1)))
-    results = [
-        row(cell, seed, "success" if seed < (10, 4)[cell.condition.severity] else "failure")
-        for cell in plan
-        for seed in range(10)
-    ]
-    frame = pd.DataFrame([dataclasses.asdict(result) for result in results])
-    found = build_robustness(document(10, of=plan), frame[list(COLUMNS)])
+    found = built(rows_where(lambda cell, seed: seed < (10, 4)[cell.condition.severity], plan, 10), plan)
     assert found.axes == ()
     assert found.curves == ()
     whole = found.controls[0]
@@ -125,7 +108,7 @@ def test_controls_are_no_axes_and_are_set_beside_the_clean_episodes():
     assert (whole.clean.value, whole.rate.value, whole.drop.value) == pytest.approx((1.0, 0.4, 0.6))
 
 
-def test_what_was_delivered_is_compared_across_simulators():
+def test_delivered_values_are_compared_across_simulators():
     noise = {(r.axis, r.severity): r for r in built().delivered}["noise", 4]
     assert (noise.asked, noise.unit) == (18.4, "dB PSNR")
     assert [(c.simulator, c.episodes) for c in noise.simulators] == [("maniskill", 40), ("pybullet", 40)]
@@ -139,7 +122,7 @@ def test_perturbed_episodes_with_another_start_state_are_counted():
     assert built(moved).start_states.differing == 2 * 2 * SEEDS
 
 
-def test_axes_that_move_something_are_not_expected_to_start_in_the_clean_world():
+def test_axes_that_move_something_are_not_expected_to_start_from_the_clean_state():
     plan = cells(("expert",), TASKS, (Condition(), Condition("object-position", 2), Condition("dynamics", 2)))
     results = [row(cell, seed, "success", state_hash=cell.condition.axis) for cell in plan for seed in range(3)]
     assert built(results, plan).start_states == StartStates(compared=6, differing=6)
@@ -153,12 +136,7 @@ def test_without_clean_episodes_there_is_no_curve():
     assert found.start_states.compared == 0
 
 
-def test_without_rows_there_is_nothing():
-    empty = pd.DataFrame([dataclasses.asdict(rows()[0])])[:0]
-    found = build_robustness(document(SEEDS, of=PLAN), empty[list(COLUMNS)])
+def test_without_rows_there_are_no_curves():
+    found = built([])
     assert found.curves == ()
     assert found.delivered == ()
-
-
-def test_equal_rows_give_equal_intervals():
-    assert built() == built()

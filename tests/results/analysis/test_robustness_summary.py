@@ -5,10 +5,11 @@ import pytest
 
 from robogauntlet.results.analysis.eligible_episodes import select_eligible
 from robogauntlet.results.analysis.robustness_summary import build_robustness_summary
+from robogauntlet.results.record import FIELDS
 from robogauntlet.results.report.robustness import agreement_findings, agreement_table, summary_table
 from robogauntlet.results.statistics.rank_agreement import kendall
 from robogauntlet.suites.episode import Condition
-from tests.results.synthetic import cells, document, row
+from tests.results.synthetic import cells, columns_of, document, rows_where
 
 TASKS = ("maniskill/PushCube-v1", "robosuite/Lift")
 AXES = ("noise", "blur", "illuminance", "table", "camera-orbit")
@@ -18,19 +19,10 @@ PLAN = cells(("oracle", "experts"), TASKS, [CLEAN, *LEVELS])
 SEEDS = 20
 
 
-def frame(rows):
-    import pandas as pd
-
-    return pd.DataFrame([{name: getattr(r, name) for name in r.__dataclass_fields__} for r in rows])
-
-
 def played(wins, plan=PLAN, seeds=SEEDS):
-    """Rows in which the experts win as many seeds as `wins(task, axis, severity)` says; the oracle wins all."""
-    return frame(
-        row(cell, seed, "success" if cell.policy == "oracle" or seed < wins(cell) else "failure")
-        for cell in plan
-        for seed in range(seeds)
-    )
+    """Rows in which the experts win the first `wins(cell)` seeds and the oracle wins all."""
+    results = rows_where(lambda cell, seed: cell.policy == "oracle" or seed < wins(cell), plan, seeds)
+    return columns_of(results, FIELDS)
 
 
 def overall(wins, plan=PLAN, **options):
@@ -69,7 +61,7 @@ def test_of_axes_that_are_equally_bad_none_is_surely_the_worst():
     assert (found.rate.value, found.certainty) == (pytest.approx(0.5), pytest.approx(1 / len(AXES)))
 
 
-def test_gate_and_floors_are_no_rows():
+def test_the_gate_and_no_skill_baselines_have_no_rows():
     plan = cells(("oracle", "experts", "random"), TASKS, [CLEAN, *LEVELS])
     found = overall(by_axis, plan, no_skill_baselines=("random",))
     assert {r.policy for r in found.rows} == {"experts"}
@@ -92,12 +84,12 @@ def test_simulators_that_order_axes_alike_agree_and_those_that_do_not_disagree()
     assert other.violation == pytest.approx(np.mean([12, 9, 6, 9, 12]) / SEEDS)
 
 
-def test_axes_that_hurt_nowhere_have_no_order():
+def test_axes_without_an_effect_have_no_order():
     (found,) = overall(lambda cell: SEEDS).agreement
     assert (found.tau, found.violation) == (None, 0.0)
 
 
-def test_too_few_axes_have_no_order_worth_comparing():
+def test_the_orders_of_few_axes_are_not_compared():
     plan = cells(("oracle", "experts"), TASKS, [CLEAN, *LEVELS[:4]])
     assert overall(by_axis, plan).agreement == ()
 
@@ -109,14 +101,14 @@ def test_a_level_that_the_gate_caps_in_every_task_does_not_count():
     assert of(build_robustness_summary(run, select_eligible(run, rows))).conditions == 9
 
 
-def test_a_run_without_axes_or_rows_has_nothing_to_say():
+def test_a_run_without_axes_or_rows_has_no_summary():
     plan = cells(("oracle", "experts"), TASKS, [CLEAN, Condition("blind", 1)])
     assert overall(lambda cell: SEEDS, plan) is None
     run = document(SEEDS, PLAN, oracle_gate="oracle")
     assert build_robustness_summary(run, select_eligible(run, played(by_axis).iloc[:0])) is None
 
 
-def test_findings_state_what_was_shown_and_what_was_not():
+def test_tables_and_findings_say_what_was_shown_and_what_was_not():
     found = overall(by_axis)
     line = summary_table(found).rows[0]
     assert line[:2] == ("experts", "all")

@@ -14,7 +14,7 @@ from robogauntlet.results.analysis.merging_cost import COLUMNS
 from robogauntlet.results.analysis.routing import calibration, detection, router_of
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.results.routed import TASKS, evidence, plan
-from tests.results.synthetic import row
+from tests.results.synthetic import columns_of, row
 
 PUSH, PULL, PANDA, PICK, LIFT = TASKS
 
@@ -23,19 +23,17 @@ def frame(*inferred, **changes):
     """Rows of one routing policy: (true, inferred) each."""
     cells = {cell.task: cell for cell in plan(("merged",), (*TASKS, "robosuite/Door"))}
     results = [
-        row(cells[true], seed, **{**evidence(guess), **changes}) if guess else row(cells[true], seed)
-        for seed, (true, guess) in enumerate(inferred)
+        row(cells[true], seed, **({**evidence(chosen), **changes} if chosen else {}))
+        for seed, (true, chosen) in enumerate(inferred)
     ]
-    return pd.DataFrame({name: [getattr(r, name) for r in results] for name in COLUMNS})
+    return columns_of(results, COLUMNS)
 
 
-def test_accuracy_is_the_share_of_tasks_inferred_rightly():
+def test_accuracy_is_the_share_of_correctly_inferred_tasks():
     router = router_of(frame(*[(PUSH, PUSH)] * 3, (PUSH, PULL), *[(LIFT, LIFT)] * 4))
     assert (router.accuracy.rate, router.accuracy.interval) == (7 / 8, wilson_interval(7, 8))
-    assert [(name, rate.successes, rate.trials) for name, rate in router.simulators] == [
-        ("maniskill", 3, 4),
-        ("robosuite", 4, 4),
-    ]
+    by_simulator = {name: (rate.successes, rate.trials) for name, rate in router.simulators}
+    assert by_simulator == {"maniskill": (3, 4), "robosuite": (4, 4)}
     assert [(name, rate.rate) for name, rate in router.tasks] == [(PUSH, 0.75), (LIFT, 1.0)]
 
 
@@ -56,7 +54,7 @@ def test_the_confusion_has_a_line_per_true_and_a_column_per_inferred_task():
     assert confusion.counts == ((1, 1, 0), (0, 1, 1))
 
 
-def test_latency_has_median_and_95th_percentile():
+def test_latency_is_reported_as_its_median_and_95th_percentile():
     rows = frame(*[(PUSH, PUSH)] * 101)
     rows["routing_s"] = np.arange(101) / 100
     latency = router_of(rows).latency
@@ -79,7 +77,7 @@ def test_an_unknown_task_is_in_no_accuracy_and_its_detection_is_measured():
     assert "robosuite/Door" not in router.confusion.inferred
 
 
-def test_a_calibrated_router_has_no_calibration_error():
+def test_a_router_as_accurate_as_its_confidence_has_no_calibration_error():
     half = {"a": math.log(0.5), "b": math.log(0.5)}
     found = calibration([half] * 4, ["a", "a", "b", "b"], ["a"] * 4)
     assert (found.expected_error, found.brier) == (0, 0.5)
@@ -111,7 +109,7 @@ def test_scores_that_are_no_probabilities_have_no_calibration():
 
 
 @given(st.lists(st.tuples(st.floats(0.01, 0.99), st.booleans()), min_size=1, max_size=50))
-def test_calibration_keeps_to_its_bounds(lines):
+def test_calibration_stays_within_its_bounds(lines):
     scores = [{"a": math.log(p), "b": math.log(1 - p)} for p, _ in lines]
     true = ["a" if yes else "b" for _, yes in lines]
     found = calibration(scores, true, ["a"] * len(lines))

@@ -49,14 +49,19 @@ def page(tmp_path_factory):
     return write_report(run_folder(folder, document(SEEDS, of=PLAN, compare=COMPARE), rows())).paths.html.read_text()
 
 
+def html_after_scripts(address, folder, *options):
+    """The page once its scripts have run."""
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
+    command += [*options, "--dump-dom", address]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+
 def measured(page, width, folder):
     """What the browser says about the page in a frame of that width (px)."""
     file = folder / "measure.html"
     file.write_text(MEASURE.format(width=width, page=html.escape(page, quote=True)))
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
-    command += ["--virtual-time-budget=5000", "--dump-dom", file.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    return json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', done.stdout, re.DOTALL)[1]))
+    found = html_after_scripts(file.as_uri(), folder, "--virtual-time-budget=5000")
+    return json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', found, re.DOTALL)[1]))
 
 
 @pytest.mark.parametrize("width", [1280, 390])
@@ -75,11 +80,9 @@ def test_the_robustness_section_is_drawn_and_fits_the_page(page, width, tmp_path
 
 def test_the_interactive_page_is_drawn_without_a_network(tmp_path):
     folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, compare=COMPARE), rows())
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
-    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=8000", "--dump-dom"]
-    command.append(write_report(folder).paths.explorer.as_uri())
-    drawn = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-    body = drawn.partition("<body>")[2]
+    address = write_report(folder).paths.explorer.as_uri()
+    offline = ("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=8000")
+    body = html_after_scripts(address, tmp_path, *offline).partition("<body>")[2]
     assert body.count('class="updatemenu-header"') == 2  # to choose the axis, and the policy
     assert body.count('class="trace scatter') == 2  # expert and merged, over all simulators
     assert 'class="hm"' in body

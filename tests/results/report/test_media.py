@@ -11,34 +11,29 @@ from robogauntlet.results.report import write_report
 from robogauntlet.results.report.media import collect_media
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.suites.episode import Condition
-from tests.results.synthetic import cells, document, row, run_folder
+from tests.results.synthetic import cells, document, rows_where, run_folder
 
 CLEAN, BLUR2, BLUR4 = Condition(), Condition("blur", 2), Condition("blur", 4)
 TASKS = ("maniskill/PushCube-v1", "robosuite/Lift")
 PLAN = cells(("oracle", "experts"), TASKS, (CLEAN, BLUR2, BLUR4))
+DOCUMENT = document(3, PLAN, oracle_gate="oracle")
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """Experts succeed in the clean world and fail blurred; the oracle, the gate, fails wherever it is blurred much."""
-    rows = [
-        row(cell, seed, "failure" if cell.condition.severity > (2 if cell.policy == "oracle" else 0) else "success")
-        for cell in PLAN
-        for seed in range(3)
-    ]
+    """Experts succeed under the clean condition and fail blurred; the oracle, the gate, fails at severity 4."""
+    highest = {"oracle": 2, "experts": 0}
+    rows = rows_where(lambda cell, seed: cell.condition.severity <= highest[cell.policy], PLAN, 3)
     return run_folder(tmp_path / "run", DOCUMENT, rows)
 
 
-DOCUMENT = document(3, PLAN, oracle_gate="oracle")
-
-
-def record_video(folder, cell, seed, size=100):
+def save_video(folder, cell, seed, size=100):
     path = video_path(folder, cell.episode(seed).id)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(b"x" * size)
 
 
-def look(folder, task, condition, shade):
+def save_snapshot(folder, task, condition, shade):
     path = snapshot_path(folder, task, condition)
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.full((32, 64, 3), shade, np.uint8)).save(path)
@@ -48,15 +43,15 @@ def media(folder, **options):
     return collect_media(folder, DOCUMENT, read_frame(write_report(folder).paths.episodes), **options)
 
 
-def of(policy, task, condition):
+def cell_of(policy, task, condition):
     return next(c for c in PLAN if (c.policy, c.task, c.condition) == (policy, task, condition))
 
 
-def test_a_new_failure_is_the_mildest_recorded_one_per_simulator_and_not_of_the_gate(folder):
+def test_new_failures_are_the_mildest_recorded_ones_of_each_simulator_and_not_of_the_gate(folder):
     for task in TASKS:
-        record_video(folder, of("experts", task, BLUR4), 0)
-        record_video(folder, of("oracle", task, BLUR4), 0)
-    record_video(folder, of("experts", TASKS[0], BLUR2), 2)
+        save_video(folder, cell_of("experts", task, BLUR4), 0)
+        save_video(folder, cell_of("oracle", task, BLUR4), 0)
+    save_video(folder, cell_of("experts", TASKS[0], BLUR2), 2)
     found = media(folder).new_failures
     assert {(v.policy, v.task, v.condition, v.seed) for v in found} == {
         ("experts", TASKS[0], BLUR2, 2),
@@ -64,18 +59,18 @@ def test_a_new_failure_is_the_mildest_recorded_one_per_simulator_and_not_of_the_
     }
 
 
-def test_typical_videos_come_before_those_of_falls(folder):
-    record_video(folder, of("experts", TASKS[0], CLEAN), 0, size=800)
-    record_video(folder, of("experts", TASKS[0], BLUR2), 0, size=150)
+def test_typical_videos_come_before_those_of_new_failures(folder):
+    save_video(folder, cell_of("experts", TASKS[0], CLEAN), 0, size=800)
+    save_video(folder, cell_of("experts", TASKS[0], BLUR2), 0, size=150)
     found = media(folder, budget=1000)
     assert {v.status: v.source is not None for v in found.representative} == {"success": True, "failure": True}
     assert [v.source is not None for v in found.new_failures] == [False]
     assert found.left_out == 1
 
 
-def test_a_strip_holds_the_clean_look_and_one_for_each_severity(folder):
+def test_a_strip_holds_the_clean_snapshot_and_one_for_each_severity(folder):
     for shade, condition in enumerate((CLEAN, BLUR2, BLUR4)):
-        look(folder, TASKS[0], condition, 90 * shade)
+        save_snapshot(folder, TASKS[0], condition, 90 * shade)
     strips = media(folder).strips
     assert list(strips) == ["blur"]
     assert [(s.task, [x.condition for x in s.snapshots]) for s in strips["blur"]] == [(TASKS[0], [CLEAN, BLUR2, BLUR4])]
@@ -83,12 +78,12 @@ def test_a_strip_holds_the_clean_look_and_one_for_each_severity(folder):
 
 def test_an_axis_that_shows_nothing_has_no_strip(folder):
     for condition in (CLEAN, BLUR2, BLUR4):
-        look(folder, TASKS[0], condition, 50)
-    look(folder, TASKS[1], BLUR2, 60)  # without a clean one to hold it against
+        save_snapshot(folder, TASKS[0], condition, 50)
+    save_snapshot(folder, TASKS[1], BLUR2, 60)  # without a clean one to compare it with
     assert media(folder).strips == {}
 
 
-class Found(HTMLParser):
+class Pictures(HTMLParser):
     """Alternative texts of pictures, and labels of videos."""
 
     def __init__(self, page):
@@ -101,22 +96,19 @@ class Found(HTMLParser):
             self.names.append(dict(attrs).get("alt") or dict(attrs).get("aria-label"))
 
 
-def test_the_page_shows_strips_and_falls_with_their_axis(folder):
-    look(folder, TASKS[0], CLEAN, 10)
-    look(folder, TASKS[0], BLUR2, 80)
-    record_video(folder, of("experts", TASKS[0], BLUR2), 1)
+def test_the_page_shows_strips_and_new_failures_with_their_axis(folder):
+    save_snapshot(folder, TASKS[0], CLEAN, 10)
+    save_snapshot(folder, TASKS[0], BLUR2, 80)
+    save_video(folder, cell_of("experts", TASKS[0], BLUR2), 1)
     page = write_report(folder).paths.html.read_text()
-    names = Found(page[page.index('id="axis-blur"') :]).names
-    assert names == [
-        f"{TASKS[0]}: clean",
-        f"{TASKS[0]}: 2: 0.6 % of image width",
-        f"failure of experts on {TASKS[0]}, seed 1",
-    ]
+    names = Pictures(page[page.index('id="axis-blur"') :]).names
+    assert names[:2] == [f"{TASKS[0]}: clean", f"{TASKS[0]}: 2: 0.6 % of image width"]
+    assert names[2:] == [f"failure of experts on {TASKS[0]}, seed 1"]
     assert "Recorded failures of episodes that succeed under the clean condition: 1<" in page
 
 
-def test_a_broken_look_does_not_cost_the_report(folder):
-    look(folder, TASKS[0], CLEAN, 10)
+def test_a_report_is_written_despite_a_broken_snapshot(folder):
+    save_snapshot(folder, TASKS[0], CLEAN, 10)
     path = snapshot_path(folder, TASKS[0], BLUR2)
     path.write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     assert [x.condition for x in media(folder).strips["blur"][0].snapshots] == [CLEAN]

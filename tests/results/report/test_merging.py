@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 
 import pytest
 
@@ -11,7 +10,7 @@ from robogauntlet.results.report import Summary, write_report
 from robogauntlet.results.report import formatting as text
 from robogauntlet.results.report import merging_cost as words
 from robogauntlet.results.statistics.rates import Estimate, Interval
-from tests.results.report.test_writing import HOSTILE, Page
+from tests.results.report.test_writing import HOSTILE, Page, assert_self_contained
 from tests.results.routed import ROLES, TASKS, evidence, plan, routed_document, routed_rows
 from tests.results.synthetic import row, run_folder
 
@@ -38,8 +37,8 @@ def test_html_markdown_and_summary_say_the_same(report):
     page, markdown = texts(report)
     for comparison in merging.routed:
         losses = comparison.overall.losses
-        shown = [text.points(losses.merging), text.points(losses.routing), text.rate(losses.retention)]
-        for number in [*shown, text.share(comparison.router.accuracy)]:
+        numbers = [text.points(losses.merging), text.points(losses.routing), text.rate(losses.retention)]
+        for number in [*numbers, text.share(comparison.router.accuracy)]:
             assert number in page
             assert number in markdown
     summary = Summary.model_validate_json(report.paths.summary.read_text())
@@ -47,11 +46,7 @@ def test_html_markdown_and_summary_say_the_same(report):
 
 
 def test_the_section_fetches_nothing_and_runs_nothing(report):
-    text = report.paths.html.read_text()
-    page = Page(text)
-    assert "script" not in page.tags
-    assert all(value.startswith(("data:", "#")) for value in page.fetched)
-    assert not re.search(r"https?:|url\(|@import", text)
+    assert_self_contained(report.paths.html.read_text())
 
 
 def test_tables_are_rectangular_and_name_every_task(report):
@@ -64,13 +59,8 @@ def test_tables_are_rectangular_and_name_every_task(report):
     for table in tables:
         assert table.rows
         assert all(len(line) == len(table.header) for line in table.rows)
-    assert [line[0] for line in words.compact_table(merging.routed[0]).rows] == [
-        *TASKS,
-        "maniskill, all",
-        "pybullet, all",
-        "robosuite, all",
-        "all",
-    ]
+    names = [line[0] for line in words.compact_table(merging.routed[0]).rows]
+    assert names == [*TASKS, "maniskill, all", "pybullet, all", "robosuite, all", "all"]
 
 
 def test_policies_that_do_not_route_have_no_router_but_losses(tmp_path):
@@ -91,11 +81,9 @@ def test_a_run_without_rows_still_has_the_section(tmp_path):
 
 
 def test_a_script_in_an_inferred_task_is_escaped(tmp_path):
-    results = [
-        row(cell, 0, **(evidence(HOSTILE) if cell.policy in ROLES.routed else {})) for cell in plan(tasks=TASKS[:1])
-    ]
-    folder = run_folder(tmp_path / "run", routed_document(1, plan(tasks=TASKS[:1])), results)
-    paths = write_report(folder).paths
+    of = plan(tasks=TASKS[:1])
+    results = [row(cell, 0, **(evidence(HOSTILE) if cell.policy in ROLES.routed else {})) for cell in of]
+    paths = write_report(run_folder(tmp_path / "run", routed_document(1, of), results)).paths
     page = Page(paths.html.read_text())
     assert "script" not in page.tags
     assert "<script" not in paths.markdown.read_text()

@@ -1,4 +1,4 @@
-"""Severity curves and delivered values as words, and in the report's files."""
+"""Severity curves and delivered values, as text and in the report's files."""
 
 import json
 import math
@@ -13,10 +13,10 @@ from robogauntlet.results.report.findings import findings
 from robogauntlet.results.statistics.rates import Estimate, Interval
 from robogauntlet.suites.episode import Condition
 from tests.results.analysis.test_robustness import GATED, PLAN, SEEDS, TASKS, built, rows
-from tests.results.synthetic import cells, document, row, run_folder
+from tests.results.synthetic import cells, document, rows_where, run_folder
 
 
-def test_a_severity_beyond_the_last_level_is_marked():
+def test_a_value_beyond_the_last_level_is_marked():
     assert words.half_lost_text(Estimate(3.14, Interval(2.6, math.inf)), 5) == "3.1 [2.6, >5]"
     assert words.half_lost_text(Estimate(math.inf, Interval(4.0, math.inf)), 4) == ">4 [4.0, >4]"
     assert words.half_lost_text(None, 5) == words.half_lost_text(Estimate(math.nan, None), 5) == "–"
@@ -37,13 +37,11 @@ def test_the_delivered_table_sets_simulators_side_by_side():
     assert table.rows[0] == ("noise", "2", "28 dB PSNR", "27.72", "28.28", "2 %")
 
 
-def test_the_sentence_about_worlds_is_never_stronger_than_what_was_compared():
-    assert words.start_states_sentence(built()).startswith(
-        "All 240 episodes on axes that keep the start state started from"
-    )
-    assert words.start_states_sentence(built([r for r in rows() if r.axis != "clean"])).startswith(
-        "Start states were not compared"
-    )
+def test_the_sentence_about_start_states_is_never_stronger_than_what_was_compared():
+    sentence = words.start_states_sentence(built())
+    assert sentence.startswith("All 240 episodes on axes that keep the start state started from")
+    without_clean = words.start_states_sentence(built([r for r in rows() if r.axis != "clean"]))
+    assert without_clean.startswith("Start states were not compared")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +63,7 @@ def test_the_report_shows_a_chart_per_axis_and_all_numbers_as_text(paths):
         assert "Delivered" in content
 
 
-def test_the_summary_has_it_too(paths):
+def test_the_summary_has_the_robustness_section(paths):
     found = json.loads(paths.summary.read_text())["robustness"]
     assert found["axes"] == ["noise", "blur"]
     assert found["start_states"] == {"compared": 240, "differing": 0}
@@ -91,17 +89,16 @@ def test_a_name_from_a_suite_is_text_in_that_page(tmp_path):
     assert "merged" in page
 
 
-def test_nothing_is_found_about_a_floor_since_it_has_no_skill_to_lose():
+def test_a_no_skill_baseline_has_no_findings_since_it_has_no_skill_to_lose():
     assert any(sentence.startswith("merged: ") for sentence in findings(built()))
     assert not any(sentence.startswith("merged: ") for sentence in findings(built(no_skill_baselines=("merged",))))
 
 
 def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
-    results = []
-    for cell in GATED:
-        for seed in range(SEEDS):
-            failed = cell.policy == "oracle" and cell.condition.severity == 4 and seed < 3
-            results.append(row(cell, seed, "failure" if failed else "success"))
+    def is_success(cell, seed):
+        return cell.policy != "oracle" or cell.condition.severity < 4 or seed >= 3
+
+    results = rows_where(is_success, GATED, SEEDS)
     run = document(SEEDS, of=GATED, oracle_gate="oracle")
     paths = write_report(run_folder(tmp_path / "run", run, results)).paths
     section = paths.html.read_text().partition('id="robustness"')[2].partition("</section>")[0]
@@ -112,7 +109,7 @@ def test_a_capped_level_is_left_out_of_chart_and_table(tmp_path):
 
 def test_controls_are_compared_with_the_clean_rate_and_a_missing_gate_is_stated():
     plan = cells(("expert",), TASKS, (Condition(), Condition("blind", 1), Condition("wrong-goal", 1)))
-    found = built([row(cell, seed) for cell in plan for seed in range(5)], plan)
+    found = built(rows_where(lambda cell, seed: True, plan, 5), plan)
     table = words.controls_table(found)
     assert table.header == ("policy", "simulator", "clean", "blind", "lost", "wrong-goal", "lost")
     assert table.rows[0][:2] == ("expert", "all")

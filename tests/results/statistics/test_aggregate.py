@@ -1,4 +1,4 @@
-"""Many cells as one number."""
+"""Aggregates over cells."""
 
 import numpy as np
 import pytest
@@ -22,23 +22,23 @@ def generator():
 
 
 def estimate(strata, statistic=lambda means: means[:, 0], draws=2000):
-    """A number of the strata's means, with its interval."""
+    """A statistic of the strata's means, with its interval."""
     drawn = statistic(resampled_means(strata, generator(), draws)).reshape(draws)
     return Estimate(statistic(mean_outcomes(strata)[None]).item(), percentile_interval(drawn))
 
 
-def test_the_interquartile_mean_of_examples():
+def test_the_interquartile_mean_has_known_values():
     assert interquartile_mean(np.array([0.0, 1, 2, 3, 4, 5, 6, 100])) == pytest.approx((2 + 3 + 4 + 5) / 4)
     assert interquartile_mean(np.array([1.0, 2, 6])) == pytest.approx(3)  # a quarter of three is none
 
 
-def test_the_tail_mean_of_examples():
+def test_the_tail_mean_has_known_values():
     assert tail_mean(np.array([5.0, 1, 2, 4, 3])) == pytest.approx(1)
     assert tail_mean(np.array([5.0, 1, 2, 4, 3, 6])) == pytest.approx(1.5)  # 1.2 of six is two
 
 
 @given(values)
-def test_worst_is_at_most_middle_and_both_lie_within_the_values(found):
+def test_the_tail_mean_is_at_most_the_mean_and_both_lie_within_the_values(found):
     low, high = found.min() - 1e-12, found.max() + 1e-12
     assert low <= tail_mean(found) <= found.mean() + 1e-12
     assert low <= interquartile_mean(found) <= high
@@ -49,7 +49,7 @@ def test_means_leave_out_what_has_no_verdict():
     assert mean_outcomes(strata)[0] == pytest.approx([0.5, 2 / 3])
 
 
-def test_trials_are_drawn_whole_so_that_a_constant_difference_stays_constant():
+def test_trials_are_resampled_as_pairs():
     first = generator().random((30, 1)) < 0.5
     strata = [np.concatenate([first, first], axis=1).astype(float)]
     drawn = resampled_means(strata, generator(), 200)

@@ -1,4 +1,4 @@
-"""Many tests at once."""
+"""Adjustment for multiple tests."""
 
 import pytest
 from hypothesis import given
@@ -19,7 +19,7 @@ def test_the_published_example_rejects_four_by_false_discovery_rate_and_three_by
     assert sum(p <= 0.05 for p in holm(PUBLISHED)) == 3
 
 
-def test_holm_of_an_example():
+def test_holm_has_known_values():
     assert holm([0.01, 0.04, 0.03]) == pytest.approx((0.03, 0.06, 0.06))
 
 
@@ -40,7 +40,7 @@ def test_one_test_is_not_adjusted():
 
 
 @pytest.mark.parametrize("wrong", [[-0.1], [1.1], [float("nan")]])
-def test_what_is_no_p_value_is_refused(wrong):
+def test_values_outside_0_to_1_are_refused(wrong):
     for adjust in (holm, benjamini_hochberg):
         with pytest.raises(ValueError, match=r"expected p-values in \[0, 1\]"):
             adjust(wrong)

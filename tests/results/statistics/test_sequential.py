@@ -1,4 +1,4 @@
-"""Evidence that may be looked at after every pair."""
+"""Evidence that may be evaluated after every pair."""
 
 import math
 
@@ -17,7 +17,7 @@ def evidence(first_only, second_only):
     return paired_evidence(Pairs(0, first_only, second_only, 0))
 
 
-def test_the_evidence_of_examples():
+def test_evidence_has_known_values():
     assert evidence(0, 0) == pytest.approx(1.0)
     assert evidence(1, 0) == pytest.approx(1.0)  # one pair tells nothing about a fair coin
     assert evidence(2, 0) == pytest.approx(4 * (math.gamma(2.5) * math.gamma(0.5) / math.gamma(3)) / math.pi)
@@ -53,7 +53,7 @@ def test_decided_is_evidence_of_one_over_alpha():
         is_decided(Pairs(0, 1, 0, 0), alpha=0.0)
 
 
-def test_looking_after_every_pair_decides_wrongly_in_at_most_one_run_of_twenty():
+def test_testing_after_every_pair_is_wrong_in_at_most_one_run_of_twenty():
     generator = np.random.default_rng(0)
     runs, pairs = 2000, 400
     outcome = generator.choice([0, 1, 2], p=[0.75, 0.125, 0.125], size=(runs, pairs))

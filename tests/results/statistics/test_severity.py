@@ -24,7 +24,7 @@ def outcomes(rates, seeds=100):
     return np.array([[seed < round(rate * seeds) for rate in rates] for seed in range(seeds)], dtype=float)
 
 
-def test_a_curve_of_known_rates():
+def test_a_curve_has_known_values():
     found = severity_curve([outcomes((0.8, 0.8, 0.6, 0.4, 0.2, 0.0))], LEVELS, generator())
     assert [rate.value for rate in found.rates] == pytest.approx([0.8, 0.8, 0.6, 0.4, 0.2, 0.0])
     assert [drop.value for drop in found.drops] == pytest.approx([0, 0, 0.2, 0.4, 0.6, 0.8])
@@ -51,7 +51,7 @@ def test_rates_have_the_interval_of_all_seeds_and_drops_that_of_pairs():
     assert found.drops[1] == paired_difference(Pairs(6, 8, 0, 6))
 
 
-def test_floors_are_taken_off_before_anything_is_divided():
+def test_floors_are_subtracted_before_anything_is_divided():
     found = severity_curve([outcomes((0.9, 0.5, 0.1))], [0, 2, 4], generator(), floors=[0.1, 0.1, 0.1])
     assert [share.value for share in found.retention] == pytest.approx([1, 0.5, 0])
 
@@ -67,14 +67,14 @@ def test_a_policy_that_is_not_shown_to_do_anything_clean_has_nothing_to_retain()
     assert found.drops[1].value == pytest.approx(0.15)
 
 
-def test_half_that_is_never_lost_is_beyond_the_last_level_in_its_interval_too():
+def test_half_that_is_never_lost_is_beyond_the_last_level():
     found = severity_curve([outcomes((0.9, 0.9, 0.8))], [0, 2, 4], generator())
     assert found.half.value == math.inf
     worse = severity_curve([outcomes((0.9, 0.7, 0.5), 20)], [0, 2, 4], generator())
     assert worse.half.interval.high == math.inf
 
 
-def test_half_lost_of_examples():
+def test_half_lost_has_known_values():
     assert half_lost(np.array([1, 0.6, 0.2]), np.array([0.0, 2, 4])) == pytest.approx(2.5)
     assert half_lost(np.array([1, 0.4, 0.8, 0.0]), np.array([0.0, 1, 2, 3])) == pytest.approx(2 + 0.1 / 0.6)
     assert half_lost(np.array([1, 0.9]), np.array([0.0, 1])) == math.inf
@@ -88,7 +88,7 @@ def test_half_is_lost_within_the_levels_or_beyond(found):
 
 
 @given(kept)
-def test_the_area_of_what_keeps_everything_is_one_and_it_grows_with_what_is_kept(found):
+def test_the_area_is_one_if_everything_is_kept_and_grows_with_retention(found):
     assert area(np.ones(6), LEVELS) == pytest.approx(1)
     assert area(found, LEVELS) <= area(np.maximum(found, 1), LEVELS) + 1e-12
 
@@ -97,7 +97,7 @@ def test_retention_without_anything_to_retain_is_no_number():
     assert np.isnan(retention(np.array([[0.1, 0.1]]), np.array([0.1, 0.0]))).all()
 
 
-def test_a_task_without_a_rate_at_a_level_is_left_out_of_the_clean_rate_it_is_compared_with():
+def test_a_task_without_a_rate_at_a_level_is_left_out_of_its_clean_rate():
     easy, hard = outcomes((1.0, 1.0), 10), outcomes((0.5, 0.5), 10)
     easy[:, 1] = np.nan
     found = severity_curve([easy, hard], [0, 1], generator())
@@ -114,14 +114,14 @@ def test_outcomes_without_verdict_are_left_out_of_their_level_alone():
     assert found.rates[1].value == pytest.approx(4 / 9)
 
 
-def test_the_trend_of_examples():
+def test_the_trend_has_known_values():
     # One seed that succeeds at level 0 of (0, 1) only: excess -1/2, variance 1/4.
     assert falling_trend([np.array([[1.0, 0.0]])], np.array([0.0, 1.0])) == pytest.approx(0.158655, abs=1e-6)
     assert falling_trend([np.array([[0.0, 1.0]])], np.array([0.0, 1.0])) == pytest.approx(0.841345, abs=1e-6)
     assert falling_trend([np.ones((5, 2)), np.zeros((5, 2))], np.array([0.0, 1.0])) is None
 
 
-def test_the_trend_of_what_does_not_fall_is_found_in_one_of_twenty_data_sets():
+def test_a_trend_is_found_in_one_of_twenty_data_sets_that_do_not_fall():
     draw = generator()
     found = [falling_trend([(draw.random((40, 6)) < 0.6).astype(float)], LEVELS) for _ in range(2000)]
     assert np.mean(np.array(found) <= 0.05) == pytest.approx(0.05, abs=0.015)
@@ -136,6 +136,6 @@ def test_the_trend_of_what_does_not_fall_is_found_in_one_of_twenty_data_sets():
         ([0, 1], [0.1], "expected a floor for each of 2 levels, got 1"),
     ],
 )
-def test_what_does_not_fit_is_refused(levels, floors, message):
+def test_levels_floors_and_outcomes_that_do_not_fit_are_refused(levels, floors, message):
     with pytest.raises(ValueError, match=message):
         severity_curve([outcomes((1.0, 0.5), 10)], levels, generator(), floors=floors)

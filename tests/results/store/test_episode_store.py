@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sqlite3
-import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
 
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
-from tests.results.synthetic import cells, row, rows
+from tests.errors import one_line_error
+from tests.results.synthetic import cells, execute, row, rows
 
 
 @pytest.fixture
@@ -20,9 +22,8 @@ def path(tmp_path):
 
 @pytest.fixture
 def store(path):
-    opened = Store.open_file(path, "run-1")
-    yield opened
-    opened.close()
+    with closing(Store.open_file(path, "run-1")) as opened:
+        yield opened
 
 
 def test_a_row_comes_back_as_it_was_stored(store):
@@ -50,17 +51,16 @@ def test_nothing_of_a_batch_is_stored_if_one_row_cannot_be(store):
     assert list(store.results()) == []
 
 
-def test_adding_nothing_is_nothing(store):
+def test_adding_no_rows_adds_none(store):
     assert store.add([]) == 0
 
 
 def test_runs_in_one_store_do_not_see_each_other(store, path):
     store.add([row(cells()[0], 0)])
-    other = Store.open_file(path, "run-2")
-    assert list(other.results()) == []
-    assert other.add([row(cells()[0], 0), row(cells()[0], 1)]) == 2
-    assert other.forget_errors() == 0
-    other.close()
+    with closing(Store.open_file(path, "run-2")) as other:
+        assert list(other.results()) == []
+        assert other.add([row(cells()[0], 0), row(cells()[0], 1)]) == 2
+        assert other.forget_errors() == 0
     assert len(list(store.results())) == 1
 
 
@@ -85,8 +85,8 @@ def test_outcomes_and_status_counts_say_what_is_there(store):
 
 
 @pytest.mark.parametrize("question", ["outcomes", "status_counts"])
-def test_what_is_there_is_found_without_reading_rows(store, path, question):
-    """A row takes 340 bytes: of a million, that is what continuing a run would spend its time on."""
+def test_outcomes_are_found_without_reading_rows(store, path, question):
+    """Reading a million rows of 340 bytes would take most of the time to continue a run."""
     asked = []
     sa.event.listen(store.database.engine, "before_cursor_execute", lambda *call: asked.append(call[2:4]))
     getattr(store, question)()
@@ -124,38 +124,20 @@ def test_a_reader_may_read_while_another_process_writes(store, path):
     reader.close()
 
 
-def four_at_once(what, *arguments):
-    threads = [threading.Thread(target=what, args=arguments) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-
-
 def test_several_may_create_a_store_at_the_same_time(tmp_path):
-    wrong = []
-
     def create(path):
-        try:
-            Store.open_file(path, "run-1").close()
-        except StoreError as error:
-            wrong.append(error)
+        Store.open_file(path, "run-1").close()
 
-    for attempt in range(25):
-        path = tmp_path / f"{attempt}.sqlite"
-        four_at_once(create, path)
-    assert not wrong
+    with ThreadPoolExecutor(4) as threads:
+        for attempt in range(25):
+            assert list(threads.map(create, [tmp_path / f"{attempt}.sqlite"] * 4)) == [None] * 4
 
 
 def test_a_store_whose_creation_was_cut_short_is_completed(path):
     Store.open_file(path, "run-1").close()
-    with sqlite3.connect(path) as connection:
-        connection.execute("DELETE FROM robogauntlet_schema")
-        connection.execute("DROP TABLE episodes")
-    connection.close()
-    store = Store.open_file(path, "run-1")
-    assert store.add([row(cells()[0], 0)]) == 1
-    store.close()
+    execute(path, "DELETE FROM robogauntlet_schema", "DROP TABLE episodes")
+    with closing(Store.open_file(path, "run-1")) as store:
+        assert store.add([row(cells()[0], 0)]) == 1
     Store.open_file(path, "run-1").close()
 
 
@@ -168,22 +150,20 @@ def test_a_file_may_have_any_name(tmp_path, name):
 @pytest.mark.parametrize("version", [0, 99])
 def test_a_store_of_another_version_is_refused_and_left_as_it_was(path, version):
     Store.open_file(path, "run-1").close()
-    with sqlite3.connect(path) as connection:
-        connection.execute(f"UPDATE robogauntlet_schema SET version = {version}")
-    connection.close()
+    execute(path, f"UPDATE robogauntlet_schema SET version = {version}")
     before = path.read_bytes()
     with pytest.raises(StoreError, match=f"expected a store of version 1, got version {version}; open it with"):
         Store.open_file(path, "run-1")
     assert path.read_bytes() == before
 
 
-def test_the_error_for_a_read_only_store_has_a_remedy(path):
+def test_the_message_for_a_store_that_cannot_be_written_says_what_to_do(path):
     path.touch()
     with pytest.raises(StoreError, match="in a place that can be written, which reading takes too; copy it to one"):
         Store.open(f"sqlite:///file:{path}?mode=ro&uri=true", "run-1")
 
 
-def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
+def test_a_file_that_is_no_store_is_refused_and_unchanged(tmp_path, path):
     path.write_text("this is no database, but a text that is long enough to be looked at")
     with pytest.raises(StoreError, match="expected a store, this file is something else"):
         Store.open_file(path, "run-1")
@@ -191,9 +171,7 @@ def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
     with pytest.raises(StoreError, match="directory"):
         Store.open_file(tmp_path, "run-1")
     other = tmp_path / "other.sqlite"
-    with sqlite3.connect(other) as connection:
-        connection.execute("CREATE TABLE runs (id INTEGER)")
-    connection.close()
+    execute(other, "CREATE TABLE runs (id INTEGER)")
     with pytest.raises(StoreError, match="of another program"):
         Store.open_file(other, "run-1")
 
@@ -206,10 +184,9 @@ def test_what_is_no_store_is_named_and_left_alone(tmp_path, path):
         ("sqlite:////no/such/folder/x.sqlite", "unable to open"),
     ],
 )
-def test_an_address_that_is_none_is_an_error_of_one_line(url, match):
-    with pytest.raises(StoreError, match=match) as raised:
+def test_an_invalid_address_is_an_error_of_one_line(url, match):
+    with one_line_error(StoreError, match):
         Store.open(url, "run-1")
-    assert "\n" not in str(raised.value)
 
 
 def test_a_password_is_never_shown():

@@ -1,6 +1,6 @@
 """Tests of results/store/run_archive.py: a run as one file."""
 
-import sqlite3
+from contextlib import closing
 
 import pytest
 
@@ -10,7 +10,8 @@ from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run, import_run
 from robogauntlet.results.store.run_history import History
-from tests.results.synthetic import document, rows, run_folder
+from tests.errors import one_line_error
+from tests.results.synthetic import document, execute, rows, run_folder
 
 RESULTS = rows(planned=4, errors=1)
 
@@ -19,19 +20,16 @@ RESULTS = rows(planned=4, errors=1)
 def exported(tmp_path):
     run = document(4, rows_hash=rows_hash(map(outcome_row, RESULTS)))
     folder = run_folder(tmp_path / "runs" / "night", run, RESULTS)
-    store = Store.open(store_url(folder, run), run.run_id)
     file = tmp_path / "night.robogauntlet"
-    assert export_run(run, store, file) == len(RESULTS)
-    store.close()
+    with closing(Store.open(store_url(folder, run), run.run_id)) as store:
+        assert export_run(run, store, file) == len(RESULTS)
     return file
 
 
 def stored(folder):
     run = read_run(folder)
-    store = Store.open(store_url(folder, run), run.run_id)
-    found = sorted(store.results(), key=lambda r: r.episode_id)
-    store.close()
-    return found
+    with closing(Store.open(store_url(folder, run), run.run_id)) as store:
+        return sorted(store.results(), key=lambda r: r.episode_id)
 
 
 def test_a_run_comes_back_as_it_was(exported, tmp_path):
@@ -52,69 +50,48 @@ def test_rows_may_go_into_a_store_of_many_runs(exported, tmp_path):
     shared = f"sqlite:///{tmp_path / 'shared.sqlite'}"
     folder, run = import_run(exported, tmp_path / "there", store=shared)
     assert sorted(p.name for p in folder.iterdir()) == ["run.json"]
-    history = History.open(shared)
-    assert history.find(run.run_id).counts.done == len(RESULTS)
-    history.close()
+    with closing(History.open(shared)) as history:
+        assert history.find(run.run_id).counts.done == len(RESULTS)
 
 
-def test_nothing_is_written_over(exported, tmp_path):
+def test_existing_runs_and_files_are_not_overwritten(exported, tmp_path):
     import_run(exported, tmp_path / "there", name="one")
     with pytest.raises(RunError, match="there is one already"):
         import_run(exported, tmp_path / "there", name="one")
     store = Store.open_file(tmp_path / "any.sqlite", "run-1")
-    with pytest.raises(RunError, match="there is one already"):
+    with closing(store), pytest.raises(RunError, match="there is one already"):
         export_run(document(), store, exported)
-    store.close()
 
 
 def test_changed_rows_are_refused_and_leave_nothing(exported, tmp_path):
-    with sqlite3.connect(exported) as connection:
-        connection.execute("UPDATE episodes SET status = 'success' WHERE status = 'failure'")
-    connection.close()
+    execute(exported, "UPDATE episodes SET status = 'success' WHERE status = 'failure'")
     with pytest.raises(RunError, match="it was changed"):
         import_run(exported, tmp_path / "there")
     assert list((tmp_path / "there").iterdir()) == []
 
 
-def broken(file, how):
-    content = file.read_bytes()
-    if how == "text":
-        file.write_text("name: something else\n")
-    elif how == "cut":
-        file.write_bytes(content[: len(content) // 2])
-    elif how == "empty":
-        file.write_bytes(b"")
-    elif how == "no run":
-        with sqlite3.connect(file) as connection:
-            connection.execute("DELETE FROM cells")
-            connection.execute("DELETE FROM runs")
-        connection.close()
-    elif how == "another program's":
-        file.unlink()
-        with sqlite3.connect(file) as connection:
-            connection.execute("CREATE TABLE runs (x)")
-        connection.close()
-    elif how == "newer":
-        with sqlite3.connect(file) as connection:
-            connection.execute("UPDATE robogauntlet_schema SET version = 99")
-        connection.close()
+DAMAGE = {
+    "text": lambda file: file.write_text("name: something else\n"),
+    "cut": lambda file: file.write_bytes(file.read_bytes()[: file.stat().st_size // 2]),
+    "empty": lambda file: file.write_bytes(b""),
+    "no run": lambda file: execute(file, "DELETE FROM cells", "DELETE FROM runs"),
+    "another program's": lambda file: [file.unlink(), execute(file, "CREATE TABLE runs (x)")],
+    "newer": lambda file: execute(file, "UPDATE robogauntlet_schema SET version = 99"),
+}
 
 
-@pytest.mark.parametrize("how", ["text", "cut", "empty", "no run", "another program's", "newer"])
-def test_what_is_no_exported_run_is_one_line_and_leaves_nothing(exported, tmp_path, how):
-    broken(exported, how)
-    with pytest.raises((RunError, StoreError)) as caught:
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_a_damaged_export_is_an_error_of_one_line_and_leaves_nothing(exported, tmp_path, damage):
+    damage(exported)
+    with one_line_error((RunError, StoreError), r"night\.robogauntlet"):
         import_run(exported, tmp_path / "there")
-    assert "\n" not in str(caught.value)
-    assert "night.robogauntlet" in str(caught.value)
     assert not (tmp_path / "there").exists() or list((tmp_path / "there").iterdir()) == []
 
 
 def test_a_run_with_a_hostile_id_stays_inside_the_folder(tmp_path):
     run = document(4, run_id="../up")
-    store = Store.open_file(tmp_path / "x.sqlite", run.run_id)
-    export_run(run, store, tmp_path / "x.robogauntlet")
-    store.close()
+    with closing(Store.open_file(tmp_path / "x.sqlite", run.run_id)) as store:
+        export_run(run, store, tmp_path / "x.robogauntlet")
     folder, _ = import_run(tmp_path / "x.robogauntlet", tmp_path / "there")
     assert folder.parent == tmp_path / "there"
     assert folder.name == "synthetic----up"

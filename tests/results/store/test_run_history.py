@@ -1,5 +1,7 @@
 """Tests of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
 
+from contextlib import closing
+
 import pytest
 
 from robogauntlet.results.live_status import LiveSimulator, LiveStatus
@@ -14,9 +16,8 @@ from tests.results.synthetic import cells, document, row, rows, run_folder
 
 @pytest.fixture
 def history(tmp_path):
-    opened = History.open(file_url(tmp_path / HISTORY_FILE))
-    yield opened
-    opened.close()
+    with closing(History.open(file_url(tmp_path / HISTORY_FILE))) as opened:
+        yield opened
 
 
 def night(number, **changes):
@@ -37,7 +38,7 @@ def test_a_run_is_found_by_its_id_its_beginning_or_its_folder(history, tmp_path)
     assert history.find("") is None
 
 
-def test_recording_again_writes_over_what_was_and_doubles_nothing(history):
+def test_recording_again_replaces_the_entry(history):
     history.record(night(1, status=RunStatus.RUNNING))
     history.record(night(1), counted=counted())
     (entry,) = history.runs()
@@ -45,7 +46,7 @@ def test_recording_again_writes_over_what_was_and_doubles_nothing(history):
     assert entry.counts.planned == night(1).planned
 
 
-def test_beginning_again_keeps_what_is_known_of_the_cells(history):
+def test_recording_a_restart_keeps_the_counts(history):
     history.record(night(1), counted=counted())
     history.record(night(1, status=RunStatus.RUNNING))
     assert history.find("run-1").counts.done == 16
@@ -83,7 +84,7 @@ def test_the_baseline_is_the_last_good_run_of_the_suite_before_it(history):
     assert history.baseline(night(0)) is None
 
 
-def test_the_live_status_is_kept_until_the_run_ends(history):
+def test_the_live_status_of_a_run_is_there_until_it_ends(history):
     history.record(night(1, status=RunStatus.RUNNING))
     lane = LiveSimulator(simulator="null", planned=9, successes=1, failures=1, errors=1)
     history.write_live_status("run-1", LiveStatus(at=5.0, phase="playing", simulators=(lane,)))
@@ -104,7 +105,7 @@ def test_the_document_comes_back_as_it_was(history):
     assert history.document("run-1") == night(1)
 
 
-def test_run_folders_are_recorded_once(history, tmp_path):
+def test_runs_made_elsewhere_are_recorded_once(history, tmp_path):
     results = rows(planned=4, errors=1)
     run_folder(tmp_path / "one", night(1), results)
     run_folder(tmp_path / "two", night(2, status=RunStatus.INTERRUPTED), results[:5])

@@ -2,8 +2,6 @@
 
 import json
 import pickle
-import subprocess
-import sys
 
 import pytest
 import torch
@@ -22,15 +20,11 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import (
     hash_tensors,
 )
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, TrunkRule
-from tests.policies.mergevla.checkpoints.test_expert_checkpoint import Exploding
+from tests.errors import one_line_error
+from tests.policies.mergevla.checkpoints.test_expert_checkpoint import Exploding, rewrite
 from tests.policies.mergevla.experts import TASKS, merging, save_base, save_experts
 
 FITTED = {"calibrated/unaided/means": torch.arange(3.0)}
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    return save_experts(tmp_path_factory.mktemp("zoo"))
 
 
 @pytest.fixture(scope="module")
@@ -44,13 +38,8 @@ def saved(made, tmp_path):
     return tmp_path / "merged"
 
 
-def rewrite(folder, **changes):
-    metadata = json.loads((folder / METADATA_FILE).read_text())
-    (folder / METADATA_FILE).write_text(json.dumps({**metadata, **changes}))
-
-
 def change(folder, edit):
-    """Change tensors, and the hash in the metadata with them: only the tensors themselves show the forgery."""
+    """Changes tensors and the hash in the metadata, so that only the tensors show it."""
     tensors = load_file(folder / WEIGHTS)
     edit(tensors)
     save_file(tensors, folder / WEIGHTS)
@@ -58,9 +47,8 @@ def change(folder, edit):
 
 
 def refused(folder, match):
-    with pytest.raises(PolicyError, match=match) as caught:
+    with one_line_error(PolicyError, match):
         load_merged(folder)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("trunk", TrunkRule)
@@ -97,7 +85,7 @@ def test_masks_take_a_bit_for_each_entry(saved):
     assert bits == {name: -(-tensor.numel() // 8) for name, tensor in vector.items()}
 
 
-def test_the_digest_is_of_the_content_and_found_without_torch(saved, folders, tmp_path):
+def test_the_digest_is_of_the_content(saved, folders, tmp_path):
     save_merged(tmp_path / "same", merging(folders), FITTED)
     save_merged(tmp_path / "other", merging(folders, lambda_=0.5), FITTED)
     save_merged(tmp_path / "unfitted", merging(folders))
@@ -105,12 +93,6 @@ def test_the_digest_is_of_the_content_and_found_without_torch(saved, folders, tm
     digests = [merged_digest_of(str(name)) for name in names]
     assert digests[0] == digests[1]
     assert len(set(digests)) == 3
-    program = (
-        "import sys; from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of as d; "
-        f"print(d({str(saved)!r})); assert not {{'torch', 'transformers', 'peft', 'safetensors'}} & sys.modules.keys()"
-    )
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == digests[0]
 
 
 @pytest.mark.parametrize("keep", [0, 4, 200, -1])
@@ -194,8 +176,6 @@ def test_a_weight_of_another_shape_is_refused(saved):
 def test_missing_statistics_are_refused(saved):
     rewrite(saved, statistics=None)
     refused(saved, "expected normalisation statistics of each merged expert")
-    statistics = json.loads((saved / METADATA_FILE).read_text())["statistics"]
-    assert statistics is None
 
 
 @pytest.mark.parametrize("rescalers", [{}, {"null/Reach": 1.0}, dict.fromkeys(TASKS, "1")])
@@ -221,11 +201,8 @@ def test_another_base_in_the_bases_place_is_refused(tmp_path):
 def test_a_plain_checkpoint_is_no_merged_one_and_the_reverse(saved, folders):
     refused(folders[0], "expected a merged checkpoint, got a checkpoint of one network")
     for use in (load_checkpoint, digest_of):
-        with pytest.raises(
-            CheckpointError, match="expected a checkpoint of one network, got a merged checkpoint"
-        ) as caught:
+        with one_line_error(CheckpointError, "expected a checkpoint of one network, got a merged checkpoint"):
             use(str(saved))
-        assert "\n" not in str(caught.value)
 
 
 def test_merged_checkpoint_and_base_can_move_together(tmp_path):

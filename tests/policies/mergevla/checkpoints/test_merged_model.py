@@ -9,15 +9,10 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.merged_model import SUBSPACE, MergedModel, leading
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
-from tests.policies.mergevla.experts import TASKS, merging, plain, save_experts
+from tests.policies.mergevla.experts import TASKS, merging, plain
 from tests.policies.mergevla.shared import SMALL, inputs, small_model
 
 BLOCKS = SMALL.language.layers
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    return save_experts(tmp_path_factory.mktemp("zoo"))
 
 
 def same(ours, theirs, tolerance=1e-6):

@@ -46,9 +46,8 @@ def generator():
 )
 def test_the_null_has_known_values_for_independent_gaussian_experts(operator, experts, keep, selfish, cos):
     """Known values to two digits, lambda 0.6; their own rounding is 0.005, the simulation's error about 0.002."""
-    null = gaussian_null(
-        {f"e{i}": 1.0 for i in range(experts)}, Recipe(operator), generator=generator(), shape=(500, 500)
-    )
+    scales = {f"e{i}": 1.0 for i in range(experts)}
+    null = gaussian_null(scales, Recipe(operator), generator=generator(), shape=(500, 500))
     assert sum(null.keep.values()) / experts == pytest.approx(keep, abs=0.008)
     assert null.selfish == pytest.approx(selfish, abs=0.008)
     assert sum(null.cosine.values()) / experts == pytest.approx(cos, abs=0.008)
@@ -100,23 +99,9 @@ def test_statistics_of_other_experts_are_refused():
 
 
 def test_block_distances_have_known_values():
-    experts = {
-        "a": {
-            "action_expert.blocks.0.w": torch.tensor([3.0, 0.0]),
-            "action_expert.blocks.1.w": torch.tensor([1.0]),
-            "out": torch.tensor([9.0]),
-        },
-        "b": {
-            "action_expert.blocks.0.w": torch.tensor([0.0, 3.0]),
-            "action_expert.blocks.1.w": torch.tensor([1.0]),
-            "out": torch.tensor([1.0]),
-        },
-        "c": {
-            "action_expert.blocks.0.w": torch.tensor([3.0, 0.0]),
-            "action_expert.blocks.1.w": torch.tensor([-1.0]),
-            "out": torch.tensor([0.0]),
-        },
-    }
+    names = ("action_expert.blocks.0.w", "action_expert.blocks.1.w", "out")
+    weights = {"a": ([3.0, 0.0], [1.0], [9.0]), "b": ([0.0, 3.0], [1.0], [1.0]), "c": ([3.0, 0.0], [-1.0], [0.0])}
+    experts = {expert: dict(zip(names, map(torch.tensor, own), strict=True)) for expert, own in weights.items()}
     # Block 0: two unrelated pairs and an equal one; block 1: an equal pair and two opposite ones.
     expected = (2 * math.sqrt(2) / 3, 4 / 3)
     assert block_distances(experts) == pytest.approx(expected)

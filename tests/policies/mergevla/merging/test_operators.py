@@ -11,13 +11,9 @@ from hypothesis import strategies as st
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
-from robogauntlet.policies.mergevla.merging.merge import (
-    OPERATORS,
-    UnknownOperator,
-    find_operator,
-    merge_task_vectors,
-)
+from robogauntlet.policies.mergevla.merging.merge import OPERATORS, UnknownOperator, find_operator, merge_task_vectors
 from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors
+from tests.errors import one_line_error
 from tests.policies.mergevla.merging.strategies import close, copied, equal, random_task_vectors, task_vectors
 
 QUICK = {"wudi": {"steps": 3}}
@@ -122,7 +118,7 @@ def test_one_expert_does_not_merge_to_itself_under_dare_unless_nothing_is_droppe
 
 @pytest.mark.parametrize("operator", sorted(OPERATORS.keys() - {"dare"} - SIGNLESS))
 @pytest.mark.parametrize("scale", [1e-30, 1e30])
-def test_deltas_whose_squares_overflow_fp32_are_merged(operator, scale):
+def test_deltas_whose_squares_leave_fp32_are_merged(operator, scale):
     deltas = random_task_vectors(1, scale=scale)
     options = {"cutoff": 0.0} if operator == "knots" else QUICK.get(operator)
     merged = merge_task_vectors(operator, deltas, options=options)["w"]
@@ -228,7 +224,7 @@ def test_dare_drops_other_entries_of_each_expert_and_weight():
     assert not torch.equal(a["w"], a["v"])
 
 
-def test_dare_drops_the_same_entries_of_an_expert_for_any_other_experts():
+def test_what_dare_drops_of_an_expert_does_not_depend_on_the_others():
     experts = random_task_vectors(2)
     alone = {expert: dare({expert: vector}) for expert, vector in experts.items()}
     assert close(dare(experts), task_arithmetic(alone))
@@ -255,9 +251,8 @@ def test_dare_drops_the_same_entries_of_an_expert_for_any_other_experts():
     ],
 )
 def test_options_out_of_range_are_refused_in_one_line(operator, options):
-    with pytest.raises(OutOfRange, match=f"^expected {next(iter(options))} .*got ") as refusal:
+    with one_line_error(OutOfRange, f"^expected {next(iter(options))} .*got "):
         merge_task_vectors(operator, random_task_vectors(2), options=options)
-    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("alpha", [0.0, -1.0, math.inf, math.nan])
@@ -285,10 +280,9 @@ def test_unknown_operators_and_options_are_refused():
     ],
 )
 def test_experts_that_differ_are_refused_in_one_line(operator, vector, message):
-    with pytest.raises(ExpertsDiffer, match=message) as refusal:
+    with one_line_error(ExpertsDiffer, message) as refusal:
         run(operator, {**random_task_vectors(1), "odd": vector})
     assert isinstance(refusal.value, PolicyError)
-    assert "\n" not in str(refusal.value)
     assert "odd" in str(refusal.value)
 
 

@@ -75,9 +75,8 @@ def test_alpha_cancels():
 def test_an_expert_that_changed_nothing_gets_no_delta():
     experts = random_task_vectors(2)
     experts["idle"] = {name: torch.zeros_like(delta) for name, delta in experts["expert0"].items()}
-    assert not any(
-        delta.any() for delta in merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS)).of("idle").values()
-    )
+    merged = merge(experts, Recipe("magnitude", masks=MaskRule.SIGNS))
+    assert not any(delta.any() for delta in merged.of("idle").values())
 
 
 def test_a_sign_bit_holds_more_than_a_mask_bit_for_unrelated_experts():

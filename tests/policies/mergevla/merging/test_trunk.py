@@ -15,11 +15,8 @@ DEPTH = 12
 
 def action_expert(seed):
     generator = torch.Generator().manual_seed(seed)
-    names = [
-        "action_expert.input.weight",
-        *(f"action_expert.blocks.{i}.{part}" for i in range(DEPTH) for part in ("weight", "gate")),
-    ]
-    names += ["action_expert.output_norm.weight", "action_expert.output.weight"]
+    names = ["input.weight", *(f"blocks.{i}.{part}" for i in range(DEPTH) for part in ("weight", "gate"))]
+    names = [f"action_expert.{name}" for name in (*names, "output_norm.weight", "output.weight")]
     return {name: torch.randn((3, 3) if name.endswith("weight") else (), generator=generator) for name in names}
 
 

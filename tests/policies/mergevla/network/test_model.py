@@ -94,7 +94,7 @@ def test_an_answer_does_not_depend_on_the_rest_of_its_batch_nor_on_padding(quirk
 
 
 @pytest.mark.parametrize("blind", [False, True])
-def test_patches_attend_to_the_instruction_unless_language_blind(blind):
+def test_patches_see_the_instruction_unless_it_is_hidden(blind):
     model = small_model(quirks=PaperCodeQuirks(language_blind=blind))
     images = inputs(SMALL, batch=1)[0]
     push, pull = (model.hidden_states(images, tokenizer_for(SMALL)([words])) for words in ("push it", "pull it"))
@@ -175,7 +175,7 @@ def test_inputs_of_another_shape_are_refused():
         model(images, prompts, proprioception[:, :7])
 
 
-def test_the_tiny_size_can_overfit_eight_samples():
+def test_the_tiny_size_can_memorise_eight_samples():
     torch.set_num_threads(1)
     model, steps = build(TINY, 0).train(), 80
     batch = inputs(TINY, batch=8)

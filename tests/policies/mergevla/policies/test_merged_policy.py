@@ -1,4 +1,4 @@
-"""Policies of experts and merged models: the acting expert, state, and independence of the batch."""
+"""Policies of one network, of experts and of merged models: the acting expert, state, and independence of the batch."""
 
 import errno
 import subprocess
@@ -25,6 +25,7 @@ from robogauntlet.policies.mergevla.routing.catalog import NAMES, fit_routers
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests import ROOT
+from tests.errors import one_line_error
 from tests.policies.mergevla.experts import TASKS, merging, save_base, save_expert, save_experts
 from tests.policies.mergevla.shared import SMALL, query, small_model, task_statistics
 
@@ -37,11 +38,6 @@ def observation(index, task):
 
 
 @pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    return save_experts(tmp_path_factory.mktemp("zoo"))
-
-
-@pytest.fixture(scope="module")
 def merged(folders):
     made = merging(folders)
     frames = {task: [observation(index, task) for index in range(8)] for task in TASKS}
@@ -50,11 +46,14 @@ def merged(folders):
     return folders[0].parents[1] / "merged"
 
 
-@pytest.fixture(params=["experts", "merged"])
+@pytest.fixture(params=["single", "experts", "merged"])
 def kind_and_options(request, folders, merged):
-    if request.param == "experts":
-        return EXPERTS, {"folder": str(folders[0].parent)}
-    return MERGED, {"checkpoint": str(merged)}
+    return {
+        "single": (KIND, {"checkpoint": str(folders[0])}),
+        "experts": (EXPERTS, {"folder": str(folders[0].parent)}),
+        "merged": (MERGED, {"checkpoint": str(merged)}),
+        "oracle-routed": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
+    }[request.param]
 
 
 def of_task(seed, task=None):
@@ -62,7 +61,7 @@ def of_task(seed, task=None):
 
 
 class Fixed:
-    """Routes to one expert, and counts."""
+    """Routes to one expert and records the episodes."""
 
     name, sees_instruction = "fixed", True
 
@@ -77,7 +76,7 @@ class Fixed:
         return [Routing({self.choice: 1.0}, self.choice, 0.0) for _ in observations]
 
 
-@pytest.mark.parametrize("kind", [EXPERTS, MERGED])
+@pytest.mark.parametrize("kind", [KIND, EXPERTS, MERGED])
 def test_the_entry_point_names_the_kind(kind):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     place = project["project"]["entry-points"]["robogauntlet.policies"][kind.name]
@@ -86,7 +85,8 @@ def test_the_entry_point_names_the_kind(kind):
 
 def test_declaring_the_kinds_and_hashing_import_no_torch(folders, merged):
     program = (
-        "import sys; from robogauntlet.policies.mergevla.kinds import EXPERTS, MERGED; "
+        "import sys; from robogauntlet.policies.mergevla.kinds import EXPERTS, KIND, MERGED; "
+        f"KIND.digest({{'checkpoint': {str(folders[0])!r}}}); "
         f"EXPERTS.digest({{'folder': {str(folders[0].parent)!r}}}); MERGED.digest({{'checkpoint': {str(merged)!r}}}); "
         "assert not {'torch', 'transformers', 'peft', 'safetensors', 'sklearn'} & sys.modules.keys()"
     )
@@ -157,11 +157,8 @@ def test_the_oracle_router_gets_the_true_task(merged):
 def test_the_statistics_are_those_of_the_chosen_expert(folders):
     model = MergedModel(merging(folders, masks="none", kept_blocks=0, merge_output=True).parts)
     one, two = (MergedPolicy(model, Fixed(task)).act([of_task(0)])[0].actions for task in TASKS[:2])
-    normalised = [
-        model.parts.statistics.of(task).normalise_proprioception(of_task(0).observation.proprioception)
-        for task in TASKS[:2]
-    ]
-    assert not np.allclose(*normalised)
+    statistics, state = model.parts.statistics, of_task(0).observation.proprioception
+    assert not np.allclose(*(statistics.of(task).normalise_proprioception(state) for task in TASKS[:2]))
     assert not np.allclose(one, two)
 
 
@@ -198,12 +195,9 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written"))
 
 
-@pytest.mark.parametrize("kind", ["experts", "oracle-routed"])
-def test_an_episode_is_the_same_when_played_twice(folders, merged, kind):
-    kind, options = {
-        "experts": (EXPERTS, {"folder": str(folders[0].parent)}),
-        "oracle-routed": (MERGED, {"checkpoint": str(merged), "router": "oracle"}),
-    }[kind]
+@pytest.mark.parametrize("kind_and_options", ["single", "experts", "oracle-routed"], indirect=True)
+def test_it_plays_an_episode_twice_the_same(kind_and_options):
+    kind, options = kind_and_options
     view = View(image_size=SMALL.image_size)
     simulation, policy = open_simulation("null/Reach", view), kind.load(options)
     check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
@@ -241,9 +235,8 @@ def test_digests_differ_for_other_experts_routers_and_inputs(folders, merged, tm
 
 
 def refused(kind, options, match, ask=lambda policy: None):
-    with pytest.raises(PolicyError, match=match) as caught:
+    with one_line_error(PolicyError, match):
         ask(kind.load(options))
-    assert "\n" not in str(caught.value)
 
 
 def test_an_episode_whose_task_has_no_expert_is_refused(folders, merged):
@@ -258,9 +251,8 @@ def test_an_episode_whose_task_has_no_expert_is_refused(folders, merged):
 @pytest.mark.parametrize("router", ["calibrated", "nearest-centroid"])
 def test_a_router_that_was_not_fitted_is_refused_when_the_policy_is_loaded(folders, tmp_path, router):
     save_merged(tmp_path, merging(folders))
-    refused(
-        MERGED, {"checkpoint": str(tmp_path), "router": router}, f"router '{router}': expected tensors .*, got none"
-    )
+    options = {"checkpoint": str(tmp_path), "router": router}
+    refused(MERGED, options, f"router '{router}': expected tensors .*, got none")
 
 
 def test_a_single_network_is_refused_as_merged_and_the_reverse(folders, merged):
@@ -342,9 +334,8 @@ def test_an_unreadable_expert_is_an_error(tmp_path, monkeypatch):
         return is_file(path)
 
     monkeypatch.setattr(Path, "is_file", deny)
-    refused(
-        EXPERTS, {"folder": str(denied.parent)}, f"expected to read '{denied / 'card.json'}', got: Permission denied"
-    )
+    message = f"expected to read '{denied / 'card.json'}', got: Permission denied"
+    refused(EXPERTS, {"folder": str(denied.parent)}, message)
 
 
 def test_a_base_and_a_merged_model_in_the_folder_are_left_out(tmp_path, merged, folders):
@@ -359,10 +350,8 @@ def test_a_base_and_a_merged_model_in_the_folder_are_left_out(tmp_path, merged, 
 
 
 def test_a_query_without_an_observation_is_refused(kind_and_options):
-    kind, options = kind_and_options
-    refused(
-        kind, options, "an observation in each query", lambda policy: policy.act([replace(query(0), observation=None)])
-    )
+    queries = [replace(query(0), observation=None)]
+    refused(*kind_and_options, "an observation in each query", lambda policy: policy.act(queries))
 
 
 def test_no_queries_give_no_decisions(kind_and_options):
@@ -375,6 +364,5 @@ def test_missing_packages_are_one_line(kind, folders, merged, monkeypatch):
     for name in ("single_policy", "merged_policy"):
         monkeypatch.setitem(sys.modules, f"robogauntlet.policies.mergevla.policies.{name}", None)
     options = {"folder": str(folders[0].parent), "checkpoint": str(merged)}
-    refused(
-        kind, options, rf"policy '{kind.name}': not installed .*; install it: pip install .robogauntlet\[mergevla\]"
-    )
+    message = rf"policy '{kind.name}': not installed .*; install it: pip install .robogauntlet\[mergevla\]"
+    refused(kind, options, message)

@@ -1,4 +1,4 @@
-"""A small merged model and routers that were fitted to its first observations."""
+"""A merged model and routers fitted to it, which the tests share."""
 
 import pytest
 
@@ -6,11 +6,12 @@ from robogauntlet.policies.mergevla.routing.catalog import fit_routers
 from tests.policies.mergevla.routing.synthetic import SmallMergedModel, frames
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def model():
     return SmallMergedModel()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def stored(model):
+    """The tensors of all fitted routers."""
     return fit_routers(model, frames(0, 8), frames(50, 6))

@@ -26,10 +26,8 @@ def test_variants_leave_out_words_and_keep_images_in_range(seed):
 
 
 def test_the_variants_of_a_first_observation_do_not_depend_on_its_batch():
-    alone, in_batch = (
-        augmented([observation(5)], sees_instruction=True),
-        augmented([observation(4), observation(5)], sees_instruction=True),
-    )
+    alone = augmented([observation(5)], sees_instruction=True)
+    in_batch = augmented([observation(4), observation(5)], sees_instruction=True)
     assert [one.instruction for one in alone] == [one.instruction for one in in_batch[4:]]
     assert torch.equal(alone[2].images, in_batch[6].images)
 

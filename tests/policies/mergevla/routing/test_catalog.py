@@ -16,7 +16,7 @@ from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel,
 FITTED = ("calibrated", "nearest-centroid")
 
 
-def test_the_names_are_those_of_all_routers():
+def test_the_catalog_has_every_router():
     assert set(NAMES) == {"paper-coded", "paper-written", "random", "instruction-match", "oracle", *FITTED}
 
 

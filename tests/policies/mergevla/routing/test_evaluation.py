@@ -1,7 +1,7 @@
 """Every router on the same observations."""
 
 from functools import partial
-from itertools import count
+from itertools import count, product
 
 import numpy as np
 import pytest
@@ -35,20 +35,8 @@ def auroc(left_out):
     return np.greater.outer(left_out.unknown, left_out.known).mean()
 
 
-class Turns:
-    """A clock that is a second later each time."""
-
-    def __init__(self):
-        self.ticks = count()
-
-    def __call__(self):
-        return float(next(self.ticks))
-
-
-def test_every_router_is_evaluated_with_the_instruction_and_without(stored):
-    assert [(one.name, one.sees_instruction) for one in all_routers(stored)] == [
-        (name, sees) for name in NAMES for sees in (True, False)
-    ]
+def test_every_router_is_tried_with_the_instruction_and_without(stored):
+    assert [(one.name, one.sees_instruction) for one in all_routers(stored)] == list(product(NAMES, (True, False)))
 
 
 def test_routers_that_were_not_fitted_are_left_out():
@@ -75,9 +63,9 @@ def test_only_the_calibrated_router_answers_with_probabilities(model, stored, ne
 
 
 def test_a_decision_and_a_pass_are_timed_separately(model, stored, new):
-    progress = []
+    progress, clock = [], count(0.0).__next__
     routers = [router("calibrated", stored=stored), router("random")]
-    found = evaluate_routers(routers, model, new[:3], listener=lambda *done: progress.append(done), clock=Turns())
+    found = evaluate_routers(routers, model, new[:3], listener=lambda *done: progress.append(done), clock=clock)
     assert found.pass_s == 1.0
     assert [trial.routing.latency_s for one in found.routers for trial in one.answers] == [1.0] * 6
     assert progress == [(0, 3), (1, 3), (2, 3), (3, 3)]
@@ -91,9 +79,8 @@ def test_nothing_to_route_is_refused(model):
 def test_a_task_that_was_left_out_is_detected(model):
     fitted_to = RouterTrainingSet(frames(0, 12), frames(50, 8))
     found = unknown_tasks(model, fitted_to, frames(9000, 5))
-    assert [(one.router, one.sees_instruction) for one in found] == [
-        (name, sees) for name in ("calibrated", "nearest-centroid") for sees in (True, False)
-    ]
+    tried = [(one.router, one.sees_instruction) for one in found]
+    assert tried == list(product(("calibrated", "nearest-centroid"), (True, False)))
     for one in found:
         assert one.by_task.keys() == set(EXPERTS)
         assert {(len(task.known), len(task.unknown)) for task in one.by_task.values()} == {(10, 5)}
@@ -121,7 +108,7 @@ def test_a_left_out_task_is_detected_if_it_is_separable(fitted):
     assert 0.0 < np.mean([np.greater(one.known, one.threshold) for one in found.values()]) < 0.15
 
 
-def test_a_left_out_task_that_looks_like_another_is_not_detected():
+def test_a_left_out_task_whose_features_are_those_of_another_is_not_detected():
     near = (gaussians(seed, apart=0.0) for seed in range(3))
     found = leave_one_out(partial(fit, feature_spec=FeatureSpec()), *near)
     assert 0.4 < np.mean([auroc(one) for one in found.values()]) < 0.6

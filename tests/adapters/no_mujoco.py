@@ -1,10 +1,10 @@
-"""A gymnasium environment that is not of MuJoCo, and renders only on request."""
+"""A gymnasium environment that is not of MuJoCo, and renders only if a render mode is given."""
 
 import gymnasium
 import numpy as np
 
 
-class Blind(gymnasium.Env):
+class NoMujoco(gymnasium.Env):
     """Ends with a reward after so many steps."""
 
     def __init__(self, length=1000, render_mode=None):
