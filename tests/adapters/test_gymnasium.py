@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
