@@ -52,7 +52,7 @@ def test_horizons_and_instructions_are_those_of_the_protocol():
 
 
 def test_a_task_says_what_cannot_be_adjusted_in_it():
-    assert libero_tasks()["goal-7-turn-on-stove"].description.fixed.keys() == {"objects", "bodies"}
+    assert libero_tasks()["goal-7-turn-on-stove"].description.fixed.keys() == {"objects", "dynamics"}
     assert libero_tasks()["spatial-3-on-cookie-box"].description.fixed.keys() == {"objects"}
     assert libero_tasks()["object-0-alphabet-soup"].description.fixed.keys() == {"objects", "table"}
     assert not libero_tasks()["goal-8-put-bowl-on-plate"].description.fixed

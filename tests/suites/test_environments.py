@@ -34,7 +34,7 @@ def test_a_version_of_python_may_be_written_as_a_number(tmp_path):
         ("{requirements: ['--index-url=x']}", "expected a requirement of pip, such as robosuite==1.4.0, and no option"),
         ("{requirements: robosuite}", "found text ('robosuite')"),
         ("{interpreter: python3}", "expected the full path of a Python interpreter, found text ('python3')"),
-        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or the definition of an environment"),
+        ("{interpreter: /x, inherit: true}", "expected an interpreter alone, or a definition without one"),
         ("{installer: uv}", "expected inherit: false with uv, which ignores inherited packages"),
         ("{installer: conda}", "expected 'pip' or 'uv', found 'conda'"),
     ],
