@@ -41,7 +41,7 @@ class RecordingObserver:
 
 
 @pytest.fixture
-def told():
+def observer():
     return RecordingObserver()
 
 

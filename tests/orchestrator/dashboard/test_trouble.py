@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -10,14 +11,8 @@ from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import live_status, running
 
 PAGES = (
-    "/",
-    "/runs",
-    "/runs/x",
-    "/history?policy=merged",
-    "/leaderboard?suite=a",
-    "/failures",
-    "/schedule",
-    "/compare",
+    *("/", "/runs", "/runs/x", "/history?policy=merged", "/leaderboard?suite=a"),
+    *("/failures", "/schedule", "/compare"),
 )
 FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
 
@@ -79,11 +74,9 @@ def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
                 answers.append((path, served.get(path).status_code))
 
         writer = threading.Thread(target=write)
-        readers = [threading.Thread(target=read, args=(number,)) for number in range(50)]
-        for thread in (writer, *readers):
-            thread.start()
-        for thread in readers:
-            thread.join()
+        writer.start()
+        with ThreadPoolExecutor(50) as readers:
+            readers.map(read, range(50))
         ended.set()
         writer.join()
         assert served.get("/api/live").json()["runs"][0]["done"] > 0
@@ -99,11 +92,9 @@ def test_simultaneous_requests_compute_a_slow_answer_once():
         made.append(1)
         return "answer"
 
-    threads = [threading.Thread(target=memory.get, args=("key", make)) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(memory.get, ["key"] * 8, [make] * 8))
+    assert answers == ["answer"] * 8
     assert made == [1]
 
 
