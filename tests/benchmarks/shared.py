@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from robogauntlet.adapters import catalog
@@ -63,3 +63,8 @@ def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     for line in lines:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip(), flush=True)
+
+
+def table_of(rows: Sequence[Mapping[str, object]], columns: Mapping[str, str]) -> None:
+    """Print rows as a table; each column has a heading and a format with the keys of a row."""
+    table(tuple(columns), [tuple(text.format(**row) for text in columns.values()) for row in rows])
