@@ -17,9 +17,8 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, Query
 from robogauntlet.results.record import outcome_row, rows_hash
-from robogauntlet.results.run_document import read_run
-from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Episode, Protocol, View
+from tests.orchestrator.runs.playing import rows_of
 from tests.remote_servers import answering, serving, speaking
 
 COMMAND = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "policies", "serve"]
@@ -50,13 +49,6 @@ def run_of(run_command, folder, policies, tasks="[null/Reach]", count=6):
         f"{suite}seeds: {{count: {count}}}\nworkers: 2\nimage_size: 32\nerror_tolerance: 1.0\n"
     )
     return run_command("run", "s.yaml", "--out", "run", "--no-media")
-
-
-def rows(folder):
-    store = Store.open(f"sqlite:///{folder / 'episodes.sqlite'}", read_run(folder).run_id)
-    found = list(store.results())
-    store.close()
-    return found
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -132,7 +124,7 @@ def test_a_run_with_a_policy_server_has_the_same_results(run_command, tmp_path):
             folder.mkdir()
             os.chdir(folder)
             assert run_of(run_command, folder, policies).code == 0
-            found.append(rows_hash(map(outcome_row, rows(folder / "run"))))
+            found.append(rows_hash(map(outcome_row, rows_of(folder / "run"))))
     assert found[0] == found[1]
 
 
@@ -146,7 +138,7 @@ def test_a_failing_server_causes_error_rows_of_its_policy_only(run_command, tmp_
     with speaking(answering({"actions": [[float("nan")] * 7]})) as address:
         remote = {"name": "pi0", "kind": "openpi", "options": {"address": address, "identity": "pi0@1"}}
         run_of(run_command, tmp_path, [remote, "zero", mine], count=4)
-    found = rows(tmp_path / "run")
+    found = rows_of(tmp_path / "run")
     statuses = {name: {row.status for row in found if row.policy == name} for name in {row.policy for row in found}}
     assert statuses["zero"] == statuses["mine"] == {"failure"}
     assert statuses["pi0"] == {"error"}

@@ -8,11 +8,7 @@ import pytest
 import ray
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.inference.ray_policy_server import (
-    choose_inference,
-    measure_answer_times,
-    start_servers,
-)
+from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, measure_answer_times, start_servers
 from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
 from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
