@@ -51,6 +51,13 @@ class CommandResult:
     out: str
     err: str
 
+    @property
+    def refusal(self):
+        """The only line of a command that refused its input."""
+        assert self.code == 2, self.out + self.err
+        (line,) = self.err.splitlines()
+        return line.removeprefix("robogauntlet: ")
+
 
 @pytest.fixture
 def run_command(monkeypatch, capsys, tmp_path):

@@ -14,6 +14,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import EnvironmentProblem, root
+from tests.full_disk import no_space
 
 BACKEND = """
 import pathlib, time
@@ -82,10 +83,7 @@ def test_a_failed_replacement_leaves_the_old_one(environment, monkeypatch):
 
 
 def test_a_full_disk_is_reported_and_leaves_nothing(environment, monkeypatch):
-    def full(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("venv.EnvBuilder.create", full)
+    monkeypatch.setattr("venv.EnvBuilder.create", no_space)
     with pytest.raises(EnvironmentProblem, match="the disk is full"):
         installer.create(environment(), silent)
     assert leftovers() == []

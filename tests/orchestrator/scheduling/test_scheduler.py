@@ -15,6 +15,7 @@ from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.resources import Resources
+from tests.full_disk import no_space
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 SOURCES = {name: PolicySource(name) for name in ("oracle", "random", "untrained")}
@@ -164,11 +165,8 @@ def test_an_interruption_keeps_returned_rows_and_leaves_no_process(observer):
 
 
 def test_a_sink_that_fails_ends_the_run(observer):
-    def full(rows):
-        raise OSError(28, "No space left on device")
-
     with pytest.raises(OSError, match="No space left"):
-        Scheduler(work_queues(work(), 3), RayWorkerPool(SOURCES), options(), full, observer).run()
+        Scheduler(work_queues(work(), 3), RayWorkerPool(SOURCES), options(), no_space, observer).run()
 
 
 def test_a_simulator_that_cannot_be_opened_is_skipped_with_its_reason(observer, monkeypatch):
