@@ -14,25 +14,21 @@ import pytest
 import yaml
 
 from robogauntlet.adapters.contract import Observation
+from robogauntlet.orchestrator.cli.policies.serve import kind_and_options
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, Query
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.orchestrator.runs.playing import rows_of
+from tests.processes import GAUNTLET
 from tests.remote_servers import answering, serving, speaking
-
-COMMAND = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "policies", "serve"]
 
 
 @contextmanager
-def served(*arguments, **environment):
-    process = subprocess.Popen(
-        [*COMMAND, *map(str, arguments), "--port", "0"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **environment},
-    )
+def served(policy):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([*GAUNTLET, "policies", "serve", policy, "--port", "0"], env=environment, **pipes)
     try:
         line = process.stdout.readline()
         found = re.search(r"ws://\S+?:\d+", line)
@@ -98,12 +94,8 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
 
 
 def test_the_kind_of_a_checkpoint_is_recognised():
-    from robogauntlet.orchestrator.cli.policies.serve import kind_and_options
-
-    assert kind_and_options("zoo:merged", ["router=nearest-centroid"]) == (
-        "mergevla-merged",
-        {"checkpoint": "zoo:merged", "router": "nearest-centroid"},
-    )
+    options = {"checkpoint": "zoo:merged", "router": "nearest-centroid"}
+    assert kind_and_options("zoo:merged", ["router=nearest-centroid"]) == ("mergevla-merged", options)
     assert kind_and_options("zoo:experts", [])[0] == "mergevla-experts"
     assert kind_and_options("zoo:base", []) == ("mergevla", {"checkpoint": "zoo:base"})
     assert kind_and_options("zoo:experts/robosuite__Lift", [])[0] == "mergevla"

@@ -47,6 +47,10 @@ def test_a_sheet_is_written_by_one_command(run_command, tmp_path):
         (["camera-orbit", "--out", "a.jpg"], "expected a file that ends in .png for --out"),
         (["camera-orbit", "--out", "a.png", "--task", "null/Reach"], "does not let its cameras be adjusted"),
         (["blur", "--out", "a.png", "--task", "pybullet/PandaRech-v3"], "did you mean 'pybullet/PandaReach-v3'?"),
+        (
+            ["dynamics", "--out", "a.png", "--task", "pybullet/PandaReach-v3"],
+            "axis 'dynamics' is unsupported in pybullet/PandaReach-v3: the arm can move nothing in it",
+        ),
         (["blur", "--out", "a.png", "--task", "null/Reach"], "null/Reach: blur@1: expected blurred images"),
     ],
 )
