@@ -12,7 +12,8 @@ from pathlib import Path
 
 import psutil
 
-from tests.benchmarks.shared import COMMAND, duration_s, stored_rows, table_of
+from tests.benchmarks.shared import duration_s, stored_rows, table_of
+from tests.processes import GAUNTLET
 
 SUITE = """
 name: watched
@@ -36,7 +37,7 @@ def measure() -> list[dict[str, object]]:
         _play(folder, environment, "warm-up")
         for pair in range(PAIRS):
             alone = _play(folder, environment, f"alone-{pair}")
-            command = [*COMMAND, "serve", "--port", "0"]
+            command = [*GAUNTLET, "serve", "--port", "0"]
             server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
             assert server.stdout is not None
             address = server.stdout.readline().split()[1].rstrip("/")
@@ -64,7 +65,7 @@ def measure() -> list[dict[str, object]]:
 
 def _play(folder: Path, environment: dict[str, str], name: str) -> float:
     """Run the suite into the folder `name`; return the duration of its episodes (s)."""
-    command = [*COMMAND, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
+    command = [*GAUNTLET, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
     subprocess.run(command, check=True, capture_output=True, env=environment)
     return duration_s(stored_rows(folder / name))
 

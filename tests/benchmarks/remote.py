@@ -19,7 +19,8 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode, Protocol, View
-from tests.benchmarks.shared import COMMAND, table_of
+from tests.benchmarks.shared import table_of
+from tests.processes import GAUNTLET
 
 SIZE = 224
 QUERIES, WARM = 1000, 50
@@ -72,7 +73,7 @@ def _row(title: str, kind: str, options: dict[str, object]) -> dict[str, object]
 @contextmanager
 def _server(folder: Path) -> Iterator[str]:
     arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
-    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([*GAUNTLET, *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         found = re.search(r"ws://\S+?:\d+", process.stdout.readline())

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,11 +13,10 @@ from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Cell, Episode, Protocol, View
+from tests.processes import GAUNTLET
 
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
-COMMAND = (sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()")
-"""The `robogauntlet` command."""
 
 
 def open_task(task: str, view: View) -> Simulation:
@@ -39,7 +37,7 @@ def play_suite(text: str) -> list[EpisodeResult]:
     with tempfile.TemporaryDirectory() as name:
         suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
         suite.write_text(text, encoding="utf-8")
-        command = [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"]
+        command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
         subprocess.run(command, check=True, capture_output=True)
         return stored_rows(folder)
 

@@ -6,7 +6,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 from urllib.parse import urlsplit
 
 import httpx2
@@ -16,9 +15,10 @@ from robogauntlet.orchestrator.dashboard.files import known_file
 from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import nightly_run
+from tests.processes import GAUNTLET
 
 TOKEN = "correct-horse-battery-staple"
-SERVE = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "serve"]
+SERVE = [*GAUNTLET, "serve"]
 
 
 @pytest.fixture

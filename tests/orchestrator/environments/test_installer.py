@@ -4,7 +4,6 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import time
 
 import psutil
@@ -15,6 +14,7 @@ from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import EnvironmentProblem, root
 from tests.full_disk import no_space
+from tests.processes import GAUNTLET
 
 BACKEND = """
 import pathlib, time
@@ -127,8 +127,8 @@ def test_an_interrupted_creation_leaves_no_usable_environment(environment, tmp_p
     suite = tmp_path / "suite.yaml"
     entry = f"{{bare: {{requirements: ['{slow}']}}}}"
     suite.write_text(f"name: s\npolicies: [zero]\ntasks: [bare/Reach]\nseeds: {{count: 1}}\nenvironments: {entry}\n")
-    command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "env", "create", "bare"]
-    process = subprocess.Popen([*command, "--suite", str(suite)], stderr=subprocess.PIPE, start_new_session=True)
+    command = [*GAUNTLET, "env", "create", "bare", "--suite", str(suite)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
     try:
         deadline = time.monotonic() + 120
         while not (slow / "begun").exists():
