@@ -136,7 +136,7 @@ class KeepsFingers(Variant):
 
 
 class DriftsUnseen(Variant):
-    """Less than the state hash tells: as a warm start of a solver would."""
+    """By less than the state hash shows, as a warm start of a solver would."""
 
     drift = 0.0
 

@@ -77,12 +77,12 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
 def test_numbers_change_without_a_reload(tmp_path):
     polls = []
 
-    def tell(served, path):
+    def write_status(served, path):
         if path == "/api/live":
             polls.append(path)
             served.history.write_live_status("running-1", live_status(120 + 7 * len(polls)))
 
-    with serving(tmp_path, before=tell) as served:
+    with serving(tmp_path, before=write_status) as served:
         running(served.history, live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 9000)
         pages = served.requested.count("/")
@@ -97,11 +97,11 @@ def test_numbers_change_without_a_reload(tmp_path):
 def test_a_script_in_a_later_message_is_not_run(tmp_path):
     number = iter(range(1, 99))
 
-    def tell(served, path):
+    def write_status(served, path):
         if path == "/api/live":
             served.history.write_live_status("running-1", bad_live(next(number)))
 
-    with serving(tmp_path, before=tell) as served:
+    with serving(tmp_path, before=write_status) as served:
         running(served.history, bad_live(0))
         page = seen(served.address + "/", tmp_path / "profile", 7000)
     assert not is_owned(page)

@@ -147,7 +147,7 @@ def test_the_history_plot_has_a_linked_mark_per_run(filled):
     assert len(re.findall(r'<a href="/runs/[0-9a-f]+"', plot)) == 4
     assert 'class="bad"' in plot
     assert page.count('<th scope="row"') == 4
-    assert "No run matches" in filled.get("/history?policy=nobody").text
+    assert "No run matches" in filled.get("/history?policy=unknown").text
 
 
 def test_the_style_of_the_plot_is_allowed_by_its_hash_alone(filled):
@@ -189,14 +189,14 @@ def test_the_schedule_shows_next_times_and_outcomes(served):
 
 def test_videos_of_failures_are_shown_and_filtered(filled):
     page = filled.get("/failures").text
-    films = re.findall(r'<video[^>]* src="([^"]+)"', page)
-    assert len(films) == 3
+    videos = re.findall(r'<video[^>]* src="([^"]+)"', page)
+    assert len(videos) == 3
     assert page.count('preload="none"') == 3
     assert page.count(" poster=") == 3
-    assert filled.get(films[0]).headers["content-type"] == "video/mp4"
+    assert filled.get(videos[0]).headers["content-type"] == "video/mp4"
     failed = next(one for one in filled.made[-1][2] if one.status == "failure")
     assert "<video" in filled.get(f"/failures?task={failed.task}&policy={failed.policy}").text
-    assert "<video" not in filled.get("/failures?policy=nobody").text
+    assert "<video" not in filled.get("/failures?policy=unknown").text
     assert "<video" not in filled.get(f"/failures?run={filled.made[0][1].run_id}").text
 
 

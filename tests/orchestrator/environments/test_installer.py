@@ -95,8 +95,8 @@ def test_a_full_disk_in_an_installers_output_is_reported():
 
 
 def test_the_last_reason_of_uv_is_reported():
-    output = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
-    assert installer.reason(output).endswith("the installer failed: Because gears was not found")
+    output = ["error: No solution found when resolving dependencies", "Caused by: Because gearbox was not found", ""]
+    assert installer.reason(output).endswith("the installer failed: Because gearbox was not found")
 
 
 def test_another_python_is_refused_before_anything_is_created(environment):

@@ -224,9 +224,9 @@ def untrained():
 @pytest.mark.parametrize(("message", "match"), MESSAGES.values(), ids=MESSAGES)
 def test_an_invalid_message_gets_one_line_and_the_next_message_a_normal_answer(untrained, message, match):
     with connect(untrained.address) as connection:
-        said = unpack(connection.recv())
-        assert said["action_names"][-1] == "gripper"
-        assert said["robogauntlet"]["digest"] == catalog.digest("untrained", {})
+        metadata = unpack(connection.recv())
+        assert metadata["action_names"][-1] == "gripper"
+        assert metadata["robogauntlet"]["digest"] == catalog.digest("untrained", {})
         connection.send(message if isinstance(message, str | bytes) else pack(message))
         line = connection.recv()
         assert isinstance(line, str)

@@ -151,7 +151,7 @@ WRONG = [
     ({"ROBOGAUNTLET_SMTP_PORT": "65536"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
     ({"ROBOGAUNTLET_SMTP_PORT": "²"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
     ({"ROBOGAUNTLET_MAIL_TO": ""}, "ROBOGAUNTLET_MAIL_TO: not set, but e-mail needs it"),
-    ({"ROBOGAUNTLET_MAIL_TO": "nobody"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses separated by commas"),
+    ({"ROBOGAUNTLET_MAIL_TO": "someone"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses separated by commas"),
     ({"ROBOGAUNTLET_MAIL_TO": "a@b.org\nBcc: c@d.org"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses"),
     ({"ROBOGAUNTLET_MAIL_FROM": "a@b.org, c@d.org"}, "ROBOGAUNTLET_MAIL_FROM: expected one address, got 2"),
     ({"ROBOGAUNTLET_SMTP_HOST": "user@host"}, "ROBOGAUNTLET_SMTP_HOST: expected the name of a host"),

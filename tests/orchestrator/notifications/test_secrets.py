@@ -125,7 +125,7 @@ def test_the_password_of_a_proxy_is_not_repeated(monkeypatch):
 def echoing(authority, trusted):
     """An SMTP server that refuses every login, and repeats the password."""
     options = {"tls_context": certified(authority), "require_starttls": True, "auth_required": True}
-    with smtp(Inbox(), authenticator=Users("nobody", "nothing"), **options) as port:
+    with smtp(Inbox(), authenticator=Users("someone", "something"), **options) as port:
         yield port
 
 

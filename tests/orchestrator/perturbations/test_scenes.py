@@ -24,12 +24,12 @@ from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import TABLE, Scene, begin, episode
 
 SCENERY = [name for name, axis in AXES.items() if axis.changes in (Changes.LIGHTS, Changes.STAGE)]
-WORLD = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.BODIES)]
+PHYSICS = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.BODIES)]
 severities = pytest.mark.parametrize("severity", range(1, 6))
 
 
 @severities
-@pytest.mark.parametrize("axis", SCENERY + WORLD)
+@pytest.mark.parametrize("axis", SCENERY + PHYSICS)
 def test_every_severity_delivers_its_level(axis, severity):
     for seed in (4, 5, 6):
         _, simulation = begin(axis, severity, seed=seed)
@@ -88,7 +88,7 @@ def test_a_scene_that_does_not_change_is_an_error(axis, monkeypatch):
         simulation.observe()
 
 
-@pytest.mark.parametrize("axis", SCENERY + WORLD)
+@pytest.mark.parametrize("axis", SCENERY + PHYSICS)
 def test_a_simulation_without_the_control_is_refused(axis):
     scene = Scene()
     scene.scene_controls = SceneControls(cameras=scene)

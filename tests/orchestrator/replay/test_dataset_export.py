@@ -92,26 +92,28 @@ def test_a_name_that_is_not_in_the_run_is_one_line(choice, line):
 @pytest.mark.parametrize("axis", ["noise", "frozen-frames", "blank-instruction", "blind"])
 @settings(max_examples=20)
 @given(st.lists(st.booleans(), min_size=1, max_size=12), st.integers(0, 50))
-def test_a_preview_equals_the_observation_and_changes_nothing(axis, looks, seed):
+def test_a_preview_equals_the_observation_and_changes_nothing(axis, observed, seed):
     severity = 1 if axis.startswith("bl") else 4
     one = Episode("p", "digest", TASK, seed, Protocol(60, 1, View(image_size=8)), Condition(axis, severity))
     seen = []
-    for glancing in (False, True):
+    for previewed in (False, True):
         simulation = perturbed(catalog.open_simulation(TASK, one.protocol.view), one)
         simulation.reset(seed)
         shown = []
-        for look in looks:
-            glance = simulation.preview() if glancing else None
-            if look:
+        for observes in observed:
+            preview = simulation.preview() if previewed else None
+            if observes:
                 shown.append(simulation.observe())
-                if glance is not None:
-                    assert all(np.array_equal(glance.images[c], shown[-1].images[c]) for c in glance.images)
-                    assert glance.instruction == shown[-1].instruction
+                if preview is not None:
+                    assert all(np.array_equal(preview.images[c], shown[-1].images[c]) for c in preview.images)
+                    assert preview.instruction == shown[-1].instruction
             simulation.step(np.array([0.01, 0, 0, 0, 0, 0, 0]))
         seen.append((shown, simulation.delivered()))
-    (plain, delivered), (glanced, after) = seen
+    (plain, delivered), (observed_again, after) = seen
     assert delivered == after
-    assert all(np.array_equal(a.images[c], b.images[c]) for a, b in zip(plain, glanced, strict=True) for c in a.images)
+    assert all(
+        np.array_equal(a.images[c], b.images[c]) for a, b in zip(plain, observed_again, strict=True) for c in a.images
+    )
 
 
 def test_a_record_holds_the_state_before_each_step_and_the_commanded_action():
