@@ -21,9 +21,9 @@ TOKEN = "correct-horse-battery-staple"
 SERVE = [*GAUNTLET, "serve"]
 
 
-@pytest.fixture
-def locked(tmp_path):
-    with serving(tmp_path, token=TOKEN, host="0.0.0.0") as served:
+@pytest.fixture(scope="module")
+def locked(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("locked"), token=TOKEN, host="0.0.0.0") as served:
         yield served
 
 

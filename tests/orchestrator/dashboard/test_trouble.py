@@ -17,16 +17,17 @@ PAGES = (
 FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
 
 
-@pytest.fixture
-def broken(tmp_path):
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
     """A dashboard whose store was overwritten with something else."""
-    fill(tmp_path, nights=1)
-    with serving(tmp_path) as served:
+    root = tmp_path_factory.mktemp("broken")
+    fill(root, nights=1)
+    with serving(root) as served:
         assert served.get("/healthz").text == "ok\n"
         for one in (served.history, served.schedule_store):
             one.close()  # what is connected keeps what it has read
-        (tmp_path / "garbage").write_bytes(b"garbage, and much of it. " * 9999)
-        (tmp_path / "garbage").replace(tmp_path / "history.sqlite")
+        (root / "garbage").write_bytes(b"garbage, and much of it. " * 9999)
+        (root / "garbage").replace(root / "history.sqlite")
         yield served
 
 
