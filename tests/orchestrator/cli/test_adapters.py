@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.adapter_kit.scaffold import renamed
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.adapters.check import check
 from robogauntlet.orchestrator.cli.adapters.new import new
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, INPUT_ERRORS
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from tests.full_disk import full_disk
@@ -87,11 +87,10 @@ def test_a_package_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_exists_is_left_alone(tmp_path):
+def test_a_folder_that_exists_is_left_alone(run_command, tmp_path):
     (tmp_path / "there").mkdir()
-    done = run_gauntlet("adapters", "new", "mysim", "--out", "there", cwd=tmp_path)
-    assert done.returncode == EXIT_BAD_INPUT
-    assert done.stderr == "robogauntlet: there exists; give another folder with --out\n"
+    line = run_command("adapters", "new", "mysim", "--out", "there").refusal
+    assert line == "there exists; give another folder with --out"
     assert not list((tmp_path / "there").iterdir())
 
 

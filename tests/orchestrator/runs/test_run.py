@@ -3,6 +3,7 @@
 import io
 import itertools
 import os
+import shutil
 import subprocess
 import time
 from dataclasses import replace
@@ -59,6 +60,21 @@ def run(tmp_path):
     return Run(tmp_path / "run")
 
 
+@pytest.fixture(scope="module")
+def finished_folder(tmp_path_factory, ray_here):
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "suite.yaml").write_text(SUITE)
+    play(folder / "suite.yaml", folder / "run")
+    return folder / "run"
+
+
+@pytest.fixture
+def finished(run, finished_folder):
+    """A run whose folder holds a finished run of the suite."""
+    shutil.copytree(finished_folder, run.folder)
+    return run
+
+
 def test_a_run_is_not_continued_into_another_store(run, suite, tmp_path):
     plan = make_plan(suite())
     run.folder.mkdir()
@@ -103,22 +119,18 @@ def test_a_run_is_not_continued_with_a_changed_task_definition(run, suite, monke
         run(path)
 
 
-def test_a_complete_run_plays_no_episode_again(run, suite):
-    path = suite()
-    first = run(path)
-    started = {row.episode_id: row.started_at for row in run.rows()}
-    second = run(path)
-    assert {row.episode_id: row.started_at for row in run.rows()} == started
-    assert second.document.run_id == first.document.run_id
-    assert second.document.rows_hash == first.document.rows_hash
-    assert "continuing: 40 of 40 episodes are done already" in run.output.getvalue()
+def test_a_complete_run_plays_no_episode_again(finished, suite):
+    before, started = read_run(finished.folder), {row.episode_id: row.started_at for row in finished.rows()}
+    after = finished(suite()).document
+    assert {row.episode_id: row.started_at for row in finished.rows()} == started
+    assert (after.run_id, after.rows_hash) == (before.run_id, before.rows_hash)
+    assert "continuing: 40 of 40 episodes are done already" in finished.output.getvalue()
 
 
 def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, monkeypatch):
-    path = suite(SUITE.replace("Reach", "Slow"))
+    path = suite(SUITE.replace("Reach", "Slow").replace("count: 20", "count: 10"))
     undisturbed = Run(tmp_path / "undisturbed")
     undisturbed(path)
-
     on_results = Progress.on_results
 
     def interrupt(self, results):
@@ -128,11 +140,11 @@ def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, m
     monkeypatch.setattr(Progress, "on_results", interrupt)
     outcome = run(path)
     assert outcome.document.status is RunStatus.INTERRUPTED
-    assert 0 < outcome.done < 40
+    assert 0 < outcome.done < 20
     assert "interrupted" in (run.folder / "report.md").read_text()
     monkeypatch.setattr(Progress, "on_results", on_results)
     outcome = run(path)
-    assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 40)
+    assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 20)
     assert outcome.document.rows_hash == read_run(undisturbed.folder).rows_hash
 
 
@@ -159,27 +171,24 @@ def test_the_elapsed_time_of_a_killed_session_is_kept(run, suite, monkeypatch):
     assert run(path).document.elapsed_s > taken
 
 
-def test_a_folder_of_another_suite_is_refused_and_unchanged(run, suite):
-    run(suite())
-    before = (run.folder / "run.json").read_text()
+def test_a_folder_of_another_suite_is_refused_and_unchanged(finished, suite):
+    before = (finished.folder / "run.json").read_text()
     with pytest.raises(PlanError, match="holds a run of suite 'nulls', not 'others'; give another folder with --out"):
-        run(suite(SUITE.replace("name: nulls", "name: others").replace("count: 20", "count: 5")))
+        finished(suite(SUITE.replace("name: nulls", "name: others").replace("count: 20", "count: 5")))
     with pytest.raises(PlanError, match="suite 'nulls' plans other episodes than when the run was begun"):
-        run(suite(SUITE.replace("count: 20", "count: 21")))
-    assert (run.folder / "run.json").read_text() == before
+        finished(suite(SUITE.replace("count: 20", "count: 21")))
+    assert (finished.folder / "run.json").read_text() == before
 
 
-def test_a_changed_policy_does_not_continue_an_old_run(run, suite, monkeypatch):
-    run(suite())
+def test_a_changed_policy_does_not_continue_an_old_run(finished, suite, monkeypatch):
     digest = policies.digest
     monkeypatch.setattr("robogauntlet.policies.catalog.digest", lambda kind, options: digest(kind, options)[::-1])
     with pytest.raises(PlanError, match="policy 'oracle' has changed since the run was begun"):
-        run(suite())
+        finished(suite())
 
 
-def test_a_continued_run_may_have_other_run_settings(run, suite):
-    run(suite())
-    assert run(suite(SUITE.replace("workers: 2", "workers: 1"))).document.status is RunStatus.COMPLETE
+def test_a_continued_run_may_have_other_run_settings(finished, suite):
+    assert finished(suite(SUITE.replace("workers: 2", "workers: 1"))).document.status is RunStatus.COMPLETE
 
 
 def test_two_names_for_one_policy_are_refused(suite):
@@ -251,11 +260,10 @@ def test_an_invalid_store_is_refused_and_unchanged(run, suite, content):
     assert not (run.folder / "run.json").exists()
 
 
-def test_a_run_document_that_is_broken_is_refused(run, suite):
-    run(suite())
-    (run.folder / "run.json").write_text('{"format": 1}')
+def test_a_run_document_that_is_broken_is_refused(finished, suite):
+    (finished.folder / "run.json").write_text('{"format": 1}')
     with pytest.raises(RunError, match=r"run\.json: expected a run document of format 1"):
-        run(suite())
+        finished(suite())
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path, suite):
@@ -308,9 +316,8 @@ def test_videos_of_a_success_and_a_failure_are_recorded_by_replay(run, suite):
     assert outcome.warnings == []
 
 
-def test_missing_videos_of_a_complete_run_are_recorded_once(run, suite):
-    path = suite()
-    run(path, media=False)
+def test_missing_videos_of_a_complete_run_are_recorded_once(finished, suite):
+    run, path = finished, suite()
     assert not (run.folder / "media").exists()
     assert run(path, media=True).warnings == []
     videos = {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")}
