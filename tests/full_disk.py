@@ -1,8 +1,13 @@
-"""A full disk, simulated by a limit on the size of files."""
+"""A full disk, simulated by an error or a limit on the size of files."""
 
 import contextlib
 import resource
 from collections.abc import Iterator
+
+
+def no_space(*arguments, **options):
+    """Fails as a write to a full disk does."""
+    raise OSError(28, "No space left on device")
 
 
 @contextlib.contextmanager

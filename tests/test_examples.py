@@ -13,6 +13,7 @@ from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.run_history import History
 from tests import ROOT
 from tests.orchestrator.cli.test_compare import bad, good, save
+from tests.processes import run_process
 
 PYTHONPATH = f"{ROOT / 'src'}{os.pathsep}{ROOT}"
 SUITE = """
@@ -69,9 +70,7 @@ def test_the_workflow_passes_on_good_runs_and_fails_on_a_regression(night, tmp_p
 
 
 def example(name, *arguments, cwd):
-    command = [sys.executable, ROOT / "examples" / name, *arguments]
-    environment = {**os.environ, "PYTHONPATH": PYTHONPATH}
-    run = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    run = run_process([sys.executable, ROOT / "examples" / name, *arguments], cwd)
     assert run.returncode == 0, run.stderr
     return run.stdout
 

@@ -1,12 +1,11 @@
 """RoboGauntlet uses one import name: packages of users may have the names of its folders."""
 
-import os
-import subprocess
 import sys
 
 import pytest
 
 from tests import ROOT
+from tests.processes import run_gauntlet, run_process
 
 FOLDERS = ("suites", "adapters", "policies", "results", "orchestrator")
 ACT = """
@@ -29,9 +28,7 @@ print([module.MINE for module in (adapters, policies, results)])
 
 
 def python(*arguments, folder):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "200"}
-    command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment, check=False)
+    return run_process([sys.executable, *arguments], folder)
 
 
 @pytest.fixture
@@ -53,8 +50,7 @@ def test_a_script_beside_packages_of_these_names_imports_them(project):
 
 @pytest.mark.ray
 def test_a_run_uses_a_policy_from_the_users_own_package_policies(project):
-    command = "from robogauntlet.orchestrator.cli import main; main()"
-    done = python("-c", command, "run", "mine.yaml", "--out", "run", folder=project)
+    done = run_gauntlet("run", "mine.yaml", "--out", "run", cwd=project)
     assert done.returncode == 0, done.stdout + done.stderr
     assert (project / "run" / "report.html").is_file()
 

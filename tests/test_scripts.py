@@ -14,15 +14,15 @@ from robogauntlet.orchestrator.cli import app
 from tests import ROOT
 
 SCRIPTS = ROOT / "scripts"
-# Stands where the command line stands and writes down what it is given, a line a command.
+# Replaces the command line: writes the arguments of each call into a line of a file.
 RECORDER = """#!/usr/bin/env bash
 line=$(printf '%s\\t' "$@")
 echo "$line" >>"${0%/*}/commands"
 """
 
 
-def given(script: str, folder: Path, *, percent: str | None = None) -> list[list[str]]:
-    """The commands that a script gives from nothing on, in which none leaves anything behind.
+def commands_of(script: str, folder: Path, *, percent: str | None = None) -> list[list[str]]:
+    """The commands of a script that starts in an empty folder; they are recorded and not run.
 
     Raises:
         subprocess.CalledProcessError: The script ended with an error.
@@ -35,22 +35,16 @@ def given(script: str, folder: Path, *, percent: str | None = None) -> list[list
     if percent is not None:
         environment["PERCENT"] = percent
     (folder / "out").mkdir()
-    subprocess.run(
-        ["bash", str(SCRIPTS / script), str(folder / "out")],
-        check=True,
-        capture_output=True,
-        text=True,
-        env=environment,
-        timeout=60,
-    )
+    command = ["bash", str(SCRIPTS / script), str(folder / "out")]
+    subprocess.run(command, check=True, capture_output=True, text=True, env=environment, timeout=60)
     return [line.rstrip("\t").split("\t") for line in (folder / "commands").read_text().splitlines()]
 
 
-def understand(arguments: Sequence[str]) -> dict[str, object]:
-    """The values of a command's options as the command line reads them; nothing is run.
+def parsed(arguments: Sequence[str]) -> dict[str, object]:
+    """The values of a command's options as the command line parses them.
 
     Raises:
-        click.UsageError: An argument is not understood.
+        click.UsageError: The command line does not accept an argument.
     """
     command, context = typer.main.get_command(app), None
     rest = list(arguments)
@@ -63,14 +57,14 @@ def understand(arguments: Sequence[str]) -> dict[str, object]:
 
 @pytest.mark.parametrize(("script", "verbs"), [("zoo.sh", 23), ("training_controls.sh", 118)])
 def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp_path: Path) -> None:
-    commands = given(script, tmp_path)
+    commands = commands_of(script, tmp_path)
     for command in commands:
-        understand(command)
+        parsed(command)
     assert len(commands) == verbs
 
 
 def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Path) -> None:
-    options = [understand(command) for command in given("zoo.sh", tmp_path, percent="1")]
+    options = [parsed(command) for command in commands_of("zoo.sh", tmp_path, percent="1")]
     assert {values["episodes"] for values in options if "episodes" in values} == {3, 4, 5, 6, 7}
     assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 120, 140}
 
@@ -79,7 +73,7 @@ def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Pat
 @pytest.mark.parametrize("percent", ["0", "-1", "half", "1000", "1.5"])
 def test_a_share_that_is_no_whole_percent_is_refused_first(script: str, percent: str, tmp_path: Path) -> None:
     with pytest.raises(subprocess.CalledProcessError) as refused:
-        given(script, tmp_path, percent=percent)
+        commands_of(script, tmp_path, percent=percent)
     assert refused.value.stderr == f"PERCENT: expected a whole number from 1 to 999, got '{percent}'\n"
     assert refused.value.returncode == 2
     assert not (tmp_path / "commands").exists()

@@ -11,7 +11,7 @@ from robogauntlet.adapters.contract import FloatArray, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec, Query, StatelessPolicy
 from robogauntlet.suites.episode import View
-from tests.benchmarks.shared import TASKS, episodes, open_task, table
+from tests.benchmarks.shared import TASKS, episodes, open_task, table_of
 
 PAIRS = 12
 STEPS, CHUNK = 40, 8
@@ -125,8 +125,6 @@ def measure() -> list[dict[str, object]]:
         worker, plain = (median(pair[i] for pair in times[1:]) for i in (0, 1))
         ratio = median(a / b for a, b in times[1:])
         rows.append({"task": task, "rollout_s": worker, "bare_s": plain, "ratio": ratio})
-    table(
-        ("task", "rollout, s/episode", "bare loop, s/episode", "ratio (median of pairs)"),
-        [(f["task"], f"{f['rollout_s']:.3f}", f"{f['bare_s']:.3f}", f"{f['ratio']:.3f}") for f in rows],
-    )
+    columns = {"task": "{task}", "rollout, s/episode": "{rollout_s:.3f}", "bare loop, s/episode": "{bare_s:.3f}"}
+    table_of(rows, columns | {"ratio (median of pairs)": "{ratio:.3f}"})
     return rows

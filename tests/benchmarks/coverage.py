@@ -18,7 +18,7 @@ from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_differe
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.statistics.sequential import log_evidence
 from robogauntlet.results.statistics.severity import falling_trend, severity_curve
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 EXPERIMENTS = 10_000
 SIZES = (25, 100, 400)
@@ -46,9 +46,8 @@ def measure() -> list[dict[str, object]]:
             mean = float(np.mean(list(cells.values())))
             covered = f"mean {100 * mean:.2f} %, worst {100 * cells[worst]:.2f} % at {worst}"
             print(f"{name}, n = {n}: {covered} ({len(cells)} cells)", flush=True)
-            rows.append(
-                {"interval": name, "n": n, "cells": len(cells), "mean": mean, "worst": cells[worst], "at": worst}
-            )
+            row = {"interval": name, "n": n, "cells": len(cells), "mean": mean}
+            rows.append({**row, "worst": cells[worst], "at": worst})
     print()
     errors = [
         {"test": name, "n": n, "rejects": test(n)}
@@ -59,10 +58,7 @@ def measure() -> list[dict[str, object]]:
         )
         for n in SIZES
     ]
-    table(
-        ("test of a true null (5 %)", "n", "rejected"),
-        [(e["test"], e["n"], f"{100 * e['rejects']:.2f} %") for e in errors],  # type: ignore[operator]
-    )
+    table_of(errors, {"test of a true null (5 %)": "{test}", "n": "{n}", "rejected": "{rejects:.2%}"})
     return rows + errors
 
 

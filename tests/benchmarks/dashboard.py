@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 RUNS, ROUNDS, DAY = 10_000, 21, 86_400.0
 POLICIES, SUITES = ("experts", "merged", "merged-instruction-hidden"), ("nightly", "screening", "smoke")
@@ -30,33 +30,18 @@ def measure() -> list[dict[str, object]]:
             rows = [_page(httpx2.Client(base_url=address, trust_env=False), path) for path in _paths(newest)]
         finally:
             stop()
-    table(
-        ("page", "median", "worst", "size"),
-        [(r["page"], f"{r['median_ms']:.0f} ms", f"{r['worst_ms']:.0f} ms", f"{r['bytes']:,} B") for r in rows],
-    )
+    columns = {"page": "{page}", "median": "{median_ms:.0f} ms", "worst": "{worst_ms:.0f} ms", "size": "{bytes:,} B"}
+    table_of(rows, columns)
     return rows
 
 
 def _paths(newest: str) -> tuple[str, ...]:
     last = -(-RUNS // 50)
     return (
-        "/",
-        "/api/live",
-        "/runs",
-        f"/runs?page={last // 2}",
-        f"/runs?page={last}",
-        "/runs?suite=nightly&status=complete&policy=merged",
-        f"/runs?policy=merged&page={last}",
-        "/runs?status=stopped",
-        f"/runs/{newest}",
-        "/history?policy=merged",
-        "/history?policy=merged&suite=smoke&task=robosuite/Task2",
-        "/leaderboard?suite=nightly",
-        f"/compare?run={newest}",
-        "/failures",
-        "/schedule",
-        "/metrics",
-        "/healthz",
+        *("/", "/api/live", "/runs", f"/runs?page={last // 2}", f"/runs?page={last}", "/runs?status=stopped"),
+        *("/runs?suite=nightly&status=complete&policy=merged", f"/runs?policy=merged&page={last}", f"/runs/{newest}"),
+        *("/history?policy=merged", "/history?policy=merged&suite=smoke&task=robosuite/Task2"),
+        *("/leaderboard?suite=nightly", f"/compare?run={newest}", "/failures", "/schedule", "/metrics", "/healthz"),
     )
 
 

@@ -6,7 +6,7 @@ import time
 from statistics import median
 from typing import Any
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 TASKS = ("null/Reach", "robosuite/Lift")
 TIMES = 5
@@ -31,19 +31,10 @@ def measure() -> list[dict[str, object]]:
             creating = time.perf_counter() - began
             for place, declared in (("running", {}), ("separate", {simulator: entry})):
                 seconds = [_first_reset(task, EnvironmentResolver(declared)) for _ in range(TIMES)]
-                rows.append(
-                    {
-                        "task": task,
-                        "environment": place,
-                        "created_s": creating if declared else 0.0,
-                        "median_s": median(seconds),
-                        "most_s": max(seconds),
-                    }
-                )
-    table(
-        ("task", "environment", "created in", "to the first reset, median", "slowest"),
-        [(task, place, *(f"{seconds:.2f} s" for seconds in times)) for task, place, *times in map(dict.values, rows)],
-    )
+                row = {"task": task, "environment": place, "created_s": creating if declared else 0.0}
+                rows.append({**row, "median_s": median(seconds), "most_s": max(seconds)})
+    columns = {"task": "{task}", "environment": "{environment}", "created in": "{created_s:.2f} s"}
+    table_of(rows, columns | {"to the first reset, median": "{median_s:.2f} s", "slowest": "{most_s:.2f} s"})
     return rows
 
 

@@ -4,7 +4,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 BATCHES = (1, 8, 32)
 EXPERTS = 9
@@ -12,7 +12,7 @@ SECONDS = 4.0
 """Duration of a measurement, per batch size (s)."""
 
 
-def measure() -> list[dict[str, object]]:
+def measure() -> list[dict[str, float]]:
     """Query an oracle-routed merged policy of the `tiny` size, with episodes of one expert and of all in turn."""
     from robogauntlet.policies.contract import Query
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -30,7 +30,7 @@ def measure() -> list[dict[str, object]]:
     def queries(size: int, experts: int) -> list[Query]:
         return [query(seed, TINY.image_size, task=tasks[seed % experts]) for seed in range(size)]
 
-    rows: list[dict[str, object]] = []
+    rows: list[dict[str, float]] = []
     for experts in (1, EXPERTS):
         for size in BATCHES if experts == 1 else BATCHES[1:]:
             batch = queries(size, experts)
@@ -38,13 +38,10 @@ def measure() -> list[dict[str, object]]:
             start, chunks = time.perf_counter(), 0
             while (passed := time.perf_counter() - start) < SECONDS:
                 chunks += len(policy.act(batch))
-            rows.append({"experts": min(experts, size), "batch": size, "chunks_per_s": chunks / passed})
-    unbatched = rows[0]["chunks_per_s"]
-    table(
-        ("experts in the batch", "batch", "chunks/s", "relative to one by one"),
-        [
-            (experts, batch, f"{rate:.1f}", f"{rate / unbatched:.2f}x")
-            for experts, batch, rate in map(dict.values, rows)
-        ],
-    )
+            rate = chunks / passed
+            one_by_one = rows[0]["chunks_per_s"] if rows else rate
+            row = {"experts": min(experts, size), "batch": size}
+            rows.append({**row, "chunks_per_s": rate, "relative": rate / one_by_one})
+    columns = {"experts in the batch": "{experts}", "batch": "{batch}", "chunks/s": "{chunks_per_s:.1f}"}
+    table_of(rows, columns | {"relative to one by one": "{relative:.2f}x"})
     return rows

@@ -10,7 +10,7 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.runs.plan import load_registry
 from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import Cell, Protocol
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 SEEDS = tuple(range(100))
 
@@ -27,22 +27,9 @@ def measure() -> list[dict[str, object]]:
             continue
         results = list(runner.play(Lease(Cell("oracle", "oracle", task, Protocol(known.horizon)), SEEDS)))
         steps = [result.steps for result in results if result.status == Status.SUCCESS]
-        rows.append(
-            {
-                "task": task,
-                "horizon": known.horizon,
-                "successes": len(steps),
-                "episodes": len(results),
-                "mean_steps": sum(steps) / max(len(steps), 1),
-                "most_steps": max(steps, default=None),
-            }
-        )
+        row = {"task": task, "horizon": known.horizon, "successes": len(steps), "episodes": len(results)}
+        rows.append({**row, "mean_steps": sum(steps) / max(len(steps), 1), "most_steps": max(steps, default=None)})
     runner.close()
-    table(
-        ("task", "horizon", "successes", "mean steps", "most steps"),
-        [
-            (f["task"], f["horizon"], f"{f['successes']}/{f['episodes']}", f"{f['mean_steps']:.1f}", f["most_steps"])
-            for f in rows
-        ],
-    )
+    columns = {"task": "{task}", "horizon": "{horizon}", "successes": "{successes}/{episodes}"}
+    table_of(rows, columns | {"mean steps": "{mean_steps:.1f}", "most steps": "{most_steps}"})
     return rows

@@ -7,11 +7,13 @@ import tempfile
 import threading
 import time
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
 
-from tests.benchmarks.shared import COMMAND, duration_s, stored_rows, table
+from tests.benchmarks.shared import duration_s, stored_rows, table_of
+from tests.processes import GAUNTLET
 
 SUITE = """
 name: watched
@@ -35,46 +37,35 @@ def measure() -> list[dict[str, object]]:
         _play(folder, environment, "warm-up")
         for pair in range(PAIRS):
             alone = _play(folder, environment, f"alone-{pair}")
-            command = [*COMMAND, "serve", "--port", "0"]
+            command = [*GAUNTLET, "serve", "--port", "0"]
             server = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True, cwd=folder)
             assert server.stdout is not None
             address = server.stdout.readline().split()[1].rstrip("/")
             over, answers, errors = threading.Event(), [0], [0]
             serving, began = psutil.Process(server.pid), time.perf_counter()
             before = sum(serving.cpu_times()[:2])
-            readers = [
-                threading.Thread(target=_read, args=(address, number, over, answers, errors))
-                for number in range(READERS)
-            ]
-            for reader in readers:
-                reader.start()
-            watched = _play(folder, environment, f"watched-{pair}")
-            over.set()
-            for reader in readers:
-                reader.join()
-            share = (
-                (sum(serving.cpu_times()[:2]) - before) / (time.perf_counter() - began) / len(os.sched_getaffinity(0))
-            )
+            with ThreadPoolExecutor(READERS) as readers:
+                for number in range(READERS):
+                    readers.submit(_read, address, number, over, answers, errors)
+                try:
+                    watched = _play(folder, environment, f"watched-{pair}")
+                finally:
+                    over.set()
+            used = sum(serving.cpu_times()[:2]) - before
+            share = used / (time.perf_counter() - began) / len(os.sched_getaffinity(0))
             server.terminate()
             server.wait()
             row = {"pair": pair, "alone_s": alone, "watched_s": watched, "ratio": watched / alone, "server": share}
             rows.append({**row, "answers": answers[0], "errors": errors[0]})
-    table(
-        ("pair", "alone (s)", f"watched by {READERS} (s)", "ratio", "server, of all cores", "answers", "errors"),
-        [
-            (
-                *(r["pair"], f"{r['alone_s']:.1f}", f"{r['watched_s']:.1f}", f"{r['ratio']:.3f}"),
-                *(f"{r['server']:.4f}", r["answers"], r["errors"]),
-            )
-            for r in rows
-        ],
-    )
+    columns = {"pair": "{pair}", "alone (s)": "{alone_s:.1f}", f"watched by {READERS} (s)": "{watched_s:.1f}"}
+    columns |= {"ratio": "{ratio:.3f}", "server, of all cores": "{server:.4f}"}
+    table_of(rows, columns | {"answers": "{answers}", "errors": "{errors}"})
     return rows
 
 
 def _play(folder: Path, environment: dict[str, str], name: str) -> float:
     """Run the suite into the folder `name`; return the duration of its episodes (s)."""
-    command = [*COMMAND, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
+    command = [*GAUNTLET, "run", str(folder / "suite.yaml"), "--out", str(folder / name), "--no-media"]
     subprocess.run(command, check=True, capture_output=True, env=environment)
     return duration_s(stored_rows(folder / name))
 

@@ -9,7 +9,7 @@ import re
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,7 +19,8 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Episode, Protocol, View
-from tests.benchmarks.shared import COMMAND, table
+from tests.benchmarks.shared import table_of
+from tests.processes import GAUNTLET
 
 SIZE = 224
 QUERIES, WARM = 1000, 50
@@ -48,10 +49,8 @@ def measure() -> list[dict[str, object]]:
         row["over_ms"] = float(str(row["median_ms"])) - local
     load = os.getloadavg()[0]
     print(f"{QUERIES} queries each; load of the machine {load:.1f} on {os.cpu_count()} cores")
-    table(
-        ("policy", "median ms", "p95 ms", "over the process ms"),
-        [(row["policy"], *(f"{row[key]:.3f}" for key in ("median_ms", "p95_ms", "over_ms"))) for row in rows],
-    )
+    columns = {"policy": "{policy}", "median ms": "{median_ms:.3f}", "p95 ms": "{p95_ms:.3f}"}
+    table_of(rows, columns | {"over the process ms": "{over_ms:.3f}"})
     return [{**row, "load": load} for row in rows]
 
 
@@ -62,27 +61,19 @@ def _row(title: str, kind: str, options: dict[str, object]) -> dict[str, object]
     seen = Observation(images, np.zeros(8), "put the red cube on the green cube")
     episode = Episode("policy", "digest", "null/Reach", 0, Protocol(60, 8, View(image_size=SIZE)))
     policy.reset([episode])
-    times = _times(lambda step: policy.act([Query(episode, step, seen)]))
-    return {
-        "policy": title,
-        "median_ms": 1000 * float(np.median(times)),
-        "p95_ms": 1000 * float(np.percentile(times, 95)),
-    }
-
-
-def _times(ask: Callable[[int], object]) -> list[float]:
     times = []
     for step in range(WARM + QUERIES):
         start = time.perf_counter()
-        ask(step)
-        times.append(time.perf_counter() - start)
-    return times[WARM:]
+        policy.act([Query(episode, step, seen)])
+        times.append(1000 * (time.perf_counter() - start))
+    median, p95 = np.percentile(times[WARM:], [50, 95])
+    return {"policy": title, "median_ms": float(median), "p95_ms": float(p95)}
 
 
 @contextmanager
 def _server(folder: Path) -> Iterator[str]:
     arguments = ["policies", "serve", "python:answers_at_once:act", "--option", f"folder={folder}", "--port", "0"]
-    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([*GAUNTLET, *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         found = re.search(r"ws://\S+?:\d+", process.stdout.readline())

@@ -5,7 +5,7 @@ import time
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.suites.episode import View
-from tests.benchmarks.shared import TASKS, episodes, open_task, table
+from tests.benchmarks.shared import TASKS, episodes, open_task, table_of
 
 EPISODES = 5
 
@@ -28,26 +28,10 @@ def measure() -> list[dict[str, object]]:
                 outcomes.add((result.actions_hash, result.final_state_hash, result.status, result.steps))
             same &= len(outcomes) == 1
         simulation.close()
-        rows.append(
-            {
-                "task": task,
-                "on_demand_per_hour": 3600 * EPISODES / seconds[False],
-                "eager_per_hour": 3600 * EPISODES / seconds[True],
-                "ratio": seconds[True] / seconds[False],
-                "identical": same,
-            }
-        )
-    table(
-        ("task", "on demand, episodes/h", "every step, episodes/h", "ratio", "identical actions and outcomes"),
-        [
-            (
-                f["task"],
-                f"{f['on_demand_per_hour']:.0f}",
-                f"{f['eager_per_hour']:.0f}",
-                f"{f['ratio']:.2f}",
-                f["identical"],
-            )
-            for f in rows
-        ],
-    )
+        lazy, eager = (3600 * EPISODES / seconds[which] for which in (False, True))
+        row = {"task": task, "on_demand_per_hour": lazy, "eager_per_hour": eager}
+        rows.append({**row, "ratio": seconds[True] / seconds[False], "identical": same})
+    columns = {"task": "{task}", "on demand, episodes/h": "{on_demand_per_hour:.0f}"}
+    columns |= {"every step, episodes/h": "{eager_per_hour:.0f}", "ratio": "{ratio:.2f}"}
+    table_of(rows, columns | {"identical actions and outcomes": "{identical}"})
     return rows

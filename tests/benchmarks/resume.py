@@ -7,7 +7,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import COMMAND, table
+from tests.benchmarks.shared import table
+from tests.processes import GAUNTLET
 
 PLANNED, MISSING = 1_000_000, 100
 SUITE = f"""
@@ -39,7 +40,7 @@ def _first_episode_s(suite: Path, folder: Path) -> float:
     """Time from the start of `robogauntlet run` to that of its first episode (s); then the run is interrupted."""
     start = time.time()
     process = subprocess.Popen(
-        [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"],
+        [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

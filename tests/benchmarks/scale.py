@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.benchmarks.shared import table
+from tests.benchmarks.shared import table_of
 
 SIZES = ((10_000, 1_000), (100_000, 10), (100_000, 100), (100_000, 1_000), (1_000_000, 1_000))
 """Episodes and workers."""
@@ -40,29 +40,9 @@ def measure() -> list[dict[str, object]]:
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         line = next(line for line in done.stdout.splitlines() if line.startswith("result:"))
         rows.append({"event_s": event_s, "wait_s": wait_s, **json.loads(line.removeprefix("result:"))})
-    table(
-        (
-            "episodes",
-            "workers",
-            "simulated time",
-            "idle",
-            "scheduler's episodes/s",
-            "scheduler's share of the time",
-            "peak MB",
-        ),
-        [
-            (
-                f"{row['episodes']:,}",
-                row["workers"],
-                f"{row['makespan_s']:.0f} s",
-                f"{row['idle']:.2%}",
-                f"{row['per_second']:.0f}",
-                f"{row['computing']:.0%}",
-                row["peak_mb"],
-            )
-            for row in rows
-        ],
-    )
+    columns = {"episodes": "{episodes:,}", "workers": "{workers}", "simulated time": "{makespan_s:.0f} s"}
+    columns |= {"idle": "{idle:.2%}", "scheduler's episodes/s": "{per_second:.0f}"}
+    table_of(rows, columns | {"scheduler's share of the time": "{computing:.0%}", "peak MB": "{peak_mb}"})
     return rows
 
 

@@ -2,9 +2,8 @@
 
 import os
 import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from robogauntlet.adapters import catalog
@@ -14,11 +13,10 @@ from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Cell, Episode, Protocol, View
+from tests.processes import GAUNTLET
 
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
-COMMAND = (sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()")
-"""The `robogauntlet` command."""
 
 
 def open_task(task: str, view: View) -> Simulation:
@@ -39,7 +37,7 @@ def play_suite(text: str) -> list[EpisodeResult]:
     with tempfile.TemporaryDirectory() as name:
         suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
         suite.write_text(text, encoding="utf-8")
-        command = [*COMMAND, "run", str(suite), "--out", str(folder), "--no-media"]
+        command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
         subprocess.run(command, check=True, capture_output=True)
         return stored_rows(folder)
 
@@ -63,3 +61,8 @@ def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
     widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
     for line in lines:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip(), flush=True)
+
+
+def table_of(rows: Sequence[Mapping[str, object]], columns: Mapping[str, str]) -> None:
+    """Print rows as a table; each column has a heading and a format with the keys of a row."""
+    table(tuple(columns), [tuple(text.format(**row) for text in columns.values()) for row in rows])

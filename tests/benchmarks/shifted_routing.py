@@ -28,24 +28,11 @@ if TYPE_CHECKING:
 
 SEEDS = range(2_000_000, 2_000_012)
 """Seeds that neither training (from 1,000,000) nor the reports (from 0) use."""
-LEVELS = dict.fromkeys(
-    (
-        "camera-orbit",
-        "camera-distance",
-        "field-of-view",
-        "camera-bump",
-        "illuminance",
-        "light-direction",
-        "colour-temperature",
-        "table",
-        "distractors",
-        "object-position",
-        "robot-start",
-        "noise",
-        "blur",
-    ),
-    (2, 4),
-) | {"instruction": (1, 2, 3, 4, 5)}
+AXES = (
+    *("camera-orbit", "camera-distance", "field-of-view", "camera-bump", "illuminance", "light-direction"),
+    *("colour-temperature", "table", "distractors", "object-position", "robot-start", "noise", "blur"),
+)
+LEVELS = dict.fromkeys(AXES, (2, 4)) | {"instruction": (1, 2, 3, 4, 5)}
 """Severities of the axes that change the first observation."""
 UNCHANGED, AUGMENTED = "unchanged", "augmented"
 AUROC = "AUROC of unknown tasks, clean"

@@ -21,7 +21,7 @@ from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
-from tests.benchmarks.shared import duration_s, episodes, open_task, play_suite, table
+from tests.benchmarks.shared import duration_s, episodes, open_task, play_suite, table_of
 
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
 PAIRS = (
@@ -135,38 +135,16 @@ def measure() -> list[dict[str, object]]:
     for task, kind in PAIRS:
         os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
         (worker_s, won), (plain_s, plain_won, chunk) = ours(task, kind), plain(task, kind)
-        rows.append(
-            {
-                "task": task,
-                "policy": kind,
-                "chunk": chunk,
-                "workers_per_hour": 3600 * EPISODES / worker_s,
-                "vector_env_per_hour": 3600 * EPISODES / plain_s,
-                "ratio": plain_s / worker_s,
-                "same_outcomes": sum(a == b for a, b in zip(won, plain_won, strict=True)),
-            }
-        )
-    table(
-        (
-            "task",
-            "policy",
-            "chunk",
-            "workers, episodes/h",
-            "gymnasium vector environment, episodes/h",
-            "ratio",
-            "same outcomes",
-        ),
-        [
-            (
-                f["task"],
-                f["policy"],
-                f["chunk"],
-                f"{f['workers_per_hour']:.0f}",
-                f"{f['vector_env_per_hour']:.0f}",
-                f"{f['ratio']:.2f}",
-                f"{f['same_outcomes']} of {EPISODES}",
-            )
-            for f in rows
-        ],
-    )
+        rates = {"workers_per_hour": 3600 * EPISODES / worker_s, "vector_env_per_hour": 3600 * EPISODES / plain_s}
+        same = sum(a == b for a, b in zip(won, plain_won, strict=True))
+        row = {"task": task, "policy": kind, "chunk": chunk, **rates}
+        rows.append({**row, "ratio": plain_s / worker_s, "same_outcomes": same})
+    columns = {
+        "task": "{task}",
+        "policy": "{policy}",
+        "chunk": "{chunk}",
+        "workers, episodes/h": "{workers_per_hour:.0f}",
+    }
+    columns |= {"gymnasium vector environment, episodes/h": "{vector_env_per_hour:.0f}", "ratio": "{ratio:.2f}"}
+    table_of(rows, columns | {"same outcomes": f"{{same_outcomes}} of {EPISODES}"})
     return rows

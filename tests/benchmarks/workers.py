@@ -1,7 +1,7 @@
 """The same episodes of the same policy with one worker and with two, alternating."""
 
 from robogauntlet.results.record import outcome_row, rows_hash
-from tests.benchmarks.shared import TASKS, duration_s, play_suite, table
+from tests.benchmarks.shared import TASKS, duration_s, play_suite, table_of
 
 EPISODES, ROUNDS = 24, 2
 SUITE = """
@@ -25,14 +25,10 @@ def measure() -> list[dict[str, object]]:
                 pace, digest = _run(task, workers)
                 best[workers] = max(best[workers], pace)
                 hashes.add(digest)
-        rows.append({"task": task, "one": best[1], "two": best[2], "same_rows": len(hashes) == 1})
-    table(
-        ("task", "one worker, episodes/h", "two workers", "ratio", "same rows"),
-        [
-            (f["task"], f"{f['one']:,.0f}", f"{f['two']:,.0f}", f"{f['two'] / f['one']:.2f}", f["same_rows"])
-            for f in rows
-        ],
-    )
+        ratio, same = best[2] / best[1], len(hashes) == 1
+        rows.append({"task": task, "one": best[1], "two": best[2], "ratio": ratio, "same_rows": same})
+    columns = {"task": "{task}", "one worker, episodes/h": "{one:,.0f}", "two workers": "{two:,.0f}"}
+    table_of(rows, columns | {"ratio": "{ratio:.2f}", "same rows": "{same_rows}"})
     return rows
 
 

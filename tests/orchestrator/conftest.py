@@ -41,7 +41,7 @@ class RecordingObserver:
 
 
 @pytest.fixture
-def told():
+def observer():
     return RecordingObserver()
 
 
@@ -50,6 +50,13 @@ class CommandResult:
     code: int
     out: str
     err: str
+
+    @property
+    def refusal(self):
+        """The only line of a command that refused its input."""
+        assert self.code == 2, self.out + self.err
+        (line,) = self.err.splitlines()
+        return line.removeprefix("robogauntlet: ")
 
 
 @pytest.fixture

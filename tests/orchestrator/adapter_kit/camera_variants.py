@@ -25,11 +25,6 @@ class WristTurnedRound(Variant):
         return image[::-1, ::-1].copy() if camera == "wrist" else image
 
 
-class PictureUpsideDown(Variant):
-    def picture(self):
-        return super().picture()[::-1].copy()
-
-
 class UpsideDownWithoutControls(UpsideDown):
     """Offers no camera controls, so the cameras cannot be turned for the check."""
 
@@ -75,20 +70,13 @@ class _OtherCameras(Variant):
         self.scene_controls = SceneControls(cameras=self._cameras)
 
 
-class CameraElsewhere(_OtherCameras):
-    cameras = Misplaced
-
-
-class HangsFromTheCeiling(_OtherCameras):
-    cameras = Rolled
-
-
-class HalfTheLens(_OtherCameras):
-    cameras = Wide
-
-
-class CameraStays(_OtherCameras):
-    cameras = Deaf
+for _name, _other in {
+    "CameraElsewhere": Misplaced,
+    "HangsFromTheCeiling": Rolled,
+    "HalfTheLens": Wide,
+    "CameraStays": Deaf,
+}.items():
+    type(_name, (_OtherCameras,), {"cameras": _other})
 
 
 class CameraKeepsItsPlace(_OtherCameras):

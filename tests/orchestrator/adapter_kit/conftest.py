@@ -19,14 +19,10 @@ def declared(tmp_path_factory):
     info = folder / "variants-0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: variants\nVersion: 0\n")
-    lines = [
-        "[robogauntlet.simulators]",
-        *(f"{name} = tests.orchestrator.adapter_kit.declared:{name}" for name in VARIANTS),
-    ]
-    lines += [
-        "[robogauntlet.oracles]",
-        *(f"{name} = tests.orchestrator.adapter_kit.declared:oracle_{name}" for name in VARIANTS),
-    ]
+    lines = []
+    for group, prefix in (("simulators", ""), ("oracles", "oracle_")):
+        lines += [f"[robogauntlet.{group}]"]
+        lines += [f"{name} = tests.orchestrator.adapter_kit.declared:{prefix}{name}" for name in VARIANTS]
     (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))

@@ -21,7 +21,7 @@ KEPT = []
 
 
 class Variant(ToysimSimulation):
-    """Registers each subclass under its name."""
+    """Registers each subclass under its name; `Correct` breaks nothing."""
 
     def __init__(self, view):
         super().__init__(World(), adapter.TASKS["Reach"], view)
@@ -41,66 +41,66 @@ class Correct(Variant):
     pass
 
 
-# Types, shapes, units
+def _images(change):
+    return lambda seen: replace(seen, images={camera: change(image) for camera, image in seen.images.items()})
 
 
-class WrongShape(Variant):
-    def observe(self):
-        seen = super().observe()
-        return replace(seen, images={c: np.dstack([i, i[..., :1]]) for c, i in seen.images.items()})
+def _state(change):
+    return lambda state: {name: change(name, value) for name, value in state.items()}
 
 
-class WrongType(Variant):
-    def observe(self):
-        seen = super().observe()
-        return replace(seen, images={c: i.astype(np.float32) / 255 for c, i in seen.images.items()})
+def _success(success):
+    return lambda outcome: replace(outcome, success=success)
 
 
-class SinglePrecision(Variant):
-    def privileged_state(self):
-        return {name: value.astype(np.float32) for name, value in super().privileged_state().items()}
+CHANGED_RESULTS = {
+    "WrongShape": ("observe", _images(lambda image: np.dstack([image, image[..., :1]]))),
+    "WrongType": ("observe", _images(lambda image: image.astype(np.float32) / 255)),
+    "BlackImages": ("observe", _images(lambda image: image * 0)),
+    "Flickers": ("observe", _images(lambda image: image ^ np.uint8(os.urandom(1)[0]))),
+    "PictureUpsideDown": ("picture", lambda picture: picture[::-1].copy()),
+    "Degrees": (
+        "observe",
+        lambda seen: replace(seen, proprioception=seen.proprioception * np.repeat([1.0, 180 / np.pi, 1.0], [3, 3, 2])),
+    ),
+    "OtherWords": ("observe", lambda seen: replace(seen, instruction="do something")),
+    "SinglePrecision": ("privileged_state", _state(lambda name, value: value.astype(np.float32))),
+    "Centimetres": ("privileged_state", _state(lambda name, value: value * 100 if "position" in name else value)),
+    "WorldFrame": (
+        "privileged_state",
+        _state(lambda name, value: value - [0.6, 0, 0] if name == "tcp_position" else value),
+    ),
+    "ScalarFirst": ("privileged_state", _state(lambda name, value: np.roll(value, 1) if "quat" in name else value)),
+    "ConstantHash": ("state_hash", lambda correct: "0" * 16),
+    "NumpyBool": ("step", _success(np.bool_(False))),
+    "AlwaysSuccess": ("step", _success(True)),
+    "NeverSuccess": ("step", _success(False)),
+}
+"""Variants with a method whose correct result is changed."""
+ACTION_FACTORS = {
+    "ActsInCentimetres": np.repeat([0.01, 1.0], [3, 4]),
+    "ActsInDegrees": np.repeat([1.0, np.pi / 180, 1.0], [3, 3, 1]),
+    "FlippedY": np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0]),
+    "OpensAtPlusOne": np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0]),
+    "IgnoresInSecret": np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]),
+}
+"""Variants that execute an action multiplied by factors."""
 
 
-class Centimetres(Variant):
-    def privileged_state(self):
-        return {n: v * 100 if "position" in n else v for n, v in super().privileged_state().items()}
+def _with_result(name, method, change):
+    type(name, (Variant,), {method: lambda self, *arguments: change(getattr(Variant, method)(self, *arguments))})
 
 
-class Degrees(Variant):
-    def observe(self):
-        seen = super().observe()
-        return replace(seen, proprioception=seen.proprioception * np.repeat([1.0, 180 / np.pi, 1.0], [3, 3, 2]))
+def _with_factors(name, factors):
+    type(name, (Variant,), {"step": lambda self, action: Variant.step(self, action * factors)})
 
 
-class WorldFrame(Variant):
-    def privileged_state(self):
-        return {n: v - [0.6, 0, 0] if n == "tcp_position" else v for n, v in super().privileged_state().items()}
+for _name, _changed in CHANGED_RESULTS.items():
+    _with_result(_name, *_changed)
+for _name, _factors in ACTION_FACTORS.items():
+    _with_factors(_name, _factors)
 
-
-class ScalarFirst(Variant):
-    def privileged_state(self):
-        return {n: np.roll(v, 1) if "quat" in n else v for n, v in super().privileged_state().items()}
-
-
-class NumpyBool(Variant):
-    def step(self, action):
-        return replace(super().step(action), success=np.bool_(False))
-
-
-class ConstantHash(Variant):
-    def state_hash(self):
-        return "0" * 16
-
-
-class OtherWords(Variant):
-    def observe(self):
-        return replace(super().observe(), instruction="do something")
-
-
-class BlackImages(Variant):
-    def observe(self):
-        seen = super().observe()
-        return replace(seen, images={camera: image * 0 for camera, image in seen.images.items()})
+# Exceptions
 
 
 class RaisesAtOpen(Variant):
@@ -136,7 +136,7 @@ class KeepsFingers(Variant):
 
 
 class DriftsUnseen(Variant):
-    """Less than the state hash tells: as a warm start of a solver would."""
+    """By less than the state hash shows, as a warm start of a solver would."""
 
     drift = 0.0
 
@@ -144,12 +144,6 @@ class DriftsUnseen(Variant):
         super().reset(seed)
         DriftsUnseen.drift += 1e-10
         self._world.tool[0] += DriftsUnseen.drift
-
-
-class Flickers(Variant):
-    def observe(self):
-        seen = super().observe()
-        return replace(seen, images={c: i ^ np.uint8(os.urandom(1)[0]) for c, i in seen.images.items()})
 
 
 class ByProcess(Variant):
@@ -203,21 +197,6 @@ class DrawsInStep(Variant):
 # Actions
 
 
-class ActsInCentimetres(Variant):
-    def step(self, action):
-        return super().step(action * np.repeat([0.01, 1.0], [3, 4]))
-
-
-class ActsInDegrees(Variant):
-    def step(self, action):
-        return super().step(action * np.repeat([1.0, np.pi / 180, 1.0], [3, 3, 1]))
-
-
-class FlippedY(Variant):
-    def step(self, action):
-        return super().step(action * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0]))
-
-
 class ToolFrame(Variant):
     def step(self, action):
         return super().step(np.concatenate([self._world.turn.apply(action[:3]), action[3:]]))
@@ -227,16 +206,6 @@ class TurnsInToolFrame(Variant):
     def step(self, action):
         turned = self._world.turn.apply(action[3:6])
         return super().step(np.concatenate([action[:3], turned, action[6:]]))
-
-
-class OpensAtPlusOne(Variant):
-    def step(self, action):
-        return super().step(action * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, -1.0]))
-
-
-class IgnoresInSecret(Variant):
-    def step(self, action):
-        return super().step(action * np.array([1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]))
 
 
 class ActsThoughIgnored(Variant):
@@ -255,19 +224,6 @@ class ClipsInPlace(Variant):
     def step(self, action):
         action *= 0.5
         return super().step(action)
-
-
-# Success
-
-
-class AlwaysSuccess(Variant):
-    def step(self, action):
-        return replace(super().step(action), success=True)
-
-
-class NeverSuccess(Variant):
-    def step(self, action):
-        return replace(super().step(action), success=False)
 
 
 class EndsAtHorizon(Variant):

@@ -1,8 +1,6 @@
 """The verbs of `robogauntlet adapters`: list, new, check."""
 
 import json
-import os
-import subprocess
 import sys
 from importlib import metadata
 
@@ -13,49 +11,31 @@ from robogauntlet.orchestrator.adapter_kit.scaffold import renamed
 from robogauntlet.orchestrator.cli import app
 from robogauntlet.orchestrator.cli.adapters.check import check
 from robogauntlet.orchestrator.cli.adapters.new import new
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, INPUT_ERRORS
+from robogauntlet.orchestrator.cli.common import INPUT_ERRORS
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
-from tests import ROOT
 from tests.full_disk import full_disk
-
-GAUNTLET = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()"]
-
+from tests.processes import run_gauntlet, run_process
 
 KNOWN = Registry(
     {"my-sim/Reach": KnownTask(60)}, {name: KnownPolicy(frozenset(), None) for name in ("oracle", "random")}, {}
 )
 
 
-def command(arguments, folder, *paths, timeout=120):
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(map(str, [ROOT / "src", ROOT, *paths])),
-        "COLUMNS": "200",
-    }
-    return subprocess.run(
-        arguments, capture_output=True, text=True, timeout=timeout, cwd=folder, env=environment, check=False
-    )
-
-
-def run_command(*arguments, folder, paths=(), **more):
-    return command([*GAUNTLET, *map(str, arguments)], folder, *paths, **more)
-
-
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
     """A package from `robogauntlet adapters new`, put on the path as an editable installation would."""
     folder = tmp_path_factory.mktemp("new")
-    done = run_command("adapters", "new", "my-sim", folder=folder)
+    done = run_gauntlet("adapters", "new", "my-sim", cwd=folder)
     assert done.returncode == 0, done.stderr
     package = folder / "robogauntlet-my-sim"
-    built = command([sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"], package)
+    built = run_process([sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"], package)
     assert built.returncode == 0, built.stderr
     return package
 
 
 def test_a_new_adapter_passes_every_check_at_once(package):
-    done = run_command("adapters", "check", "my-sim", folder=package, paths=[package])
+    done = run_gauntlet("adapters", "check", "my-sim", cwd=package, paths=[package])
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 failed" in done.stdout
     assert "robogauntlet:" not in done.stderr
@@ -63,17 +43,9 @@ def test_a_new_adapter_passes_every_check_at_once(package):
 
 
 def test_the_tests_of_a_new_adapter_are_a_test_for_each_check(package):
-    arguments = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-k",
-        "description or action-dx or table-paint",
-    ]
-    done = command(arguments, package, package)
+    pytest_command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    chosen = ["-k", "description or action-dx or table-paint"]
+    done = run_process([*pytest_command, *chosen], package, paths=[package])
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 passed, 1 skipped" in done.stdout
 
@@ -84,7 +56,7 @@ def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
     adapter.write_text(own.replace("self._world.step(action[:3],", "self._world.step(-action[:3],"))
     try:
         options = ("--only", "action-d", "--json")
-        done = run_command("adapters", "check", "my-sim", *options, folder=package, paths=[package])
+        done = run_gauntlet("adapters", "check", "my-sim", *options, cwd=package, paths=[package])
     finally:
         adapter.write_text(own)
     assert done.returncode == 1
@@ -96,25 +68,11 @@ def test_an_adapter_that_is_broken_fails_with_a_line_and_exit_code_1(package):
 def test_the_list_shows_versions_tasks_oracles_and_adjustments():
     done = CliRunner().invoke(app, ["adapters", "list"])
     (line,) = [line.split() for line in done.stdout.splitlines() if line.startswith("pybullet")]
-    assert line == [
-        "pybullet",
-        "PyBullet",
-        "(panda-gym)",
-        *versions("pybullet", "panda-gym", "gymnasium"),
-        "3",
-        "3",
-        "all",
-    ]
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("pybullet", "panda-gym", "gymnasium"))
+    assert line == ["pybullet", "PyBullet", "(panda-gym)", *versions.split(), "3", "3", "all"]
 
 
-def versions(*names):
-    return ", ".join(f"{name} {metadata.version(name)}" for name in names).split()
-
-
-BAD = ["MySim", "my sim", "my_sim", "-x", "x-", "1x", "a" * 41, "../up", "maniskill"]
-
-
-@pytest.mark.parametrize("name", BAD)
+@pytest.mark.parametrize("name", ["MySim", "my sim", "my_sim", "-x", "x-", "1x", "a" * 41, "../up", "maniskill"])
 def test_a_bad_name_is_refused_in_one_line_and_nothing_is_written(tmp_path, name):
     with pytest.raises(INPUT_ERRORS) as refused:
         new(name, tmp_path / "folder")
@@ -129,11 +87,10 @@ def test_a_package_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_pat
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_exists_is_left_alone(tmp_path):
+def test_a_folder_that_exists_is_left_alone(run_command, tmp_path):
     (tmp_path / "there").mkdir()
-    done = run_command("adapters", "new", "mysim", "--out", "there", folder=tmp_path)
-    assert done.returncode == EXIT_BAD_INPUT
-    assert done.stderr == "robogauntlet: there exists; give another folder with --out\n"
+    line = run_command("adapters", "new", "mysim", "--out", "there").refusal
+    assert line == "there exists; give another folder with --out"
     assert not list((tmp_path / "there").iterdir())
 
 

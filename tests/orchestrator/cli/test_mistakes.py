@@ -25,17 +25,15 @@ SUITE = "name: s\npolicies: [random]\ntasks: [null/Reach]\nseeds: {count: 1}\n"
 )
 def test_a_mistake_is_one_line_before_anything_starts(run_command, tmp_path, typed, line):
     (tmp_path / "suite.yaml").write_text(SUITE)
-    result = run_command(*typed.split())
-    assert (result.code, result.err) == (2, f"robogauntlet: {line}\n")
+    assert run_command(*typed.split()).refusal == line
     assert [path.name for path in tmp_path.iterdir()] == ["suite.yaml"]
 
 
 def test_demonstrations_are_not_written_into_a_run_folder(run_command, tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.json").touch()
-    result = run_command("policies", "demonstrate", "null/Reach", "--out", "run")
-    line = "robogauntlet: run: expected another folder than that of a run; give one with --out\n"
-    assert (result.code, result.err) == (2, line)
+    line = run_command("policies", "demonstrate", "null/Reach", "--out", "run").refusal
+    assert line == "run: expected another folder than that of a run; give one with --out"
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["run.json"]
 
 

@@ -14,26 +14,21 @@ import pytest
 import yaml
 
 from robogauntlet.adapters.contract import Observation
+from robogauntlet.orchestrator.cli.policies.serve import kind_and_options
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, Query
 from robogauntlet.results.record import outcome_row, rows_hash
-from robogauntlet.results.run_document import read_run
-from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Episode, Protocol, View
+from tests.orchestrator.runs.playing import rows_of
+from tests.processes import GAUNTLET
 from tests.remote_servers import answering, serving, speaking
-
-COMMAND = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "policies", "serve"]
 
 
 @contextmanager
-def served(*arguments, **environment):
-    process = subprocess.Popen(
-        [*COMMAND, *map(str, arguments), "--port", "0"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **environment},
-    )
+def served(policy):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([*GAUNTLET, "policies", "serve", policy, "--port", "0"], env=environment, **pipes)
     try:
         line = process.stdout.readline()
         found = re.search(r"ws://\S+?:\d+", line)
@@ -50,13 +45,6 @@ def run_of(run_command, folder, policies, tasks="[null/Reach]", count=6):
         f"{suite}seeds: {{count: {count}}}\nworkers: 2\nimage_size: 32\nerror_tolerance: 1.0\n"
     )
     return run_command("run", "s.yaml", "--out", "run", "--no-media")
-
-
-def rows(folder):
-    store = Store.open(f"sqlite:///{folder / 'episodes.sqlite'}", read_run(folder).run_id)
-    found = list(store.results())
-    store.close()
-    return found
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -101,20 +89,13 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),
     ):
-        result = run_command("policies", "serve", *arguments)
-        assert result.code == 2
-        assert match in result.err
-        assert len(result.err.splitlines()) == 1, result.err
+        assert match in run_command("policies", "serve", *arguments).refusal
     taken.close()
 
 
 def test_the_kind_of_a_checkpoint_is_recognised():
-    from robogauntlet.orchestrator.cli.policies.serve import kind_and_options
-
-    assert kind_and_options("zoo:merged", ["router=nearest-centroid"]) == (
-        "mergevla-merged",
-        {"checkpoint": "zoo:merged", "router": "nearest-centroid"},
-    )
+    options = {"checkpoint": "zoo:merged", "router": "nearest-centroid"}
+    assert kind_and_options("zoo:merged", ["router=nearest-centroid"]) == ("mergevla-merged", options)
     assert kind_and_options("zoo:experts", [])[0] == "mergevla-experts"
     assert kind_and_options("zoo:base", []) == ("mergevla", {"checkpoint": "zoo:base"})
     assert kind_and_options("zoo:experts/robosuite__Lift", [])[0] == "mergevla"
@@ -132,7 +113,7 @@ def test_a_run_with_a_policy_server_has_the_same_results(run_command, tmp_path):
             folder.mkdir()
             os.chdir(folder)
             assert run_of(run_command, folder, policies).code == 0
-            found.append(rows_hash(map(outcome_row, rows(folder / "run"))))
+            found.append(rows_hash(map(outcome_row, rows_of(folder / "run"))))
     assert found[0] == found[1]
 
 
@@ -146,7 +127,7 @@ def test_a_failing_server_causes_error_rows_of_its_policy_only(run_command, tmp_
     with speaking(answering({"actions": [[float("nan")] * 7]})) as address:
         remote = {"name": "pi0", "kind": "openpi", "options": {"address": address, "identity": "pi0@1"}}
         run_of(run_command, tmp_path, [remote, "zero", mine], count=4)
-    found = rows(tmp_path / "run")
+    found = rows_of(tmp_path / "run")
     statuses = {name: {row.status for row in found if row.policy == name} for name in {row.policy for row in found}}
     assert statuses["zero"] == statuses["mine"] == {"failure"}
     assert statuses["pi0"] == {"error"}

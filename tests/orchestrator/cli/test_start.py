@@ -1,9 +1,7 @@
 """The command line starts fast, describes each verb once, and helps with typing."""
 
 import inspect
-import os
 import resource
-import subprocess
 import sys
 from importlib import import_module
 from importlib.metadata import version
@@ -12,20 +10,14 @@ import pytest
 import typer
 
 from robogauntlet.orchestrator.cli import VERBS
-from tests import ROOT
+from tests.processes import run_process
 
 HEAVY = ("scipy", "sqlalchemy", "pandas", "numpy", "ray", "torch", "yaml", "rich.table", "robogauntlet.suites")
 
 
-def run_python(code, *arguments, **variables):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "200", **variables}
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, check=False)
-
-
 def run_main(*arguments, **variables):
     code = "import sys; sys.argv[0] = 'robogauntlet'\nfrom robogauntlet.orchestrator.cli import main; main()"
-    return run_python(code, *arguments, **variables)
+    return run_process([sys.executable, "-c", code, *arguments], **variables)
 
 
 def test_help_imports_no_verb_and_no_heavy_library():
@@ -36,7 +28,7 @@ def test_help_imports_no_verb_and_no_heavy_library():
         f"names = [f'robogauntlet.orchestrator.cli.{{verb}}' for verb in verbs] + list({HEAVY})\n"
         "print([name for name in names if name in sys.modules])"
     )
-    assert run_python(code).stdout.splitlines()[-1] == "[]"
+    assert run_process([sys.executable, "-c", code]).stdout.splitlines()[-1] == "[]"
 
 
 def test_help_takes_less_than_half_a_second_of_cpu():

@@ -45,28 +45,26 @@ def base(data, tmp_path_factory):
         (["finetune", "{data}", "--base", "{base}", "--out", "{base}"], "expected another folder than the base's"),
     ],
 )
-def test_a_mistake_is_one_line_and_leaves_nothing_behind(arguments, message, data, base, tmp_path):
+def test_a_mistake_is_one_line_and_leaves_nothing_behind(run_command, arguments, message, data, base, tmp_path):
     places = {"data": data, "base": base, "out": tmp_path / "out"}
-    done = CliRunner().invoke(app, ["policies", *(argument.format(**places) for argument in arguments)])
-    assert isinstance(done.exception, INPUT_ERRORS)
-    assert message in str(done.exception)
-    assert "\n" not in str(done.exception)
+    assert message in run_command("policies", *(argument.format(**places) for argument in arguments)).refusal
     assert not (tmp_path / "out").exists()
 
 
+def finetune(data, base, folder, *more):
+    arguments = [str(data), "--base", str(base), "--out", str(folder / "expert"), "--batch-size", "4", "--rank", "2"]
+    return CliRunner().invoke(app, ["policies", "finetune", *arguments, *more])
+
+
 def test_a_checkpoint_that_cannot_be_written_is_one_line(data, base, tmp_path):
-    arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert"), "--steps", "1"]
     with full_disk():
-        done = CliRunner().invoke(app, ["policies", *arguments, "--batch-size", "4", "--rank", "2"])
+        done = finetune(data, base, tmp_path, "--steps", "1")
     assert isinstance(done.exception, INPUT_ERRORS)
     assert str(done.exception) == f"{tmp_path / 'expert'}: File too large"
 
 
 def test_an_expert_can_be_trained_from_the_command_line(data, base, tmp_path):
-    arguments = ["finetune", str(data), "--base", str(base), "--out", str(tmp_path / "expert")]
-    done = CliRunner().invoke(
-        app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2", "--action-steps", "3"]
-    )
+    done = finetune(data, base, tmp_path, "--steps", "2", "--action-steps", "3")
     assert done.exit_code == 0, done.exception
     assert "step 2/2  L1 " in done.output
     metadata = CheckpointMetadata.read(tmp_path / "expert")
@@ -75,8 +73,7 @@ def test_an_expert_can_be_trained_from_the_command_line(data, base, tmp_path):
 
 def test_an_expert_can_be_trained_from_several_datasets_of_its_task(data, base, tmp_path):
     other = dataset(tmp_path, "Reach", range(20, 24))
-    arguments = ["finetune", str(data), str(other), "--base", str(base), "--out", str(tmp_path / "expert")]
-    done = CliRunner().invoke(app, ["policies", *arguments, "--steps", "2", "--batch-size", "4", "--rank", "2"])
+    done = finetune(data, base, tmp_path, str(other), "--steps", "2")
     assert done.exit_code == 0, done.exception
     assert CheckpointMetadata.read(tmp_path / "expert").metrics["frames"] == DatasetMixture.open([data, other]).frames
 

@@ -1,13 +1,11 @@
 """Suites are checked and planned where neither simulators nor torch are installed."""
 
-import os
-import subprocess
 import sys
 
 import pytest
 
 from robogauntlet.orchestrator.runs.plan import SHIPPED, make_plan
-from tests import ROOT
+from tests.processes import run_process
 
 MISSING = (
     *("torch", "mujoco", "robosuite", "sapien", "mani_skill", "pybullet", "panda_gym", "metaworld", "gymnasium"),
@@ -25,11 +23,7 @@ SUITE = "name: s\npolicies: [oracle]\ntasks: [pybullet/PandaReach-v3]\nseeds: {c
 
 
 def run_without_simulators(*arguments):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "COLUMNS": "200"}
-    command = [sys.executable, "-c", WITHOUT, *map(str, arguments)]
-    return subprocess.run(
-        command, capture_output=True, text=True, env=environment, timeout=120, cwd=SHIPPED, check=False
-    )
+    return run_process([sys.executable, "-c", WITHOUT, *arguments], SHIPPED)
 
 
 @pytest.fixture

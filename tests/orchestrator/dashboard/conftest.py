@@ -82,7 +82,7 @@ def fill(root, nights=4, url=None):
         record_run_folder(history, folder, run)
         record_verdict(history, folder, run)
         made.append((folder, run, results))
-    add_videos(*made[-1], count=3)
+    add_videos(*made[-1])
     history.close()
     return made
 

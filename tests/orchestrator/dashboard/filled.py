@@ -1,4 +1,4 @@
-"""Stores of synthetic runs, for tests and for looking at pages."""
+"""Stores of synthetic runs."""
 
 from __future__ import annotations
 
@@ -10,16 +10,11 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from robogauntlet.orchestrator.schedules.schedule import Schedule, State
-from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.api import compare, open_run
 from robogauntlet.results.live_status import LiveSimulator, LiveStatus, LiveWorker
 from robogauntlet.results.media_paths import picture_path, video_path
-from robogauntlet.results.report import write_report
 from robogauntlet.results.report.comparison import reasons
 from robogauntlet.results.run_document import Provenance, RunStatus
-from robogauntlet.results.store.database import file_url
-from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.episode import Cell, Protocol, content_hash
 from tests.results.synthetic import document, row, run_folder
@@ -32,17 +27,12 @@ PROVENANCE = Provenance(
 )
 
 
-def plan(policies=POLICIES, tasks=TASKS, version=1):
-    return [
-        Cell(policy, content_hash(f"{policy} {version}"), task, Protocol(horizon=100))
-        for task in tasks
-        for policy in policies
-    ]
+def plan(version=1):
+    contents = {policy: content_hash(f"{policy} {version}") for policy in POLICIES}
+    return [Cell(policy, contents[policy], task, Protocol(horizon=100)) for task in TASKS for policy in POLICIES]
 
 
-def nightly_run(
-    root: Path, number: int, started_at: float, *, version=1, rate=0.9, seeds=20, suite="nightly", **changes
-):
+def nightly_run(root: Path, number: int, started_at: float, *, version=1, rate=0.9, seeds=20):
     """A finished run in a folder, and its document. Each (policy content, task, seed) does the same every night."""
     of = plan(version=version)
     results = []
@@ -54,19 +44,15 @@ def nightly_run(
     run = document(
         seeds,
         of=of,
-        **{
-            "run_id": f"{content_hash([suite, number])[:32]}",
-            "name": suite,
-            "suite_text": f"name: {suite}\npolicies: [{', '.join(POLICIES)}]\n",
-            "started_at": started_at,
-            "finished_at": started_at + 1800,
-            "elapsed_s": 1800.0,
-            "provenance": PROVENANCE,
-            **changes,
-        },
+        run_id=content_hash(["nightly", number])[:32],
+        name="nightly",
+        suite_text=f"name: nightly\npolicies: [{', '.join(POLICIES)}]\n",
+        started_at=started_at,
+        finished_at=started_at + 1800,
+        elapsed_s=1800.0,
+        provenance=PROVENANCE,
     )
-    folder = run_folder(root / f"{suite}-{number:03}", run, results)
-    return folder, run, results
+    return run_folder(root / f"nightly-{number:03}", run, results), run, results
 
 
 def record_verdict(history: History, folder: Path, run) -> None:
@@ -77,18 +63,16 @@ def record_verdict(history: History, folder: Path, run) -> None:
         history.write_verdict(run.run_id, str(found.verdict), baseline.run_id, reasons(found))
 
 
-def running(history: History, run_id="running-1", suite="nightly", **changes):
-    """A running suite without a live status; see `live_status`."""
-    run = document(
-        100,
-        of=plan(),
-        **{"run_id": run_id, "name": suite, "started_at": time.time() - 600, "status": RunStatus.RUNNING, **changes},
-    )
-    history.record(run, Path("/nowhere") / run_id, counted={})
-    return run
+def running(history: History, live: LiveStatus | None = None, *, suite="nightly") -> None:
+    """Record the running suite `running-1`, with a live status if one is given."""
+    begun = time.time() - 600
+    run = document(100, of=plan(), run_id="running-1", name=suite, started_at=begun, status=RunStatus.RUNNING)
+    history.record(run, Path("/nowhere/running-1"), counted={})
+    if live is not None:
+        history.write_live_status("running-1", live)
 
 
-def live_status(done=120, *, at=None, errors=1, workers=True):
+def live_status(done=120, *, at=None):
     """The live status of a running suite."""
     now = time.time() if at is None else at
     simulators = tuple(
@@ -97,7 +81,7 @@ def live_status(done=120, *, at=None, errors=1, workers=True):
             planned=planned,
             successes=int(share * done),
             failures=done - int(share * done),
-            errors=errors if name == "robosuite" else 0,
+            errors=1 if name == "robosuite" else 0,
             per_minute=pace,
             left_s=(planned - done) / pace * 60,
         )
@@ -108,22 +92,22 @@ def live_status(done=120, *, at=None, errors=1, workers=True):
         )
     )
     busy = (
-        LiveWorker(
-            worker="maniskill-0", simulator="maniskill", activity="experts on maniskill/StackCube-v1", since=now - 4
-        ),
-        LiveWorker(
-            worker="pybullet-0", simulator="pybullet", activity="merged on pybullet/PandaPush-v3", since=now - 2
-        ),
-        LiveWorker(worker="robosuite-0", simulator="robosuite", activity="merged on robosuite/Door", since=now - 11),
-        LiveWorker(worker="robosuite-1", simulator="robosuite", activity="starting", since=now - 31),
+        ("maniskill-0", "experts on maniskill/StackCube-v1", 4),
+        ("pybullet-0", "merged on pybullet/PandaPush-v3", 2),
+        ("robosuite-0", "merged on robosuite/Door", 11),
+        ("robosuite-1", "starting", 31),
+    )
+    workers = tuple(
+        LiveWorker(worker=name, simulator=name.partition("-")[0], activity=activity, since=now - seconds)
+        for name, activity, seconds in busy
     )
     lines = ("maniskill: 2 workers", "robosuite/Door: worker robosuite-1 died (signal 9), its episodes go back")
-    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=busy if workers else (), messages=lines)
+    return LiveStatus(at=now, phase="playing", simulators=simulators, workers=workers, messages=lines)
 
 
-def add_videos(folder: Path, run, results, count=6) -> None:
-    """Videos of the first failures, and a picture of each task."""
-    failed = [one for one in results if one.status == "failure"][:count]
+def add_videos(folder: Path, run, results) -> None:
+    """Videos of the first three failures, and a picture of each task."""
+    failed = [one for one in results if one.status == "failure"][:3]
     for number, one in enumerate(failed):
         path = video_path(folder, one.episode_id)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -139,48 +123,3 @@ def add_videos(folder: Path, run, results, count=6) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         shade = 60 + 30 * (len(task) % 5)
         Image.new("RGB", (128, 128), (shade, 110, 190 - shade)).save(path)
-
-
-def example_store(root: Path, nights: int = 40) -> tuple[History, ScheduleStore]:
-    """Forty nightly runs with two regressions, a running suite, a silent one, and schedules."""
-    root.mkdir(parents=True, exist_ok=True)
-    history = History.open(file_url(root / "history.sqlite"))
-    schedule_store = ScheduleStore.open(history.url)
-    now = time.time()
-    first = now - (nights - 1) * DAY - now % DAY + 2 * 3600 - DAY
-    version, rate = 1, 0.86
-    for number in range(nights):
-        if number in (12, 27):
-            version, rate = version + 1, 0.72
-        elif number in (14, 30):
-            version, rate = version + 1, 0.9
-        changes = {"status": RunStatus.STOPPED, "reason": "the disk was full"} if number == 20 else {}
-        folder, run, results = nightly_run(
-            root, number, first + number * DAY, version=version, rate=rate, seeds=40, **changes
-        )
-        record_run_folder(history, folder, run)
-        record_verdict(history, folder, run)
-        if number == nights - 1:
-            add_videos(folder, run, results)
-            write_report(folder)
-    schedule = Schedule("nightly", "nightly", "0 2 * * *", "Europe/Berlin", created_at=now - 3 * DAY, keep=60)
-    schedule_store.add(schedule)
-    schedule_store.add(
-        Schedule("weekly-screening", "screening", "0 4 * * 6", created_at=now, arguments=("--seeds", "20"))
-    )
-    schedule_store.record_due(now, lambda one, at: str(root / f"{one.name}-{at:.0f}"))
-    states = ((State.DONE, "no evidence of a difference"), (State.FAILED, "stopped early: the disk was full"))
-    for number, scheduled_run in enumerate(schedule_store.scheduled_runs()):
-        state, outcome = states[number % 2]
-        schedule_store.change(
-            scheduled_run,
-            state=state,
-            outcome=outcome,
-            began_at=scheduled_run.due_at,
-            ended_at=scheduled_run.due_at + 1800,
-        )
-    running(history, "running-1")
-    history.write_live_status("running-1", live_status(140))
-    running(history, "running-2", "screening", started_at=now - 7200)
-    history.write_live_status("running-2", live_status(80, at=now - 1500, workers=False))
-    return history, schedule_store

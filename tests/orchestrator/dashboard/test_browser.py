@@ -65,8 +65,7 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
             counted = {(cell.policy_digest, cell.task, "clean", 0): Counts(9, 9) for cell in of}
             served.history.record(run, folder, counted)
         served.history.write_verdict("two", BAD, "one", [BAD])
-        running(served.history)
-        served.history.write_live_status("running-1", bad_live())
+        running(served.history, bad_live())
         paths = ("/", "/runs/two", "/runs/running-1", "/compare?run=one&baseline=two", "/leaderboard?suite={}")
         paths += ("/history?policy={}", "/runs?suite={}", "/failures?run=one&policy={}&task={}")
         for path in paths:
@@ -78,14 +77,13 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
 def test_numbers_change_without_a_reload(tmp_path):
     polls = []
 
-    def tell(served, path):
+    def write_status(served, path):
         if path == "/api/live":
             polls.append(path)
             served.history.write_live_status("running-1", live_status(120 + 7 * len(polls)))
 
-    with serving(tmp_path, before=tell) as served:
-        running(served.history)
-        served.history.write_live_status("running-1", live_status(120))
+    with serving(tmp_path, before=write_status) as served:
+        running(served.history, live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 9000)
         pages = served.requested.count("/")
     assert pages == 1
@@ -99,13 +97,12 @@ def test_numbers_change_without_a_reload(tmp_path):
 def test_a_script_in_a_later_message_is_not_run(tmp_path):
     number = iter(range(1, 99))
 
-    def tell(served, path):
+    def write_status(served, path):
         if path == "/api/live":
             served.history.write_live_status("running-1", bad_live(next(number)))
 
-    with serving(tmp_path, before=tell) as served:
-        running(served.history)
-        served.history.write_live_status("running-1", bad_live(0))
+    with serving(tmp_path, before=write_status) as served:
+        running(served.history, bad_live(0))
         page = seen(served.address + "/", tmp_path / "profile", 7000)
     assert not is_owned(page)
     assert re.search(r'data-field="doing">[^<]*&lt;script&gt;.* [1-9]\d*<', page)
@@ -118,8 +115,7 @@ def test_a_run_that_ends_shows_its_outcome_without_a_reload(tmp_path):
             served.history.record(run.model_copy(update={"status": RunStatus.COMPLETE}))
 
     with serving(tmp_path, before=end) as served:
-        running(served.history)
-        served.history.write_live_status("running-1", live_status(120))
+        running(served.history, live_status(120))
         page = seen(served.address + "/runs/running-1", tmp_path / "profile", 7000)
     assert 'class="pill complete"' in page
     assert "progressbar" not in page
@@ -132,8 +128,7 @@ def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
                 connection.exec_driver_sql("UPDATE runs SET started_at = 'no time'")
 
     with serving(tmp_path, before=fail) as served:
-        running(served.history)
-        served.history.write_live_status("running-1", live_status(120))
+        running(served.history, live_status(120))
         page = seen(served.address + "/", tmp_path / "profile", 5000)
     assert re.search(r'id="note"[^>]*>The server does not answer', page)
 

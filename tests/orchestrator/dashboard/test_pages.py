@@ -32,8 +32,7 @@ def test_a_page_of_an_empty_store_says_so_and_is_well_formed(served, path):
 
 
 def test_the_overview_shows_running_suites_with_progress_workers_and_intervals(served):
-    running(served.history)
-    served.history.write_live_status("running-1", live_status(120))
+    running(served.history, live_status(120))
     page = served.get("/").text
     assert page.count('role="progressbar"') == 3
     assert 'aria-valuenow="121"' in page  # robosuite, with its error
@@ -43,8 +42,7 @@ def test_the_overview_shows_running_suites_with_progress_workers_and_intervals(s
 
 
 def test_a_silent_run_is_not_shown_as_running(served):
-    running(served.history)
-    served.history.write_live_status("running-1", live_status(at=time.time() - 7 * STALE_S))
+    running(served.history, live_status(at=time.time() - 7 * STALE_S))
     for path in ("/", "/runs", "/runs/running-1"):
         page = served.get(path).text
         assert "silent for 7 min" in page
@@ -53,8 +51,7 @@ def test_a_silent_run_is_not_shown_as_running(served):
 
 
 def test_the_live_status_is_available_as_json(served):
-    running(served.history)
-    served.history.write_live_status("running-1", live_status(120))
+    running(served.history, live_status(120))
     found = served.get("/api/live").json()["runs"]
     assert [(one["id"], one["state"], one["done"], one["planned"]) for one in found] == [
         ("running-1", "running", 361, 1500)
@@ -150,7 +147,7 @@ def test_the_history_plot_has_a_linked_mark_per_run(filled):
     assert len(re.findall(r'<a href="/runs/[0-9a-f]+"', plot)) == 4
     assert 'class="bad"' in plot
     assert page.count('<th scope="row"') == 4
-    assert "No run matches" in filled.get("/history?policy=nobody").text
+    assert "No run matches" in filled.get("/history?policy=unknown").text
 
 
 def test_the_style_of_the_plot_is_allowed_by_its_hash_alone(filled):
@@ -192,14 +189,14 @@ def test_the_schedule_shows_next_times_and_outcomes(served):
 
 def test_videos_of_failures_are_shown_and_filtered(filled):
     page = filled.get("/failures").text
-    films = re.findall(r'<video[^>]* src="([^"]+)"', page)
-    assert len(films) == 3
+    videos = re.findall(r'<video[^>]* src="([^"]+)"', page)
+    assert len(videos) == 3
     assert page.count('preload="none"') == 3
     assert page.count(" poster=") == 3
-    assert filled.get(films[0]).headers["content-type"] == "video/mp4"
+    assert filled.get(videos[0]).headers["content-type"] == "video/mp4"
     failed = next(one for one in filled.made[-1][2] if one.status == "failure")
     assert "<video" in filled.get(f"/failures?task={failed.task}&policy={failed.policy}").text
-    assert "<video" not in filled.get("/failures?policy=nobody").text
+    assert "<video" not in filled.get("/failures?policy=unknown").text
     assert "<video" not in filled.get(f"/failures?run={filled.made[0][1].run_id}").text
 
 
@@ -226,8 +223,7 @@ def test_a_report_is_shown_in_a_sandbox_without_scripts(tmp_path):
 
 
 def test_metrics_have_running_suites_verdicts_and_next_runs(served):
-    running(served.history, suite='we"ird\nname')
-    served.history.write_live_status("running-1", live_status(120))
+    running(served.history, live_status(120), suite='we"ird\nname')
     served.history.record(document(run_id="old", name="nightly", started_at=1.0))
     served.history.write_verdict("old", "improved", None, [])
     served.history.record(document(run_id="new", name="nightly", started_at=2.0))

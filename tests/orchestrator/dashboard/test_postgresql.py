@@ -16,8 +16,7 @@ def test_every_page_works_with_postgresql(tmp_path, server):  # noqa: F811
     made = fill(tmp_path, url=server)
     last, before = made[-1][1].run_id, made[-2][1].run_id
     with serving(tmp_path, url=server) as served:
-        running(served.history)
-        served.history.write_live_status("running-1", live_status(120))
+        running(served.history, live_status(120))
         served.schedule_store.add(Schedule("night", "mergevla", "0 2 * * *", created_at=time.time() - 86_400))
         served.schedule_store.record_due(time.time(), lambda one, at: "folder")
         expected = {

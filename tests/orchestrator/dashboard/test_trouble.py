@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -10,28 +11,23 @@ from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import live_status, running
 
 PAGES = (
-    "/",
-    "/runs",
-    "/runs/x",
-    "/history?policy=merged",
-    "/leaderboard?suite=a",
-    "/failures",
-    "/schedule",
-    "/compare",
+    *("/", "/runs", "/runs/x", "/history?policy=merged", "/leaderboard?suite=a"),
+    *("/failures", "/schedule", "/compare"),
 )
 FOR_PROGRAMS = ("/api/live", "/metrics", "/healthz")
 
 
-@pytest.fixture
-def broken(tmp_path):
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
     """A dashboard whose store was overwritten with something else."""
-    fill(tmp_path, nights=1)
-    with serving(tmp_path) as served:
+    root = tmp_path_factory.mktemp("broken")
+    fill(root, nights=1)
+    with serving(root) as served:
         assert served.get("/healthz").text == "ok\n"
         for one in (served.history, served.schedule_store):
             one.close()  # what is connected keeps what it has read
-        (tmp_path / "garbage").write_bytes(b"garbage, and much of it. " * 9999)
-        (tmp_path / "garbage").replace(tmp_path / "history.sqlite")
+        (root / "garbage").write_bytes(b"garbage, and much of it. " * 9999)
+        (root / "garbage").replace(root / "history.sqlite")
         yield served
 
 
@@ -79,11 +75,9 @@ def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
                 answers.append((path, served.get(path).status_code))
 
         writer = threading.Thread(target=write)
-        readers = [threading.Thread(target=read, args=(number,)) for number in range(50)]
-        for thread in (writer, *readers):
-            thread.start()
-        for thread in readers:
-            thread.join()
+        writer.start()
+        with ThreadPoolExecutor(50) as readers:
+            readers.map(read, range(50))
         ended.set()
         writer.join()
         assert served.get("/api/live").json()["runs"][0]["done"] > 0
@@ -99,11 +93,9 @@ def test_simultaneous_requests_compute_a_slow_answer_once():
         made.append(1)
         return "answer"
 
-    threads = [threading.Thread(target=memory.get, args=("key", make)) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(memory.get, ["key"] * 8, [make] * 8))
+    assert answers == ["answer"] * 8
     assert made == [1]
 
 

@@ -4,12 +4,11 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
 
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, EXIT_INTERRUPTED
+from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED
 from robogauntlet.orchestrator.demonstrations import collect as demonstrate
 from robogauntlet.orchestrator.demonstrations.collect import (
     FIRST_SEED,
@@ -25,10 +24,9 @@ from robogauntlet.policies.training.lerobot_format import DatasetError
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import RenderProfile, View
 from tests import ROOT
+from tests.full_disk import no_space
+from tests.processes import GAUNTLET, run_gauntlet
 
-MAIN = "from robogauntlet.orchestrator.cli import main; main()"
-DEMONSTRATE = [sys.executable, "-c", MAIN, "policies", "demonstrate"]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
 SMALL = View(image_size=16)
 
 
@@ -152,10 +150,7 @@ class TestWithRay:
         assert journal(tmp_path)["source"]["oracle"] == digest_of_task("null/Reach")
 
     def test_a_full_disk_ends_the_collection_with_a_message(self, tmp_path, monkeypatch):
-        def full(*arguments, **options):
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr("robogauntlet.policies.training.dataset_writer.pq.ParquetWriter", full)
+        monkeypatch.setattr("robogauntlet.policies.training.dataset_writer.pq.ParquetWriter", no_space)
         collected = collect(order(), tmp_path, Quiet())
         assert collected.status is RunStatus.STOPPED
         assert collected.warnings[0].startswith("the disk is full")
@@ -186,36 +181,25 @@ class TestWithRay:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("null/Raech",), "robogauntlet: unknown task 'null/Raech'; did you mean 'null/Reach'?"),
-        (("no-such-suite",), "robogauntlet: no-such-suite: no such file"),
-        (("null/Reach", "--noise", "2"), "robogauntlet: noise: expected 0 to 1, got 2"),
-        (("null/Reach", "--camera", "front"), "robogauntlet: camera: expected third_person or wrist, got front"),
+        (["null/Raech"], "unknown task 'null/Raech'; did you mean 'null/Reach'?"),
+        (["no-such-suite"], "no-such-suite: no such file"),
+        (["null/Reach", "--noise", "2"], "noise: expected 0 to 1, got 2"),
+        (["null/Reach", "--camera", "front"], "camera: expected third_person or wrist, got front"),
     ],
 )
-def test_bad_input_is_one_line_with_exit_code_2(tmp_path, arguments, expected):
-    command = [*DEMONSTRATE, *arguments, "--out", "out"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=ENVIRONMENT, check=False)
-    assert done.returncode == EXIT_BAD_INPUT
-    assert done.stderr.strip().startswith(expected)
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_bad_input_is_one_line_with_exit_code_2(run_command, arguments, expected):
+    assert run_command("policies", "demonstrate", *arguments, "--out", "out").refusal.startswith(expected)
 
 
 @pytest.mark.ray
 def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
-    command = [*DEMONSTRATE, "null/Slow", "--episodes", "400", "--out", "out", "--image-size", "16"]
-    process = subprocess.Popen(
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=tmp_path,
-        env=ENVIRONMENT,
-        start_new_session=True,
-    )
+    command = ["policies", "demonstrate", "null/Slow", "--episodes", "400", "--out", "out", "--image-size", "16"]
+    options = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(ROOT / "src")}, "start_new_session": True}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([*GAUNTLET, *command], **options, **pipes)
     deadline = time.monotonic() + 600
-    while (
-        time.monotonic() < deadline and not (tmp_path / "out" / dataset_name("null/Slow") / "meta/info.json").exists()
-    ):
+    information = tmp_path / "out" / dataset_name("null/Slow") / "meta/info.json"
+    while time.monotonic() < deadline and not information.exists():
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=300)
@@ -224,6 +208,6 @@ def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
     there = opened(tmp_path / "out", "null/Slow").episodes
     assert there > 0
     command[command.index("400")] = str(there + 2)
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=ENVIRONMENT, check=False)
+    done = run_gauntlet(*command, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"continuing: {there} of {there + 2} episodes are there already" in done.stdout

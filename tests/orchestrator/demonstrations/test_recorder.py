@@ -41,13 +41,18 @@ def test_the_noise_is_keyed_by_the_episode_not_by_its_seed_alone(runner):
     assert records[0].content_hash != records[1].content_hash
 
 
-def test_the_executed_action_is_disturbed_and_the_clean_one_recorded():
-    simulation = catalog.open_simulation("null/Reach", VIEW)
-    executed = []
+def begin(noise, learner=None):
+    """The null simulation under a recorder after the reset, and a list of the actions that it executes."""
+    simulation, executed = catalog.open_simulation("null/Reach", VIEW), []
     step = simulation.step
     simulation.step = lambda action: executed.append(action) or step(action)
-    recorded = RecordedSimulation(simulation, episode(), 0.2)
+    recorded = RecordedSimulation(simulation, episode(), noise, learner)
     recorded.reset(0)
+    return recorded, simulation, executed
+
+
+def test_the_executed_action_is_disturbed_and_the_clean_one_recorded():
+    recorded, simulation, executed = begin(0.2)
     clean = np.array([0.01, 0.0, -0.01, 0.0, 0.0, 0.0, 0.0])
     for _ in range(400):
         recorded.step(clean)
@@ -60,9 +65,7 @@ def test_the_executed_action_is_disturbed_and_the_clean_one_recorded():
 
 
 def test_observations_precede_the_step():
-    simulation = catalog.open_simulation("null/Reach", VIEW)
-    recorded = RecordedSimulation(simulation, episode(), 0.0)
-    recorded.reset(0)
+    recorded, simulation, _ = begin(0.0)
     positions = [simulation.observe().proprioception]
     for _ in range(3):
         recorded.step(np.array([0.02, 0, 0, 0, 0, 0, 0]))
@@ -86,13 +89,8 @@ class Sideways(StatelessPolicy):
 
 
 def test_a_learner_acts_until_the_handover_and_the_oracles_actions_are_recorded():
-    simulation = catalog.open_simulation("null/Reach", VIEW)
-    executed = []
-    step = simulation.step
-    simulation.step = lambda action: executed.append(action) or step(action)
     learner = Learner(Sideways(), episode(), 40)
-    recorded = RecordedSimulation(simulation, episode(), 0.0, learner)
-    recorded.reset(0)
+    recorded, _, executed = begin(0.0, learner)
     clean = np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     for _ in range(50):
         recorded.step(clean)
@@ -108,9 +106,7 @@ def test_a_learner_acts_until_the_handover_and_the_oracles_actions_are_recorded(
 
 
 def test_whole_episodes_are_recorded_on_request():
-    simulation = catalog.open_simulation("null/Reach", VIEW)
-    recorded = RecordedSimulation(simulation, episode(), 0.0, Learner(Sideways(), episode(), 40, recorded=True))
-    recorded.reset(0)
+    recorded, _, _ = begin(0.0, Learner(Sideways(), episode(), 40, recorded=True))
     commanded = np.array([[0.001 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] for step in range(50)])
     for action in commanded:
         recorded.step(action)

@@ -8,13 +8,13 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.environment import Environment
 from robogauntlet.suites.environments import EnvironmentEntry
-from tests.orchestrator.environments.gears import write_adapter, write_wheel
+from tests.orchestrator.environments.wheels import write_adapter, write_wheel
 
 
 @pytest.fixture(scope="module")
-def gears(tmp_path_factory):
+def simulators(tmp_path_factory):
     """Declares the simulators `first`, `second` and `bare`; pip finds the wheels, and nothing else."""
-    folder = tmp_path_factory.mktemp("gears")
+    folder = tmp_path_factory.mktemp("simulators")
     write_adapter(folder)
     for version in ("1.0", "2.0"):
         write_wheel(folder, version)
@@ -30,7 +30,7 @@ def gears(tmp_path_factory):
 
 
 @pytest.fixture
-def environment(gears, tmp_path, monkeypatch):
+def environment(simulators, tmp_path, monkeypatch):
     """An environment for `bare`, in a folder of the test's own."""
     monkeypatch.setenv("ROBOGAUNTLET_ENVIRONMENTS", str(tmp_path / "environments"))
 
@@ -41,7 +41,7 @@ def environment(gears, tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def made(gears):
+def made(simulators):
     """The environments of `first` and `second`, made as their adapters say."""
     for name, version in (("first", "1.0"), ("second", "2.0")):
         entry = EnvironmentEntry(requirements=(f"gearbox=={version}",))

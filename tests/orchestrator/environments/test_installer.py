@@ -4,7 +4,6 @@ import contextlib
 import os
 import signal
 import subprocess
-import sys
 import time
 
 import psutil
@@ -14,6 +13,8 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.environments import installer
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import EnvironmentProblem, root
+from tests.full_disk import no_space
+from tests.processes import GAUNTLET
 
 BACKEND = """
 import pathlib, time
@@ -82,10 +83,7 @@ def test_a_failed_replacement_leaves_the_old_one(environment, monkeypatch):
 
 
 def test_a_full_disk_is_reported_and_leaves_nothing(environment, monkeypatch):
-    def full(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("venv.EnvBuilder.create", full)
+    monkeypatch.setattr("venv.EnvBuilder.create", no_space)
     with pytest.raises(EnvironmentProblem, match="the disk is full"):
         installer.create(environment(), silent)
     assert leftovers() == []
@@ -97,8 +95,8 @@ def test_a_full_disk_in_an_installers_output_is_reported():
 
 
 def test_the_last_reason_of_uv_is_reported():
-    output = ["error: No solution found when resolving dependencies", "Caused by: Because gears was not found", ""]
-    assert installer.reason(output).endswith("the installer failed: Because gears was not found")
+    output = ["error: No solution found when resolving dependencies", "Caused by: Because gearbox was not found", ""]
+    assert installer.reason(output).endswith("the installer failed: Because gearbox was not found")
 
 
 def test_another_python_is_refused_before_anything_is_created(environment):
@@ -129,8 +127,8 @@ def test_an_interrupted_creation_leaves_no_usable_environment(environment, tmp_p
     suite = tmp_path / "suite.yaml"
     entry = f"{{bare: {{requirements: ['{slow}']}}}}"
     suite.write_text(f"name: s\npolicies: [zero]\ntasks: [bare/Reach]\nseeds: {{count: 1}}\nenvironments: {entry}\n")
-    command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "env", "create", "bare"]
-    process = subprocess.Popen([*command, "--suite", str(suite)], stderr=subprocess.PIPE, start_new_session=True)
+    command = [*GAUNTLET, "env", "create", "bare", "--suite", str(suite)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
     try:
         deadline = time.monotonic() + 120
         while not (slow / "begun").exists():

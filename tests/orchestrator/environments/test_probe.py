@@ -1,15 +1,12 @@
 """Checks in a child process whether simulators work; runs skip or require them."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
 from robogauntlet.orchestrator.environments.probe import probe
-from tests import ROOT
+from tests.processes import run_gauntlet
 
 pytestmark = pytest.mark.simulator
 SUITE = "name: two\npolicies: [zero]\ntasks: [null/Reach, robosuite/Lift]\nseeds: {count: 2}\nhorizon: 8\n"
@@ -42,9 +39,7 @@ def blind(tmp_path):
     suite.write_text(SUITE)
 
     def run(*arguments):
-        command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", *map(str, arguments)]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "MUJOCO_GL": "nonsense"}
-        return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, check=False)
+        return run_gauntlet(*arguments, cwd=tmp_path, MUJOCO_GL="nonsense")
 
     return run
 

@@ -34,7 +34,7 @@ runner = EpisodeRunner({"random": PolicySource("random")})
 print(runner.play_one(Episode("random", "digest", "null/Reach", 1, Protocol(3, 1, View(("wrist",), 16)))).status)
 """
 SUITE = """
-name: gears
+name: two-environments
 policies: [random]
 tasks: [first/Reach, second/Reach, bare/Reach]
 seeds: {count: 1}
@@ -43,7 +43,7 @@ image_size: 16
 """
 
 
-def test_a_suite_overrides_the_configuration_which_overrides_the_adapter(gears):
+def test_a_suite_overrides_the_configuration_which_overrides_the_adapter(simulators):
     first = catalog.find("first")
     of_suite, of_user = EnvironmentEntry(requirements=("a",)), EnvironmentEntry(requirements=("b",))
     config = Config(environments={"first": of_user})
@@ -52,10 +52,10 @@ def test_a_suite_overrides_the_configuration_which_overrides_the_adapter(gears):
     assert EnvironmentResolver({}, Config()).resolve(first).entry.requirements == ("gearbox==1.0",)
 
 
-def test_an_adapters_environment_is_used_only_if_the_running_one_lacks_the_simulator(gears, monkeypatch):
-    (gears / "elsewhere").mkdir(exist_ok=True)
-    (gears / "elsewhere" / "gearbox.py").touch()
-    monkeypatch.syspath_prepend(gears / "elsewhere")
+def test_an_adapters_environment_is_used_only_if_the_running_one_lacks_the_simulator(simulators, monkeypatch):
+    (simulators / "elsewhere").mkdir(exist_ok=True)
+    (simulators / "elsewhere" / "gearbox.py").touch()
+    monkeypatch.syspath_prepend(simulators / "elsewhere")
     assert EnvironmentResolver({}, Config()).resolve(catalog.find("first")) is None
 
 

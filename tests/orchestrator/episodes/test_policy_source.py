@@ -26,6 +26,7 @@ from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_me
 from robogauntlet.policies.mergevla.merging.recipe import Recipe
 from robogauntlet.results.record import outcome_row
 from robogauntlet.suites.episode import Cell, Protocol, View
+from tests.full_disk import no_space
 from tests.policies.mergevla.experts import merging, save_experts
 
 PART = st.text("abc", min_size=1, max_size=3)
@@ -149,12 +150,8 @@ def test_a_bundle_of_other_files_is_an_error(folder):
 
 def test_a_full_disk_is_an_error_and_leaves_no_partial_copy(folder, temporary):
     source = with_bundle(sources(folder)["one"])
-
-    def full():
-        raise OSError(28, "No space left on device")
-
     files = dict(source.bundle.files)
-    files[sorted(files)[-1]] = full
+    files[sorted(files)[-1]] = no_space
     source = PolicySource(source.kind, source.options, source.digest, PolicyBundle(source.bundle.options, files))
     shutil.rmtree(folder)
     with pytest.raises(PolicyError, match=r"cannot be copied to .*: No space left on device"):

@@ -8,11 +8,7 @@ import pytest
 import ray
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.inference.ray_policy_server import (
-    choose_inference,
-    measure_answer_times,
-    start_servers,
-)
+from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, measure_answer_times, start_servers
 from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
 from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
@@ -91,9 +87,8 @@ def test_a_killed_server_costs_no_row(observer, servers):
     assert killed
     assert Counter(row.seed for row in rows) == Counter(range(30))
     observer.on_rows = lambda rows: None
-    assert rows_hash(map(outcome_row, rows)) == rows_hash(
-        map(outcome_row, play(observer, work("untrained", "null/Slow")))
-    )
+    undisturbed = play(observer, work("untrained", "null/Slow"))
+    assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, undisturbed))
 
 
 def test_policies_compute_where_measured_answers_are_faster(monkeypatch):

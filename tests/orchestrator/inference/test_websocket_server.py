@@ -3,6 +3,7 @@
 import re
 import threading
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import numpy as np
@@ -180,19 +181,14 @@ def test_two_clients_cannot_play_one_episode_of_a_policy_with_state():
 def test_simultaneous_clients_share_batches_and_get_their_own_answers():
     with serving("untrained", batch=4, wait_s=0.05) as server:
         local = catalog.load("untrained", {})
-        found = {}
 
-        def ask(seed):
+        def is_own(seed):
             one = query(0, seed)
             one.observation.images["wrist"][:] = seed
-            found[seed] = np.array_equal(policy_of(server).act([one])[0].actions, local.act([one])[0].actions)
+            return np.array_equal(policy_of(server).act([one])[0].actions, local.act([one])[0].actions)
 
-        threads = [threading.Thread(target=ask, args=(seed,)) for seed in range(8)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert found == dict.fromkeys(range(8), True)
+        with ThreadPoolExecutor(8) as pool:
+            assert list(pool.map(is_own, range(8))) == [True] * 8
         assert max(server.batches) > 1
 
 
@@ -228,9 +224,9 @@ def untrained():
 @pytest.mark.parametrize(("message", "match"), MESSAGES.values(), ids=MESSAGES)
 def test_an_invalid_message_gets_one_line_and_the_next_message_a_normal_answer(untrained, message, match):
     with connect(untrained.address) as connection:
-        said = unpack(connection.recv())
-        assert said["action_names"][-1] == "gripper"
-        assert said["robogauntlet"]["digest"] == catalog.digest("untrained", {})
+        metadata = unpack(connection.recv())
+        assert metadata["action_names"][-1] == "gripper"
+        assert metadata["robogauntlet"]["digest"] == catalog.digest("untrained", {})
         connection.send(message if isinstance(message, str | bytes) else pack(message))
         line = connection.recv()
         assert isinstance(line, str)

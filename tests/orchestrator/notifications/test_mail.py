@@ -4,7 +4,6 @@ import email
 import email.policy
 
 import pytest
-import trustme
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,18 +14,6 @@ from tests.orchestrator.notifications.servers import QUICK, Inbox, Users, certif
 MESSAGE = Message("REGRESSED: a against b", ("p: 85 % → 71 %",), "a", "runs/a/report.html")
 PASSWORD = "correct-horse-battery"
 LOGIN = {"ROBOGAUNTLET_SMTP_USER": "me", "ROBOGAUNTLET_SMTP_PASSWORD": PASSWORD}
-
-
-@pytest.fixture(scope="module")
-def authority():
-    return trustme.CA()
-
-
-@pytest.fixture
-def trusted(authority, tmp_path, monkeypatch):
-    """Certificates of this authority are accepted."""
-    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
-    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
 
 
 def environment(port, tls, **more):
@@ -121,36 +108,36 @@ def test_a_busy_server_is_retried():
     assert len(inbox.mails) == 1
 
 
-def test_four_busy_answers_end_the_retries():
-    inbox = Inbox(["451 4.3.0 busy"] * 9)
+@pytest.mark.parametrize(
+    ("answer", "tries", "words"),
+    [
+        ("451 4.3.0 busy", 4, "answered 451, after 4 tries; check ROBOGAUNTLET_SMTP_* and ROBOGAUNTLET_MAIL_*"),
+        ("550 5.7.1 not you", 1, "answered 550; "),
+    ],
+    ids=["busy", "refused for ever"],
+)
+def test_only_temporary_refusals_are_retried_and_at_most_three_times(answer, tries, words):
+    inbox = Inbox([answer] * 9)
     with smtp(inbox) as port:
         (line,) = notify(port)
-    assert "the server answered 451, after 4 tries; check ROBOGAUNTLET_SMTP_* and ROBOGAUNTLET_MAIL_*" in line
-    assert inbox.tries == 4
+    assert f"the server {words}" in line
+    assert inbox.tries == tries
 
 
-def test_a_permanent_refusal_is_not_retried():
-    inbox = Inbox(["550 5.7.1 not you"] * 9)
+@pytest.mark.parametrize(
+    ("unknown", "words", "reached"),
+    [
+        ({"b@example.org"}, "number 2 in ROBOGAUNTLET_MAIL_TO; ", [["a@example.org"]]),
+        ({"a@example.org", "b@example.org"}, "all recipients (550); ", []),
+    ],
+    ids=["one of two", "both"],
+)
+def test_refused_recipients_are_named_by_number_and_the_others_get_the_mail(unknown, words, reached):
+    inbox = Inbox(unknown=unknown)
     with smtp(inbox) as port:
         (line,) = notify(port)
-    assert "the server answered 550; " in line
-    assert inbox.tries == 1
-
-
-def test_a_refused_recipient_is_named_by_its_number_and_the_others_get_the_mail():
-    inbox = Inbox(unknown={"b@example.org"})
-    with smtp(inbox) as port:
-        (line,) = notify(port)
-    assert "the server refused number 2 in ROBOGAUNTLET_MAIL_TO; " in line
-    assert [one.rcpt_tos for one in inbox.mails] == [["a@example.org"]]
-
-
-def test_when_all_addresses_are_refused_nothing_is_sent():
-    inbox = Inbox(unknown={"a@example.org", "b@example.org"})
-    with smtp(inbox) as port:
-        (line,) = notify(port)
-    assert "the server refused all recipients (550); " in line
-    assert inbox.mails == []
+    assert f"the server refused {words}" in line
+    assert [mail.rcpt_tos for mail in inbox.mails] == reached
 
 
 def test_a_refused_connection_is_one_line():
@@ -168,15 +155,10 @@ def test_a_server_without_smtp_is_one_line():
 
 @given(st.text(), st.text(), st.lists(st.text(), max_size=3))
 def test_no_text_can_become_a_header(title, run, lines):
-    (teller,) = notifiers(environment(25, "none"))
+    (notifier,) = notifiers(environment(25, "none"))
     inserted = f"{title}\r\nBcc: everybody@example.org\n\nbody {run}"
-    made = email_message(Message(inserted, (*lines, inserted), inserted), teller.sender, teller.recipients)
+    made = email_message(Message(inserted, (*lines, inserted), inserted), notifier.sender, notifier.recipients)
     back = email.message_from_bytes(bytes(made), policy=email.policy.default)
-    assert (
-        back.keys()
-        == made.keys()
-        == [
-            *("Subject", "From", "To", "Date", "Message-ID", "Auto-Submitted"),
-            *("Content-Type", "Content-Transfer-Encoding", "MIME-Version"),
-        ]
-    )
+    headers = ["Subject", "From", "To", "Date", "Message-ID", "Auto-Submitted"]
+    headers += ["Content-Type", "Content-Transfer-Encoding", "MIME-Version"]
+    assert back.keys() == made.keys() == headers

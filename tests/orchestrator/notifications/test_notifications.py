@@ -3,6 +3,7 @@
 import dataclasses
 import threading
 import unicodedata
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -18,6 +19,11 @@ from tests.results.synthetic import cells, document, row
 
 MESSAGE = Message("a test", ("one", "two"), "demo")
 TASKS = ("maniskill/A", "pybullet/B")
+MAIL = {
+    "ROBOGAUNTLET_SMTP_HOST": "mail.example.org",
+    "ROBOGAUNTLET_MAIL_FROM": "Gauntlet <robogauntlet@example.org>",
+    "ROBOGAUNTLET_MAIL_TO": "a@example.org, Someone Else <b@example.org>",
+}
 
 
 def compared(success, **changes):
@@ -45,9 +51,7 @@ def test_a_regression_of_a_stopped_run_mentions_both():
 
 
 def test_a_run_that_is_not_comparable_is_reported():
-    ended = document(name="another")
-    found = compared(lambda seed: True, name="another")
-    message = message_for(ended, found, None)
+    message = message_for(document(name="another"), compared(lambda seed: True, name="another"), None)
     assert message.title == "NOT COMPARABLE: tuesday against monday"
     assert message.lines[0].startswith("suite differs: suite 'another', the baseline has 'synthetic'")
     assert message.lines[-1].endswith("robogauntlet accept tuesday")
@@ -82,14 +86,9 @@ def test_a_message_is_immutable():
 def test_a_failing_target_does_not_affect_the_others():
     inbox = Inbox()
     with Hook() as hook, smtp(inbox) as port:
-        environment = {
-            "ROBOGAUNTLET_WEBHOOK_URL": f"http://localhost:{closed_port()}/x {hook.url}",
-            "ROBOGAUNTLET_SMTP_HOST": "localhost",
-            "ROBOGAUNTLET_SMTP_PORT": str(port),
-            "ROBOGAUNTLET_SMTP_TLS": "none",
-            "ROBOGAUNTLET_MAIL_FROM": "robogauntlet@example.org",
-            "ROBOGAUNTLET_MAIL_TO": "lab@example.org",
-        }
+        webhooks = {"ROBOGAUNTLET_WEBHOOK_URL": f"http://localhost:{closed_port()}/x {hook.url}"}
+        server = {"ROBOGAUNTLET_SMTP_HOST": "localhost", "ROBOGAUNTLET_SMTP_PORT": str(port)}
+        environment = MAIL | server | webhooks | {"ROBOGAUNTLET_SMTP_TLS": "none"}
         troubles = send_all(MESSAGE, notifiers(environment), retries=QUICK)
     assert troubles == [
         "the notification about demo was not sent: webhook 1 of 2 (http://localhost): connection refused, "
@@ -104,34 +103,25 @@ def test_no_target_is_no_error():
     assert send_all(MESSAGE, []) == []
 
 
-class Silent:
-    name, hint = "one that never answers", "look at it"
-
-    def __init__(self, release):
-        self.release = release
-
-    def send(self, message, timeout_s):
-        self.release.wait()
+def target(name, send):
+    return SimpleNamespace(name=name, hint="look at it", send=send)
 
 
-class Broken:
-    name, hint = "one that is broken", "look at it"
+def failing(error):
+    """The `send` of a target that raises this error."""
 
-    def send(self, message, timeout_s):
-        raise ValueError("with a secret in its text")
+    def send(message, timeout_s):
+        raise error
 
-
-class Refusing:
-    name, hint = "one that refuses", "look at it"
-
-    def send(self, message, timeout_s):
-        raise DeliveryFailed("not today")
+    return send
 
 
 def test_a_target_that_never_answers_times_out():
     release = threading.Event()
+    silent = target("one that never answers", lambda message, timeout_s: release.wait())
+    refusing = target("one that refuses", failing(DeliveryFailed("not today")))
     try:
-        troubles = send_all(MESSAGE, [Silent(release), Refusing()], total_s=1.0)
+        troubles = send_all(MESSAGE, [silent, refusing], total_s=1.0)
     finally:
         release.set()
     assert troubles == [
@@ -141,15 +131,9 @@ def test_a_target_that_never_answers_times_out():
 
 
 def test_an_unexpected_error_is_described_by_its_type():
-    (line,) = send_all(MESSAGE, [Broken()])
+    broken = target("one that is broken", failing(ValueError("with a secret in its text")))
+    (line,) = send_all(MESSAGE, [broken])
     assert line.endswith("one that is broken: failed with ValueError; look at it")
-
-
-MAIL = {
-    "ROBOGAUNTLET_SMTP_HOST": "mail.example.org",
-    "ROBOGAUNTLET_MAIL_FROM": "Gauntlet <robogauntlet@example.org>",
-    "ROBOGAUNTLET_MAIL_TO": "a@example.org, Someone Else <b@example.org>",
-}
 
 
 def test_mail_uses_starttls_on_its_usual_port_by_default():
@@ -167,7 +151,7 @@ WRONG = [
     ({"ROBOGAUNTLET_SMTP_PORT": "65536"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
     ({"ROBOGAUNTLET_SMTP_PORT": "²"}, "ROBOGAUNTLET_SMTP_PORT: expected a number from 1 to 65535"),
     ({"ROBOGAUNTLET_MAIL_TO": ""}, "ROBOGAUNTLET_MAIL_TO: not set, but e-mail needs it"),
-    ({"ROBOGAUNTLET_MAIL_TO": "nobody"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses separated by commas"),
+    ({"ROBOGAUNTLET_MAIL_TO": "someone"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses separated by commas"),
     ({"ROBOGAUNTLET_MAIL_TO": "a@b.org\nBcc: c@d.org"}, "ROBOGAUNTLET_MAIL_TO: expected e-mail addresses"),
     ({"ROBOGAUNTLET_MAIL_FROM": "a@b.org, c@d.org"}, "ROBOGAUNTLET_MAIL_FROM: expected one address, got 2"),
     ({"ROBOGAUNTLET_SMTP_HOST": "user@host"}, "ROBOGAUNTLET_SMTP_HOST: expected the name of a host"),
@@ -195,13 +179,9 @@ def test_a_missing_or_malformed_variable_is_named_in_one_line(changed, expected)
 def test_all_wrong_variables_are_reported_at_once():
     with pytest.raises(NotificationError) as raised:
         notifiers({"ROBOGAUNTLET_SMTP_PORT": "x", "ROBOGAUNTLET_WEBHOOK_URL": "x"})
-    assert [line.partition(":")[0] for line in str(raised.value).splitlines()] == [
-        "ROBOGAUNTLET_WEBHOOK_URL",
-        "ROBOGAUNTLET_SMTP_HOST",
-        "ROBOGAUNTLET_MAIL_FROM",
-        "ROBOGAUNTLET_MAIL_TO",
-        "ROBOGAUNTLET_SMTP_PORT",
-    ]
+    variables = ("WEBHOOK_URL", "SMTP_HOST", "MAIL_FROM", "MAIL_TO", "SMTP_PORT")
+    named = [line.partition(":")[0] for line in str(raised.value).splitlines()]
+    assert named == [f"ROBOGAUNTLET_{name}" for name in variables]
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "::1"])

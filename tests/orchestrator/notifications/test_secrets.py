@@ -7,7 +7,6 @@ import string
 import traceback
 
 import pytest
-import trustme
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -105,8 +104,8 @@ def test_an_address_is_not_repeated_when_the_connection_is_refused(secret, schem
     assert notify({"ROBOGAUNTLET_WEBHOOK_URL": f"{scheme}://{host}:{closed_port()}/{secret}?{secret}"}, secret)
 
 
-def test_an_address_is_not_repeated_by_a_certificate_that_is_not_accepted():
-    with Hook(tls=certified(trustme.CA())) as hook:
+def test_an_address_is_not_repeated_by_a_certificate_that_is_not_accepted(authority):
+    with Hook(tls=certified(authority)) as hook:
         assert notify({"ROBOGAUNTLET_WEBHOOK_URL": hook.url}, "s3cr3t")
 
 
@@ -123,25 +122,22 @@ def test_the_password_of_a_proxy_is_not_repeated(monkeypatch):
 
 
 @pytest.fixture
-def echoing(tmp_path, monkeypatch):
+def echoing(authority, trusted):
     """An SMTP server that refuses every login, and repeats the password."""
-    authority = trustme.CA()
-    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
-    monkeypatch.setenv("SSL_CERT_FILE", str(tmp_path / "ca.pem"))
     options = {"tls_context": certified(authority), "require_starttls": True, "auth_required": True}
-    with smtp(Inbox(), authenticator=Users("nobody", "nothing"), **options) as port:
+    with smtp(Inbox(), authenticator=Users("someone", "something"), **options) as port:
         yield port
+
+
+def mail_with_login(user, password, port):
+    names = ("ROBOGAUNTLET_SMTP_USER", "ROBOGAUNTLET_SMTP_PASSWORD", "ROBOGAUNTLET_SMTP_PORT")
+    return MAIL | dict(zip(names, (user, password, str(port)), strict=True))
 
 
 @few
 @given(PASSWORD)
 def test_a_password_is_not_repeated_from_a_server_that_repeats_it(echoing, secret):
-    login = {
-        "ROBOGAUNTLET_SMTP_USER": "me",
-        "ROBOGAUNTLET_SMTP_PASSWORD": secret,
-        "ROBOGAUNTLET_SMTP_PORT": str(echoing),
-    }
-    (line,) = notify(MAIL | login, secret)
+    (line,) = notify(mail_with_login("me", secret, echoing), secret)
     assert "answered 535" in line or "SMTPServerDisconnected" in line or "UnicodeEncodeError" in line
 
 
@@ -149,19 +145,14 @@ def test_a_password_is_not_repeated_from_a_server_that_repeats_it(echoing, secre
 @given(SECRET, st.sampled_from([b"220 {}\r\n", b"421 {}\r\n", b"554 {}\r\n", b"{}\r\n", b"{}"]))
 def test_a_password_is_not_repeated_from_a_servers_greeting(secret, greeting):
     with greeter(greeting.replace(b"{}", secret.encode())) as port:
-        login = {
-            "ROBOGAUNTLET_SMTP_USER": secret,
-            "ROBOGAUNTLET_SMTP_PASSWORD": secret,
-            "ROBOGAUNTLET_SMTP_PORT": str(port),
-        }
-        assert notify(MAIL | login, secret)
+        assert notify(mail_with_login(secret, secret, port), secret)
 
 
 @few
 @given(SECRET, st.sampled_from(["starttls", "tls", "none"]))
 def test_a_password_is_not_repeated_when_the_connection_is_refused(secret, tls):
-    login = {"ROBOGAUNTLET_SMTP_USER": secret, "ROBOGAUNTLET_SMTP_PASSWORD": secret, "ROBOGAUNTLET_SMTP_TLS": tls}
-    assert notify(MAIL | login | {"ROBOGAUNTLET_SMTP_PORT": str(closed_port())}, secret)
+    environment = mail_with_login(secret, secret, closed_port()) | {"ROBOGAUNTLET_SMTP_TLS": tls}
+    assert notify(environment, secret)
 
 
 VARIABLES = (
@@ -169,14 +160,8 @@ VARIABLES = (
     *("ROBOGAUNTLET_SMTP_TLS", "ROBOGAUNTLET_MAIL_FROM", "ROBOGAUNTLET_MAIL_TO"),
 )
 URLS = (
-    "{}",
-    "ftp://host/{}",
-    "https://[{}/x",
-    "https://host:{}/x",
-    "https:///{}",
-    "https://me:{}@host/x",
-    "//{}",
-    "https://\\{}/x",
+    *("{}", "ftp://host/{}", "https://[{}/x", "https://host:{}/x", "https:///{}"),
+    *("https://me:{}@host/x", "//{}", "https://\\{}/x"),
 )
 
 

@@ -81,10 +81,10 @@ def test_a_blur_is_relative_to_the_width():
 
 @settings(max_examples=50)
 @given(st.floats(0.5, 99), st.floats(0, 1, exclude_max=True), st.integers(2, 400))
-def test_frozen_observations_have_the_requested_share_are_evenly_spread_and_never_first(share, phase, looks):
-    frozen = [is_frozen(look, share, phase) for look in range(looks)]
+def test_frozen_observations_have_the_requested_share_are_evenly_spread_and_never_first(share, phase, observations):
+    frozen = [is_frozen(index, share, phase) for index in range(observations)]
     assert not frozen[0]
-    assert abs(sum(frozen) - (looks - 1) * share / 100) <= 1
+    assert abs(sum(frozen) - (observations - 1) * share / 100) <= 1
 
 
 def test_delays_are_whole_steps_and_at_least_one():

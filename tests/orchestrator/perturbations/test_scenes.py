@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -23,12 +24,12 @@ from tests.orchestrator.episodes.test_rollout import Scripted
 from tests.orchestrator.perturbations.scene import TABLE, Scene, begin, episode
 
 SCENERY = [name for name, axis in AXES.items() if axis.changes in (Changes.LIGHTS, Changes.TABLE)]
-WORLD = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.DYNAMICS)]
+PHYSICS = [name for name, axis in AXES.items() if axis.changes in (Changes.OBJECTS, Changes.ARM, Changes.DYNAMICS)]
 severities = pytest.mark.parametrize("severity", range(1, 6))
 
 
 @severities
-@pytest.mark.parametrize("axis", SCENERY + WORLD)
+@pytest.mark.parametrize("axis", SCENERY + PHYSICS)
 def test_every_severity_delivers_its_level(axis, severity):
     for seed in (4, 5, 6):
         _, simulation = begin(axis, severity, seed=seed)
@@ -87,7 +88,7 @@ def test_a_scene_that_does_not_change_is_an_error(axis, monkeypatch):
         simulation.observe()
 
 
-@pytest.mark.parametrize("axis", SCENERY + WORLD)
+@pytest.mark.parametrize("axis", SCENERY + PHYSICS)
 def test_a_simulation_without_the_control_is_refused(axis):
     scene = Scene()
     scene.scene_controls = SceneControls(cameras=scene)
@@ -96,9 +97,10 @@ def test_a_simulation_without_the_control_is_refused(axis):
 
 
 def test_light_that_misses_its_level_is_an_error(monkeypatch):
-    monkeypatch.setattr(
-        Scene, "set_light", lambda self, light: setattr(self, "now", Light(light.gain**0.5, light.direction))
-    )
+    def set_half(scene, light):
+        scene.now = Light(light.gain**0.5, light.direction)
+
+    monkeypatch.setattr(Scene, "set_light", set_half)
     _, simulation = begin("illuminance", 4)
     with pytest.raises(AdapterError, match=r"illuminance@4: expected 2 EV darker, delivered 1.0"):
         simulation.observe()
@@ -132,10 +134,8 @@ def test_distractors_have_the_levels_number_keep_clear_of_objects_and_half_have_
             reach = prop.size / math.sqrt(2) + 0.03 + 0.05
             for thing in ("cube", "other", "tcp"):
                 assert np.linalg.norm(prop.position[:2] - state[f"{thing}_position"][:2]) >= reach
-            way = table_and_distractors.distance_to_segment(
-                prop.position[:2], state["cube_position"][:2], state["other_position"][:2]
-            )
-            assert way >= reach
+            ends = (state[f"{thing}_position"][:2] for thing in ("cube", "other"))
+            assert table_and_distractors.distance_to_segment(prop.position[:2], *ends) >= reach
 
 
 @severities
@@ -143,9 +143,8 @@ def test_the_table_has_a_different_mean_colour_and_the_pattern_of_its_severity(s
     _, simulation = begin("table", severity)
     clean = linear(Scene().observe().images["third_person"][TABLE])
     seen = linear(simulation.observe().images["third_person"][TABLE])
-    assert difference(seen.mean(axis=(0, 1)), clean.mean(axis=(0, 1))) == pytest.approx(
-        AXES["table"].value(severity), abs=5.0
-    )
+    delivered = difference(seen.mean(axis=(0, 1)), clean.mean(axis=(0, 1)))
+    assert delivered == pytest.approx(AXES["table"].value(severity), abs=5.0)
     deviation = seen.std(axis=(0, 1)).max()
     assert (deviation > 0.01) == (severity >= 3)
 
@@ -184,7 +183,6 @@ def test_an_object_is_not_moved_onto_another():
     for seed in range(12):
         scene = Scene()
         scene.things["other"] = np.array([0.5, 0.12, 0.02])
-
         perturbed(scene, episode("object-position", 1, seed=seed)).reset(4)
         assert np.linalg.norm(scene.things["cube"] - scene.things["other"]) >= 0.06
 
@@ -253,35 +251,21 @@ def test_an_unchanged_start_state_is_an_error_on_an_axis_that_changes_it(axis, m
 def test_a_changed_instruction_is_an_error_on_an_axis_that_keeps_it(monkeypatch):
     seen = Scene.observe
     monkeypatch.setattr(Scene, "observe", lambda self: replace(seen(self), instruction="reach the goal view 341"))
-    with pytest.raises(
-        AdapterError, match=r"noise@3: expected the task's own instruction, got 'reach the goal view 341'"
-    ):
+    message = "noise@3: expected the task's own instruction, got 'reach the goal view 341'"
+    with pytest.raises(AdapterError, match=message):
         rollout(Scene(), Scripted(), episode("noise", 3))
 
 
-class Renderer:
-    """Counts its calls."""
-
-    times = 0
-
-    def __call__(self):
-        self.times += 1
-        return {"third_person": self.times}
-
-
 def test_images_are_rendered_once_per_seed_and_scene():
-    references, render = ReferenceImages(), Renderer()
-    images = [
-        references.get(*key, render)["third_person"] for key in ((1, "clean"), (1, "clean"), (2, "clean"), (1, "x"))
-    ]
-    assert images == [1, 1, 2, 3]
+    references, rendered = ReferenceImages(), count(1)
+    keys = ((1, "clean"), (1, "clean"), (2, "clean"), (1, "x"))
+    assert [references.get(*key, lambda: next(rendered)) for key in keys] == [1, 1, 2, 3]
 
 
 def test_the_most_recently_used_images_are_kept():
-    references, render = ReferenceImages(size=2), Renderer()
-    for seed in (1, 2, 1, 3):
-        references.get(seed, "clean", render)
-    assert [references.get(seed, "clean", render)["third_person"] for seed in (1, 3, 2)] == [1, 3, 4]
+    references, rendered = ReferenceImages(size=2), count(1)
+    found = [references.get(seed, "clean", lambda: next(rendered)) for seed in (1, 2, 1, 3, 1, 3, 2)]
+    assert found == [1, 2, 1, 3, 1, 3, 4]
 
 
 @given(st.sampled_from(PATTERNS), st.integers(0, 2**32 - 1), st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3))

@@ -68,12 +68,12 @@ def test_controls_and_errors_are_no_new_failures():
 def test_snapshots_have_every_severity_on_each_simulators_first_task():
     tasks = (PUSH, "maniskill/PullCube-v1", LIFT)
     plan = cells(("oracle", "experts"), tasks, (CLEAN, BLUR2, BLUR4, Condition("blind", 1)))
-    looks = condition_snapshots(plan, 7)
-    assert looks == [
+    snapshots = condition_snapshots(plan, 7)
+    assert snapshots == [
         Snapshot(task, condition, 7, View()) for task in (PUSH, LIFT) for condition in (CLEAN, BLUR2, BLUR4)
     ]
 
 
 def test_snapshots_show_the_first_task_with_the_axis():
     plan = [*cells(("oracle",), (PUSH,), (CLEAN,)), *cells(("oracle",), ("maniskill/PullCube-v1",), (CLEAN, NOISE))]
-    assert {look.task for look in condition_snapshots(plan, 0)} == {"maniskill/PullCube-v1"}
+    assert {snapshot.task for snapshot in condition_snapshots(plan, 0)} == {"maniskill/PullCube-v1"}

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from robogauntlet.orchestrator.replay.verify import sample_rows
 from robogauntlet.results.record import outcome_row, rows_hash
-from tests.orchestrator.cli.test_cli import SUITE, run_command
+from tests.orchestrator.cli.test_cli import SUITE
+from tests.processes import run_gauntlet
 from tests.results.synthetic import cells, row
 
 CELL = cells()[0]
@@ -40,13 +41,13 @@ def played(tmp_path_factory):
     folder = tmp_path_factory.mktemp("verify")
     suite = folder / "suite.yaml"
     suite.write_text(SUITE.replace("Slow", "Reach").replace("60", "5"))
-    assert run_command("run", suite, "--out", folder / "run", "--no-media").returncode == 0
+    assert run_gauntlet("run", suite, "--out", folder / "run", "--no-media").returncode == 0
     return folder / "run"
 
 
 @pytest.mark.ray
 def test_an_unchanged_run_passes(played):
-    done = run_command("verify", played, "--sample", 4)
+    done = run_gauntlet("verify", played, "--sample", 4)
     assert done.returncode == 0, done.stderr
     assert "10 rows, hash " in done.stdout
     assert ", as in run.json" in done.stdout
@@ -61,8 +62,8 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
         (steps,) = database.execute("select steps from episodes where episode_id = ?", (wanted,)).fetchone()
         database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
     try:
-        done = run_command("verify", played, "--sample", 10)
-        without = run_command("verify", played, "--sample", 0)
+        done = run_gauntlet("verify", played, "--sample", 10)
+        without = run_gauntlet("verify", played, "--sample", 0)
     finally:
         with sqlite3.connect(played / "episodes.sqlite") as database:
             database.execute("update episodes set steps = ? where episode_id = ?", (steps, wanted))
@@ -73,7 +74,5 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
     assert without.stderr.splitlines() == [first]
 
 
-def test_a_folder_that_is_no_run_is_one_line(tmp_path):
-    done = run_command("verify", tmp_path)
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
+def test_a_folder_that_is_no_run_is_one_line(run_command, tmp_path):
+    assert run_command("verify", tmp_path).refusal

@@ -114,31 +114,20 @@ adaptive: {round: 5, most: 60}
 """
 
 
-@pytest.fixture
-def written(tmp_path):
-    def write(text):
-        path = tmp_path / "suite.yaml"
-        path.write_text(text)
-        return path
-
-    return write
-
-
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(tmp_path, written):
-    folder = tmp_path / "run"
-
-    outcome = play(written(SUITE), folder)
+def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(tmp_path, suite_file):
+    folder, suite = tmp_path / "run", suite_file(SUITE)
+    outcome = play(suite, folder)
     assert outcome.document.status is RunStatus.COMPLETE
     assert {(row.axis, row.severity) for row in outcome.document.decided} == {("noise", 1), ("noise", 2)}
     assert outcome.done == outcome.document.planned < 3 * 3 * 20
     played = {(row.axis, row.severity, row.seed) for row in rows_of(folder)}
     assert max(seed for axis, _, seed in played if axis != "clean") == outcome.document.decided[0].seeds - 1
     assert "A condition stops when the e-value of oracle" in ReportPaths.in_folder(folder).markdown.read_text()
-    assert play(written(SUITE), folder).document.rows_hash == outcome.document.rows_hash
+    assert play(suite, folder).document.rows_hash == outcome.document.rows_hash
     assert read_run(folder).decided == outcome.document.decided
-    planned = CliRunner().invoke(app, ["plan", str(tmp_path / "suite.yaml"), "--out", str(folder)])
+    planned = CliRunner().invoke(app, ["plan", str(suite), "--out", str(folder)])
     assert "180 episodes, 0 to play in the current round" in planned.output
 
 
@@ -157,6 +146,6 @@ def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(t
         ),
     ],
 )
-def test_an_impossible_rule_is_refused_with_its_line(written, text, message):
+def test_an_impossible_rule_is_refused_with_its_line(suite_file, text, message):
     with pytest.raises(SuiteError, match=message):
-        make_plan(written(text))
+        make_plan(suite_file(text))

@@ -9,14 +9,14 @@ from robogauntlet.orchestrator.runs.live_display import PLAIN_EVERY_S, Display
 
 
 def shown(terminal, *, transient=False):
-    said, clock = StringIO(), [0.0]
-    console = Console(file=said, force_terminal=terminal, width=80)
+    output, clock = StringIO(), [0.0]
+    console = Console(file=output, force_terminal=terminal, width=80)
     with Display(console, transient=transient, now=lambda: clock[0]) as display:
         for step in range(5):
             clock[0] = step * PLAIN_EVERY_S / 2
             display.draw(lambda step=step: Text(f"picture {step}"), lambda step=step: [f"line {step}"])
         display.draw(lambda: Text("picture 5"), lambda: ["line 5"], at_once=True)
-    return said.getvalue()
+    return output.getvalue()
 
 
 def test_without_a_terminal_lines_are_printed_periodically_and_on_request():
@@ -24,9 +24,9 @@ def test_without_a_terminal_lines_are_printed_periodically_and_on_request():
 
 
 def test_on_a_terminal_the_last_display_remains():
-    said = shown(terminal=True)
-    assert "picture 5" in said
-    assert "line" not in said
+    output = shown(terminal=True)
+    assert "picture 5" in output
+    assert "line" not in output
 
 
 def test_a_transient_display_is_removed():

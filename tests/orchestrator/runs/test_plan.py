@@ -15,18 +15,8 @@ conditions: [clean, {{axis: instruction, severities: [2, 4]}}]
 """
 
 
-@pytest.fixture
-def written(tmp_path):
-    def write(*tasks):
-        file = tmp_path / "suite.yaml"
-        file.write_text(SUITE.format(tasks=", ".join(tasks)))
-        return file
-
-    return write
-
-
-def test_an_axis_that_some_tasks_do_not_support_is_planned_for_the_others_and_listed(written):
-    plan = make_plan(written("null/Reach", "pybullet/PandaReach-v3"))
+def test_an_axis_that_some_tasks_do_not_support_is_planned_for_the_others_and_listed(suite_file):
+    plan = make_plan(suite_file(SUITE.format(tasks="null/Reach, pybullet/PandaReach-v3")))
     played = {(cell.task, cell.condition.axis) for cell in plan.cells}
     assert ("pybullet/PandaReach-v3", "instruction") in played
     assert ("null/Reach", "clean") in played
@@ -37,11 +27,11 @@ def test_an_axis_that_some_tasks_do_not_support_is_planned_for_the_others_and_li
     assert gap.reason.startswith("suites/paraphrases.py has no paraphrases of")
 
 
-def test_an_axis_that_no_task_supports_is_refused_with_every_reason(written):
+def test_an_axis_that_no_task_supports_is_refused_with_every_reason(suite_file):
     with pytest.raises(
         SuiteError, match=r"axis 'instruction' is unsupported in null/Reach: suites/paraphrases\.py has no paraphrases"
     ):
-        make_plan(written("null/Reach"))
+        make_plan(suite_file(SUITE.format(tasks="null/Reach")))
 
 
 def test_a_simulator_without_scene_controls_supports_no_axis_of_the_scene():

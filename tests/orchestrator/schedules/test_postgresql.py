@@ -5,14 +5,10 @@ import pytest
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, exclusive_server
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
+from tests.orchestrator.schedules.test_store import START, folder
 from tests.results.store.test_postgresql import server  # noqa: F401
 
 pytestmark = pytest.mark.slow
-START = 1_795_000_000.0
-
-
-def folder(schedule, due_at):
-    return f"/runs/{schedule.name}-{due_at:.0f}"
 
 
 def test_postgresql_stores_schedules_and_admits_one_server(server, tmp_path):  # noqa: F811

@@ -56,6 +56,19 @@ class Service:
             time.sleep(0.05)
         raise AssertionError(self.log)
 
+    def trigger(self, schedule, number=0):
+        return self.schedule_store.trigger_now(schedule, START + number, self.server().folder)
+
+    def record(self, scheduled_run, number, **options):
+        """Record a finished run of a scheduled run; return its document and folder."""
+        run = document(4, run_id=f"run-{number}", started_at=START + number, name="nights")
+        folder = run_folder(self.root / scheduled_run.folder, run, [])
+        self.history.record(run, folder, **options)
+        return run, folder
+
+    def notified(self):
+        return [message.title.partition(":")[0] for message in self.sent]
+
     def states(self):
         return [str(scheduled_run.state) for scheduled_run in self.schedule_store.scheduled_runs()[::-1]]
 
@@ -84,7 +97,7 @@ def test_worse_runs_are_flagged_and_no_others(service, ray_here):
     assert service.states() == ["done"] * 4
     assert [entry.verdict for entry in entries] == [None, "regressed", "no evidence", "regressed"]
     assert [entry.counts.rate for entry in entries] == [1.0, 0.0, 1.0, 0.0]
-    assert [message.title.partition(":")[0] for message in service.sent] == ["REGRESSED"] * 2
+    assert service.notified() == ["REGRESSED"] * 2
     assert [message.run for message in service.sent] == [entries[1].name, entries[3].name]
     assert all("100 %" in message.lines[0] and "0 %" in message.lines[0] for message in service.sent)
 
@@ -96,7 +109,7 @@ def test_a_server_killed_at_any_moment_loses_and_doubles_no_run(service):
     service.write(count=40)
     schedule = service.add(cron="0 0 1 1 *")
     for number in range(2):
-        service.schedule_store.trigger_now(schedule, START + number, service.server().folder)
+        service.trigger(schedule, number)
     serve_and_kill(service.url, kills=6, done=lambda: service.states() == ["done"] * 2)
     assert service.states() == ["done"] * 2
     folders = [scheduled_run.folder.rpartition("/")[2] for scheduled_run in service.schedule_store.scheduled_runs()]
@@ -114,7 +127,7 @@ def test_missed_runs_are_caught_up_as_the_schedule_says(service):
     due = {name: [f.state for f in service.schedule_store.scheduled_runs(schedule=name)] for name in ("latest", "skip")}
     assert (due["latest"][0], set(due["latest"][1:])) == (State.RUNNING, {State.MISSED})
     assert set(due["skip"]) == {State.MISSED}
-    assert [message.title.partition(":")[0] for message in service.sent] == ["MISSED", "MISSED"]
+    assert service.notified() == ["MISSED", "MISSED"]
     assert f"MISSED: {len(due['skip'])} runs of skip" in [message.title for message in service.sent]
 
 
@@ -122,7 +135,7 @@ def test_two_runs_of_a_suite_never_overlap(service):
     one, other = service.add("one", cron="0 0 1 1 *"), service.add("other", cron="0 0 1 1 *")
     server = service.server(max_parallel=2)
     for schedule in (one, other):
-        service.schedule_store.trigger_now(schedule, START, server.folder)
+        service.trigger(schedule)
     server.step()
     assert sorted(service.states()) == ["due", "running"]
     server.stop()
@@ -130,7 +143,7 @@ def test_two_runs_of_a_suite_never_overlap(service):
 
 def test_a_new_server_waits_for_a_run_that_an_earlier_one_started(service):
     schedule = service.add(cron="0 0 1 1 *")
-    scheduled_run = service.schedule_store.trigger_now(schedule, START, service.server().folder)
+    scheduled_run = service.trigger(schedule)
     service.schedule_store.change(scheduled_run, state=State.RUNNING)
     with lock_folder(service.root / scheduled_run.folder, for_run=True):
         assert is_running(service.root / scheduled_run.folder)
@@ -146,36 +159,32 @@ def test_a_new_server_waits_for_a_run_that_an_earlier_one_started(service):
 def test_a_missing_suite_file_fails_with_its_reason_and_a_notification(service):
     schedule = service.add(cron="0 0 1 1 *")
     service.suite.unlink()
-    service.schedule_store.trigger_now(schedule, START, service.server().folder)
+    service.trigger(schedule)
     service.settle(service.server())
     (scheduled_run,) = service.schedule_store.scheduled_runs()
     assert scheduled_run.state is State.FAILED
     assert "nights.yaml" in scheduled_run.outcome
-    assert [message.title.partition(":")[0] for message in service.sent] == ["STOPPED"]
+    assert service.notified() == ["STOPPED"]
 
 
 def test_a_run_whose_baseline_is_gone_is_done_with_a_notification(service):
     schedule = service.add(cron="0 0 1 1 *")
     for number in range(2):
-        scheduled_run = service.schedule_store.trigger_now(schedule, START + number, service.server().folder)
-        run = document(4, run_id=f"run-{number}", started_at=START + number, name="nights")
-        folder = run_folder(service.root / scheduled_run.folder, run, [])
-        service.history.record(run, folder)
+        scheduled_run = service.trigger(schedule, number)
+        _, folder = service.record(scheduled_run, number)
         if number == 0:
             (folder / "episodes.sqlite").unlink()
     closed = conclude(service.schedule_store, service.history, schedule, scheduled_run, 0, service.sent.append)
     assert closed.state is State.DONE
     assert "not compared" in closed.outcome
-    assert [message.title.partition(":")[0] for message in service.sent] == ["NOT COMPARED"]
+    assert service.notified() == ["NOT COMPARED"]
 
 
 def test_old_folders_are_removed_but_not_their_results_nor_the_baseline(service):
     schedule = service.add(keep=2)
     for number in range(5):
-        scheduled_run = service.schedule_store.trigger_now(schedule, START + number, service.server().folder)
-        run = document(4, run_id=f"run-{number}", started_at=START + number, name="nights")
-        folder = run_folder(service.root / scheduled_run.folder, run, [])
-        service.history.record(run, folder, schedule="nightly")
+        scheduled_run = service.trigger(schedule, number)
+        run, _ = service.record(scheduled_run, number, schedule="nightly")
         service.schedule_store.change(scheduled_run, state=State.DONE, run_id=run.run_id)
         if number > 1:
             service.history.write_verdict(run.run_id, "regressed", "run-1", ["worse"])

@@ -1,7 +1,7 @@
 """The store of schedules: each due time is recorded exactly once."""
 
 import sqlite3
-import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given, settings
@@ -64,23 +64,18 @@ def test_each_due_time_is_recorded_once_however_often_it_is_called(tmp_path_fact
 
 def test_simultaneous_processes_record_each_due_time_once(schedule_store, tmp_path):
     schedule_store.add(schedule())
-    books = [ScheduleStore.open(file_url(tmp_path / "history.sqlite")) for _ in range(4)]
-    noted = []
+    stores = [ScheduleStore.open(file_url(tmp_path / "history.sqlite")) for _ in range(4)]
 
-    def ask(own):
-        for minute in range(0, 100, 7):
-            noted.append(own.record_due(START + 60 * minute, folder))  # noqa: PERF401
+    def record(store):
+        return sum(store.record_due(START + 60 * minute, folder) for minute in range(0, 100, 7))
 
-    threads = [threading.Thread(target=ask, args=(own,)) for own in books]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        recorded = sum(pool.map(record, stores))
     expected = list(schedule().due(START, START + 60 * 98))
     assert sorted(one.due_at for one in schedule_store.scheduled_runs()) == expected
-    assert sum(noted) == len(expected)
-    for own in books:
-        own.close()
+    assert recorded == len(expected)
+    for store in stores:
+        store.close()
 
 
 def test_missed_times_are_recorded_for_the_last_month_only(schedule_store):

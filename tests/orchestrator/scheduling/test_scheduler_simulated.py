@@ -69,7 +69,6 @@ def test_a_worker_with_rare_messages_is_not_mistaken_for_a_hanging_one():
 
 def test_a_clock_jump_ends_no_worker_with_pending_events():
     """As if the scheduler was stopped for an hour while its workers went on."""
-    pool = SimulatedWorkerPool(lambda episode: 1.0, Clock())
     jumped = []
 
     def jump(episode):
@@ -78,7 +77,7 @@ def test_a_clock_jump_ends_no_worker_with_pending_events():
             pool.clock.waited += 3600.0
         return "plays"
 
-    pool._fate = jump
+    pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), fate=jump)
     rows, observer = play(work({("a/1", "p"): 40}), pool, {"a": 3})
     assert Counter(row.seed for row in rows) == Counter(range(40))
     assert jumped

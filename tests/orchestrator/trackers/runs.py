@@ -2,12 +2,13 @@
 
 import json
 import os
-import subprocess
 import sys
+
+import pytest
 
 from robogauntlet.results.run_document import Provenance, RunStatus
 from robogauntlet.suites.episode import Condition
-from tests import ROOT
+from tests.processes import run_process
 from tests.results.synthetic import cells, document, row, run_folder
 
 CONDITIONS = (Condition(), Condition("camera-position", 3))
@@ -44,16 +45,10 @@ def gauntlet_log(*arguments, cwd, without=(), **environment):
         "from robogauntlet.orchestrator.cli import app, main\nfrom robogauntlet.orchestrator.cli.log import log\n"
         "app.command('log')(log)\nmain()"
     )
-    own = {name: value for name, value in os.environ.items() if not name.startswith(("WANDB_", "MLFLOW_"))}
-    return subprocess.run(
-        [sys.executable, "-c", code, "log", *map(str, arguments)],
-        cwd=cwd,
-        env={**own, "PYTHONPATH": str(ROOT / "src"), "HOME": str(cwd), **environment},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        for name in [name for name in os.environ if name.startswith(("WANDB_", "MLFLOW_"))]:
+            patch.delenv(name)
+        return run_process([sys.executable, "-c", code, "log", *arguments], cwd, HOME=str(cwd), **environment)
 
 
 def wandb_records(path):

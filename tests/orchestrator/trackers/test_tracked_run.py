@@ -14,13 +14,18 @@ from tests.orchestrator.trackers.runs import gauntlet_log, save
 from tests.results.synthetic import tables_of
 
 
-@pytest.fixture
-def opened(tmp_path):
-    return robogauntlet.open_run(save(tmp_path / "night"))
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    return robogauntlet.open_run(save(tmp_path_factory.mktemp("runs") / "night"))
 
 
-def test_each_policy_and_task_has_its_rate_interval_number_and_errors(opened):
-    metrics = tracked_run(opened.document, opened.tables()).metrics
+@pytest.fixture(scope="module")
+def tracked(opened):
+    return tracked_run(opened.document, opened.tables())
+
+
+def test_each_policy_and_task_has_its_rate_interval_number_and_errors(tracked):
+    metrics = tracked.metrics
     assert metrics["success_rate/p-1/maniskill/PushCube-v1"] == 0.75
     assert 0.5 < metrics["success_rate_low/p-1/maniskill/PushCube-v1"] < 0.75
     assert 0.75 < metrics["success_rate_high/p-1/maniskill/PushCube-v1"] < 0.9
@@ -28,8 +33,8 @@ def test_each_policy_and_task_has_its_rate_interval_number_and_errors(opened):
     assert metrics["errors/p-1/maniskill/PushCube-v1"] == 0
 
 
-def test_a_perturbed_condition_has_its_own_metrics(opened):
-    metrics = tracked_run(opened.document, opened.tables()).metrics
+def test_a_perturbed_condition_has_its_own_metrics(tracked):
+    metrics = tracked.metrics
     assert metrics["success_rate/p-1/pybullet/Push/camera-position/3"] == pytest.approx(5 / 18)
     assert metrics["errors/p-1/pybullet/Push/camera-position/3"] == 2
     assert metrics["errors/all"] == 4
@@ -42,18 +47,16 @@ def test_a_cell_without_episodes_has_no_rate(opened):
     assert dict(zip(COLUMNS, summary.rows[0], strict=True))["success_rate"] is None
 
 
-def test_free_text_of_a_run_is_not_written(opened):
-    summary = tracked_run(opened.document, opened.tables())
-    assert "s3cr3t" not in repr(dataclasses.asdict(summary))
+def test_free_text_of_a_run_is_not_written(tracked):
+    assert "s3cr3t" not in repr(dataclasses.asdict(tracked))
 
 
-def test_the_provenance_is_logged(opened):
-    summary = tracked_run(opened.document, opened.tables())
-    assert summary.provenance["git_commit"] == "abc123"
-    assert summary.provenance["packages/mani-skill"] == "3.0.1"
-    assert summary.provenance["policies/p-1"] == opened.document.plan[0].policy_digest
-    assert summary.state["status"] == "stopped"
-    assert summary.tags == ("robogauntlet", "synthetic", "maniskill", "pybullet")
+def test_the_provenance_is_logged(tracked, opened):
+    assert tracked.provenance["git_commit"] == "abc123"
+    assert tracked.provenance["packages/mani-skill"] == "3.0.1"
+    assert tracked.provenance["policies/p-1"] == opened.document.plan[0].policy_digest
+    assert tracked.state["status"] == "stopped"
+    assert tracked.tags == ("robogauntlet", "synthetic", "maniskill", "pybullet")
 
 
 @given(st.text(), st.text())

@@ -7,7 +7,7 @@ from robogauntlet.adapters.contract import Simulator, TaskDescription
 from robogauntlet.adapters.null import NullSimulation
 
 
-class Gears(NullSimulation):
+class GearboxSimulation(NullSimulation):
     def render_device(self):
         import gearbox
 
@@ -17,13 +17,14 @@ class Gears(NullSimulation):
 def simulator(name, requirements=()):
     return Simulator(
         name=name, title=name, tasks={"Reach": TaskDescription("reach the goal", 20)}, modules=("gearbox",),
-        distributions=("gearbox",), open=Gears, requirements=requirements, renders=False,
+        distributions=("gearbox",), open=GearboxSimulation, requirements=requirements, renders=False,
     )
 
 
 FIRST, SECOND, BARE = simulator("first", ("gearbox==1.0",)), simulator("second", ("gearbox==2.0",)), simulator("bare")
 """
-ENTRY_POINTS = "[robogauntlet.simulators]\nfirst = gears:FIRST\nsecond = gears:SECOND\nbare = gears:BARE\n"
+TARGETS = "".join(f"{name} = toy_simulators:{name.upper()}\n" for name in ("first", "second", "bare"))
+ENTRY_POINTS = f"[robogauntlet.simulators]\n{TARGETS}"
 
 
 def write_wheel(folder, version):
@@ -32,7 +33,7 @@ def write_wheel(folder, version):
     files = {
         "gearbox.py": f'VERSION = "{version}"\n',
         f"{information}/METADATA": about,
-        f"{information}/WHEEL": "Wheel-Version: 1.0\nGenerator: by hand\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+        f"{information}/WHEEL": "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
     }
     files[f"{information}/RECORD"] = "".join(f"{name},,\n" for name in [*files, f"{information}/RECORD"])
     with zipfile.ZipFile(folder / f"gearbox-{version}-py3-none-any.whl", "w") as wheel:
@@ -41,8 +42,8 @@ def write_wheel(folder, version):
 
 
 def write_adapter(folder):
-    information = folder / "gears-1.0.dist-info"
+    information = folder / "toy_simulators-1.0.dist-info"
     information.mkdir()
-    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: gears\nVersion: 1.0\n")
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-simulators\nVersion: 1.0\n")
     (information / "entry_points.txt").write_text(ENTRY_POINTS)
-    (folder / "gears.py").write_text(ADAPTER)
+    (folder / "toy_simulators.py").write_text(ADAPTER)

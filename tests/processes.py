@@ -1,0 +1,23 @@
+"""Commands in new processes that import this repository's package."""
+
+import os
+import subprocess
+import sys
+
+from tests import ROOT
+
+GAUNTLET = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()"]
+"""The `robogauntlet` command."""
+
+
+def run_process(command, cwd=ROOT, *, paths=(), timeout=300, **variables):
+    """Run a command with further folders of modules and variables; return its exit code and output."""
+    python_path = os.pathsep.join(map(str, (ROOT / "src", *paths)))
+    environment = {**os.environ, "PYTHONPATH": python_path, **variables}
+    words = [*map(str, command)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=timeout, cwd=cwd, env=environment, check=False)
+
+
+def run_gauntlet(*arguments, **options):
+    """Run `robogauntlet ...` as `run_process` does."""
+    return run_process([*GAUNTLET, *arguments], **options)
