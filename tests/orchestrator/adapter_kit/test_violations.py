@@ -31,7 +31,7 @@ VIOLATIONS = [
     ("driftsunseen", "seeds", "which differ in the last bits only"),
     ("flickers", "seeds-images", "again; seen: others; look at parts of the image"),
     ("oneworld", "two-at-once", "the same end beside another simulation"),
-    ("lookingsteps", "observing", "the same state before and after an observation"),
+    ("observingsteps", "observing", "the same state before and after an observation"),
     ("stale", "present", "third_person to show that the tool has moved by 10 steps; seen: the same image"),
     ("onebuffer", "own-images", "the first image of third_person to stay as it was"),
     ("drawsinstep", "step-draws-nothing", "ms in draw, which renders the observations"),

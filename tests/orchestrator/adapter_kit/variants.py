@@ -163,7 +163,7 @@ class OneWorld(Variant):
 # Looking
 
 
-class LookingSteps(Variant):
+class ObservingSteps(Variant):
     def observe(self):
         self.step(np.array([0.0, 0.0, -0.001, 0.0, 0.0, 0.0, -1.0]))
         return super().observe()

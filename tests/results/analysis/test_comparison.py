@@ -190,7 +190,7 @@ def test_a_policy_that_did_not_change_but_acts_differently_is_reported():
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))
         for one, processor in ((new, "a 586"), (old, "a 486"))
     )
-    why = "another processor rounds differently (a 486 before, a 586 now), or the program does"
+    why = "the processor (a 486 before, a 586 now) or the program changed"
     assert f"{line}: {why}" in as_text(compare_runs(now, before))
     assert f"{line}: the program or a library" in as_text(compare_runs(now, old)), "an unknown processor is no reason"
 
