@@ -147,7 +147,7 @@ class AdaptiveEntry(_Model):
     """Largest probability that a comparison without a difference is decided."""
     round: Count = 10
     """Seeds between two evaluations of the evidence."""
-    most: Count
+    max_seeds: Count
     """Maximum number of seeds of a condition; without stopping, each has those of `seeds`."""
 
 
@@ -367,9 +367,9 @@ def _check_roles(suite: Suite) -> Iterator[Mistake]:
     """Policies named in `oracle_gate`, `no_skill_baselines`, `merging` and `compare`."""
     known = [policy.name for policy in suite.policies]
     gate: list[Mistake] = [(("oracle_gate",), suite.oracle_gate)] if suite.oracle_gate is not None else []
-    floors = [(("no_skill_baselines", i), name) for i, name in enumerate(suite.no_skill_baselines)]
+    baselines = [(("no_skill_baselines", i), name) for i, name in enumerate(suite.no_skill_baselines)]
     sides = [entry.places() for entry in (suite.merging, suite.compare) if entry]
-    for place, name in chain(gate, floors, *sides):
+    for place, name in chain(gate, baselines, *sides):
         if name not in known:
             yield place, f"{place[0]} names no policy of this suite: '{name}'{did_you_mean(name, known)}"
     for places in sides:
@@ -384,5 +384,5 @@ def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
         return
     if suite.comparison is None:
         yield ("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"
-    if suite.adaptive.most < suite.seeds.count:
-        yield ("adaptive", "most"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.most}"
+    if suite.adaptive.max_seeds < suite.seeds.count:
+        yield ("adaptive", "max_seeds"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.max_seeds}"

@@ -42,9 +42,11 @@ def action_map(mapping: EnvironmentMapping, space: Any) -> tuple[FloatArray, Flo
         offset[drive.index] += drive.offset
     reach = np.abs(gain) @ action_spec(mapping).high
     for number in np.flatnonzero((offset - reach < space.low - 1e-6) | (offset + reach > space.high + 1e-6)):
-        came = f"{offset[number] - reach[number]:g} to {offset[number] + reach[number]:g}"
-        most = f"{space.low[number]:g} to {space.high[number]:g}"
-        raise ValueError(f"action: number {number} would be {came}, {mapping.env} takes {most}; lower scale or bounds")
+        reached = f"{offset[number] - reach[number]:g} to {offset[number] + reach[number]:g}"
+        allowed = f"{space.low[number]:g} to {space.high[number]:g}"
+        raise ValueError(
+            f"action: number {number} would be {reached}, {mapping.env} takes {allowed}; lower scale or bounds"
+        )
     return gain, offset
 
 

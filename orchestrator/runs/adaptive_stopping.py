@@ -55,7 +55,7 @@ def progression(
     state = Progression(planned=dict.fromkeys(cells, 0))
     budget = len(cells) * seeds.count
     undecided = list(dict.fromkeys(cell.condition for cell in cells))
-    first, extra_begin, end = seeds.start, seeds.start + seeds.count, seeds.start + rule.most
+    first, extra_begin, end = seeds.start, seeds.start + seeds.count, seeds.start + rule.max_seeds
     while first < end:
         active = [cell for cell in cells if cell.condition in _played(undecided, extra=first >= extra_begin)]
         size = min(rule.round, (extra_begin if first < extra_begin else end) - first, budget // max(len(active), 1))

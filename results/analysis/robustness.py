@@ -146,12 +146,12 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
     named = dict.fromkeys(cell.axis for cell in document.plan if cell.axis != CLEAN)
     axes = tuple(name for name in named if name not in CONTROLS)
     eligible = select_eligible(document, frame)
-    floors = {name: [c for c in document.plan if c.policy == name] for name in document.suite.no_skill_baselines}
+    baselines = {name: [c for c in document.plan if c.policy == name] for name in document.suite.no_skill_baselines}
     known: list[PolicyCurve] = []
     for axis in named:
         for policy in dict.fromkeys(c.policy for c in document.plan if c.policy != document.suite.oracle_gate):
             planned = [c for c in document.plan if c.policy == policy and c.axis in (axis, CLEAN)]
-            subtracted = [] if policy in floors else list(floors.values())
+            subtracted = [] if policy in baselines else list(baselines.values())
             simulators = tuple(dict.fromkeys(cell.simulator for cell in planned))
             places = (None, *simulators) if len(simulators) > 1 else simulators
             curves = (_curve(policy, place, axis, planned, eligible, subtracted) for place in places)
@@ -183,7 +183,7 @@ def _curve(
     axis: str,
     planned: Sequence[PlannedCell],
     eligible: EligibleEpisodes,
-    floors: Sequence[Sequence[PlannedCell]],
+    baselines: Sequence[Sequence[PlannedCell]],
 ) -> PolicyCurve | None:
     """None without clean episodes or without perturbed ones."""
     cells = [cell for cell in planned if simulator in (None, cell.simulator)]
@@ -192,7 +192,7 @@ def _curve(
     if len(levels) < 2 or levels[0] != 0 or not strata:
         return None
     generator = np.random.default_rng(int(content_hash([policy, simulator, axis]), 16))
-    curve = severity_curve(strata, levels, generator, floors=_no_skill_rates(cells, levels, eligible, floors))
+    curve = severity_curve(strata, levels, generator, baselines=_no_skill_rates(cells, levels, eligible, baselines))
     episodes = tuple(sum(int((outcomes[:, i] >= 0).sum()) for outcomes in strata) for i in range(len(levels)))
     return PolicyCurve(policy, simulator, axis, len(strata), max(map(len, strata)), episodes, curve)
 
@@ -201,11 +201,11 @@ def _no_skill_rates(
     cells: Sequence[PlannedCell],
     levels: Sequence[int],
     eligible: EligibleEpisodes,
-    floors: Sequence[Sequence[PlannedCell]],
+    baselines: Sequence[Sequence[PlannedCell]],
 ) -> list[float] | None:
     """Highest success of a no-skill baseline at each level, in the same tasks."""
     tasks = {(cell.task, cell.axis) for cell in cells}
-    strata = [eligible.outcomes([c for c in cells if (c.task, c.axis) in tasks], levels) for cells in floors]
+    strata = [eligible.outcomes([c for c in cells if (c.task, c.axis) in tasks], levels) for cells in baselines]
     means = [np.ma.masked_invalid(mean_outcomes(outcomes)).mean(axis=0).filled(0.0) for outcomes in strata if outcomes]
     return np.max(means, axis=0).tolist() if means else None
 

@@ -40,9 +40,9 @@ def lerobot(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
     Episodes with an error are left out, since LeRobot has no word for them. Highest rewards are null: not recorded.
     `rows` are those of one policy, with the columns `COLUMNS`.
     """
-    judged = rows[rows["status"] != str(Status.ERROR)]
+    played = rows[rows["status"] != str(Status.ERROR)]
     per_task: list[dict[str, Any]] = []
-    for (task, axis, severity), own in judged.groupby(["task", "axis", "severity"], sort=True, observed=True):
+    for (task, axis, severity), own in played.groupby(["task", "axis", "severity"], sort=True, observed=True):
         metrics = {
             "sum_rewards": own["reward_sum"].tolist(),
             "max_rewards": [None] * len(own),
@@ -52,12 +52,12 @@ def lerobot(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
         }
         group = _group(str(task).partition("/")[0], axis, severity)
         per_task.append({"task_group": group, "task_id": len(per_task), "task": task, "metrics": metrics})
-    groups = judged.groupby(["simulator", "axis", "severity"], sort=True, observed=True)
-    seconds = float(judged["wall_s"].sum())
+    groups = played.groupby(["simulator", "axis", "severity"], sort=True, observed=True)
+    seconds = float(played["wall_s"].sum())
     return {
         "per_task": per_task,
         "per_group": {_group(name, axis, severity): _means(own) for (name, axis, severity), own in groups},
-        "overall": {**_means(judged), "eval_s": seconds, "eval_ep_s": seconds / max(1, len(judged))},
+        "overall": {**_means(played), "eval_s": seconds, "eval_ep_s": seconds / max(1, len(played))},
         "robogauntlet": _about(document),
     }
 
@@ -67,7 +67,7 @@ def vla_eval(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
 
     `rows` are those of one policy, with the columns `COLUMNS`.
     """
-    judged = rows[rows["status"] != str(Status.ERROR)]
+    played = rows[rows["status"] != str(Status.ERROR)]
     tasks = []
     for (task, axis, severity), own in rows.groupby(["task", "axis", "severity"], sort=True, observed=True):
         good = own[own["status"] != str(Status.ERROR)]
@@ -88,7 +88,7 @@ def vla_eval(document: RunDocument, rows: pd.DataFrame) -> dict[str, Any]:
         "tasks": tasks,
         "config": _about(document),
         "metric_keys": {"success": "mean"},
-        **_mean_success(judged),
+        **_mean_success(played),
     }
 
 
@@ -100,18 +100,18 @@ def _episode(row: Any) -> dict[str, Any]:
     return found | {"metrics": {"success": row.status == str(Status.SUCCESS)}}
 
 
-def _mean_success(judged: pd.DataFrame) -> dict[str, float]:
-    if judged.empty:
+def _mean_success(played: pd.DataFrame) -> dict[str, float]:
+    if played.empty:
         return {}
-    return {"mean_success": round(float((judged["status"] == str(Status.SUCCESS)).mean()), 4)}
+    return {"mean_success": round(float((played["status"] == str(Status.SUCCESS)).mean()), 4)}
 
 
-def _means(judged: pd.DataFrame) -> dict[str, Any]:
+def _means(played: pd.DataFrame) -> dict[str, Any]:
     reward = success = None
-    if len(judged):
-        reward = float(judged["reward_sum"].mean())
-        success = 100 * float((judged["status"] == str(Status.SUCCESS)).mean())
-    counts = {"n_episodes": len(judged), "video_paths": []}
+    if len(played):
+        reward = float(played["reward_sum"].mean())
+        success = 100 * float((played["status"] == str(Status.SUCCESS)).mean())
+    counts = {"n_episodes": len(played), "video_paths": []}
     return {"avg_sum_reward": reward, "avg_max_reward": None, "pc_success": success, **counts}
 
 

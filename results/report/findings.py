@@ -45,15 +45,15 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
     curves = [c for axis in robustness.axes for c in overall_curves(robustness, axis) if c.policy == policy]
     tested = [(curve, curve.curve.trend) for curve in curves if curve.curve.trend is not None]
     adjusted = holm([p for _, p in tested if p is not None]) if tested else ()
-    fallen = [curve for (curve, _), p in zip(tested, adjusted, strict=True) if p <= ALPHA]
+    dropped = [curve for (curve, _), p in zip(tested, adjusted, strict=True) if p <= ALPHA]
     sentences = []
-    if fallen:
-        worst = sorted(fallen, key=lambda curve: known_rates(curve.curve)[-1][1].value)
+    if dropped:
+        worst = sorted(dropped, key=lambda curve: known_rates(curve.curve)[-1][1].value)
         where = _listed([_fall(curve) for curve in worst[:MAX_NAMED]])
         if len(worst) > MAX_NAMED:
             where = f"{len(worst)} of {len(curves)} axes, to the lowest rates along {where}"
         sentences.append(f"{policy}: success falls with severity along {where}.")
-    rest = [curve for curve in curves if curve not in fallen]
+    rest = [curve for curve in curves if curve not in dropped]
     if rest:
         names = _listed([curve.axis for curve in rest])
         sentences.append(f"{policy}: a fall was not shown along {names}; this does not show that there is none.")

@@ -121,7 +121,7 @@ def stopping_rule(shift: PolicyShift) -> str | None:
         f"A condition stops when the e-value of {shift.baseline} against every other policy, over all tasks, reaches "
         f"{1 / rule.alpha:g}, evaluated after every {formatting.counted(rule.round, 'seed')}; the probability of "
         f"deciding a comparison without a difference is at most {formatting.percent(rule.alpha)}. Saved episodes go to "
-        f"undecided conditions, up to {formatting.counted(rule.most, 'seed')} each, in random order per round. "
+        f"undecided conditions, up to {formatting.counted(rule.max_seeds, 'seed')} each, in random order per round. "
     )
     parts = [
         f"{row.axis}@{row.severity} after {formatting.counted(row.seeds, 'seed')} per task "

@@ -29,8 +29,8 @@ class Pairs:
         """Count trials by two arrays of outcomes, 1 or 0, shape (trials,); those with a NaN on a side are left out."""
         import numpy as np
 
-        judged = ~np.isnan(first) & ~np.isnan(second)
-        one, other = first[judged] == 1, second[judged] == 1
+        valid = ~np.isnan(first) & ~np.isnan(second)
+        one, other = first[valid] == 1, second[valid] == 1
         sides = (one & other, one & ~other, ~one & other, ~one & ~other)
         return cls(*(int(side.sum()) for side in sides))
 

@@ -36,7 +36,7 @@ class SeverityCurve:
     drops: tuple[Estimate, ...]
     """p(0) - p(s) over the seeds with a verdict at both, 0 at level 0."""
     retention: tuple[Estimate, ...] | None
-    """p(s) / p(0), floors subtracted from both; None where the clean rate is too low, see `LEAST_CLEAN`."""
+    """p(s) / p(0), baselines subtracted from both; None where the clean rate is too low, see `LEAST_CLEAN`."""
     area: Estimate | None
     """Area under the retention, divided by the range of levels: 1 if nothing is lost. Not clipped."""
     half: Estimate | None
@@ -50,7 +50,7 @@ def severity_curve(
     levels: Sequence[float],
     generator: np.random.Generator,
     *,
-    floors: Sequence[float] | None = None,
+    baselines: Sequence[float] | None = None,
     draws: int = DRAWS,
 ) -> SeverityCurve:
     """The curve of one arm.
@@ -62,18 +62,18 @@ def severity_curve(
         strata: Outcomes of each task, shape (seeds, levels), NaN where there is no verdict.
         levels: Severities, rising from 0.
         generator: The same state gives the same intervals.
-        floors: Success of the best no-skill baseline at each level, subtracted before anything is divided.
+        baselines: Success of the best no-skill baseline at each level, subtracted before anything is divided.
         draws: Number of bootstrap samples.
 
     Raises:
-        ValueError: Levels that do not rise from 0, or outcomes or floors of another length.
+        ValueError: Levels that do not rise from 0, or outcomes or baselines of another length.
     """
     steps = np.asarray(levels, dtype=float)
     if len(steps) < 2 or steps[0] != 0 or not np.all(np.diff(steps) > 0):
         raise ValueError(f"expected levels that rise from 0, got {list(levels)}")
     if not strata or any(outcomes.ndim != 2 or outcomes.shape[1] != len(steps) for outcomes in strata):
         raise ValueError(f"expected outcomes of shape (seeds, {len(steps)}), got others")
-    base = np.zeros(len(steps)) if floors is None else np.asarray(floors, dtype=float)
+    base = np.zeros(len(steps)) if baselines is None else np.asarray(baselines, dtype=float)
     if base.shape != steps.shape:
         raise ValueError(f"expected a floor for each of {len(steps)} levels, got {len(base)}")
     means, drawn = mean_outcomes(strata), resampled_means(strata, generator, draws)
@@ -97,19 +97,19 @@ def severity_curve(
     )
 
 
-def retention(rates: NDArray[np.float64], floors: NDArray[np.float64]) -> NDArray[np.float64]:
+def retention(rates: NDArray[np.float64], baselines: NDArray[np.float64]) -> NDArray[np.float64]:
     """(p(s) - f(s)) / (p(0) - f(0)), means over the strata that have a rate at level s.
 
     A stratum without a rate at s, such as a task in which the oracle fails, is left out of the clean rate too.
 
     Args:
         rates: Shape (..., strata, levels), NaN where there is none.
-        floors: Shape (levels,).
+        baselines: Shape (levels,).
 
     Returns:
         Shape (..., levels); NaN where there is nothing to retain.
     """
-    above = rates - floors
+    above = rates - baselines
     clean = np.where(np.isnan(above), np.nan, above[..., :1])
     left, whole = np.nansum(above, axis=-2), np.nansum(clean, axis=-2)
     with np.errstate(invalid="ignore", divide="ignore"):

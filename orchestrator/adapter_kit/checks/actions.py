@@ -21,7 +21,7 @@ RUN_UP, MEASURED = 4, 5
 """Steps until the motion is steady, and steps that are measured then."""
 TOLERANCE = 0.3
 """Relative error of the distance along the axis that is accepted."""
-ASIDE, ASIDE_ANGLE = 0.2, 0.27
+SIDEWAYS, ASIDE_ANGLE = 0.2, 0.27
 """Share of the distance or angle that may go along, or about, the other axes."""
 DRAG = 0.08
 """Angle by which an ignored rotation may turn the tool because it carries the arm along (rad)."""
@@ -78,10 +78,10 @@ def _translation(name: str) -> Check:
             for _ in range(MEASURED):
                 simulation.step(action)
             moved = sign * (_position(simulation) - start)
-            aside = float(np.abs(np.delete(moved, axis)).max())
+            sideways = float(np.abs(np.delete(moved, axis)).max())
             numbers = ", ".join(f"{sign * m:+.3f} m in {a}" for m, a in zip(moved, "xyz", strict=True))
             yield from expect(
-                abs(moved[axis] - distance) <= TOLERANCE * distance and aside <= ASIDE * distance,
+                abs(moved[axis] - distance) <= TOLERANCE * distance and sideways <= SIDEWAYS * distance,
                 f"{MEASURED} steps of {sign * length:+g} m in {name} to move the tool by {sign * distance:+.3f} m",
                 f"it moved by {numbers}{hint(moved[axis] / distance)}",
             )

@@ -20,7 +20,7 @@ TASKS = ("maniskill/PushCube-v1", "robosuite/Lift")
 CELLS = cells(("expert", "merged"), TASKS, CONDITIONS)
 SIDES = CompareEntry(baseline="expert", others=("merged",))
 SEEDS = Seeds(start=100, count=20)
-RULE = AdaptiveEntry(round=10, most=60)
+RULE = AdaptiveEntry(round=10, max_seeds=60)
 
 
 def simulate(rates, seed=0, rule=RULE, seeds=SEEDS):
@@ -65,7 +65,7 @@ def test_without_a_decision_the_same_episodes_are_played_as_without_stopping():
 
 
 def test_no_condition_gets_more_than_the_maximum_of_seeds():
-    rule = AdaptiveEntry(round=10, most=30)
+    rule = AdaptiveEntry(round=10, max_seeds=30)
     found, _, _ = simulate(differ_at_4, rule=rule, seeds=Seeds(start=0, count=29))
     assert max(found.planned.values()) <= 30
 
@@ -97,7 +97,7 @@ def test_errors_count_as_rows_but_not_as_evidence():
 
 def test_true_null_hypotheses_are_rejected_with_a_probability_of_at_most_alpha():
     """400 runs of two perturbed conditions without a difference, evaluated after every round of 5 seeds."""
-    rule = AdaptiveEntry(round=5, most=200)
+    rule = AdaptiveEntry(round=5, max_seeds=200)
     wrong = [len(simulate(lambda p, c: 0.6, seed, rule, Seeds(start=0, count=40))[0].decided) for seed in range(400)]
     false = sum(wrong) / (400 * 3)  # noise@2, noise@4 and the control
     assert false <= 0.05 + 2 * (0.05 * 0.95 / 1200) ** 0.5
@@ -110,7 +110,7 @@ tasks: [null/Reach]
 conditions: [clean, {axis: noise, severities: [1, 2]}]
 seeds: {count: 20}
 compare: {baseline: oracle, others: [random]}
-adaptive: {round: 5, most: 60}
+adaptive: {round: 5, max_seeds: 60}
 """
 
 
@@ -135,7 +135,7 @@ def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(t
     ("text", "message"),
     [
         (SUITE.replace("compare: {baseline: oracle, others: [random]}\n", ""), "nothing to decide; add compare"),
-        (SUITE.replace("most: 60", "most: 10"), "expected 20 seeds or more, got 10"),
+        (SUITE.replace("max_seeds: 60", "max_seeds: 10"), "expected 20 seeds or more, got 10"),
         (SUITE.replace("round: 5", "round: 0"), "round"),
         (SUITE.replace("round: 5", "alpha: 1.5"), "alpha"),
         (SUITE.replace("others: [random]", "others: [radnom]"), "compare names no policy of this suite: 'radnom'; did"),

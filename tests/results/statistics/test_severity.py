@@ -51,8 +51,8 @@ def test_rates_have_the_interval_of_all_seeds_and_drops_that_of_pairs():
     assert found.drops[1] == paired_difference(Pairs(6, 8, 0, 6))
 
 
-def test_floors_are_subtracted_before_anything_is_divided():
-    found = severity_curve([outcomes((0.9, 0.5, 0.1))], [0, 2, 4], generator(), floors=[0.1, 0.1, 0.1])
+def test_baselines_are_subtracted_before_anything_is_divided():
+    found = severity_curve([outcomes((0.9, 0.5, 0.1))], [0, 2, 4], generator(), baselines=[0.1, 0.1, 0.1])
     assert [share.value for share in found.retention] == pytest.approx([1, 0.5, 0])
 
 
@@ -128,7 +128,7 @@ def test_a_trend_is_found_in_one_of_twenty_data_sets_that_do_not_fall():
 
 
 @pytest.mark.parametrize(
-    ("levels", "floors", "message"),
+    ("levels", "baselines", "message"),
     [
         ([1, 2], None, "expected levels that rise from 0"),
         ([0, 0], None, "expected levels that rise from 0"),
@@ -136,6 +136,6 @@ def test_a_trend_is_found_in_one_of_twenty_data_sets_that_do_not_fall():
         ([0, 1], [0.1], "expected a floor for each of 2 levels, got 1"),
     ],
 )
-def test_levels_floors_and_outcomes_that_do_not_fit_are_refused(levels, floors, message):
+def test_levels_baselines_and_outcomes_that_do_not_fit_are_refused(levels, baselines, message):
     with pytest.raises(ValueError, match=message):
-        severity_curve([outcomes((1.0, 0.5), 10)], levels, generator(), floors=floors)
+        severity_curve([outcomes((1.0, 0.5), 10)], levels, generator(), baselines=baselines)
