@@ -26,4 +26,4 @@ def picture_path(folder: Path, task: str) -> Path:
 
 def snapshot_path(folder: Path, task: str, condition: Condition) -> Path:
     """Return the path of the first observation of a task under a condition, cameras side by side (PNG)."""
-    return folder / MEDIA / "looks" / f"{task.replace('/', '__')}@{condition.axis}@{condition.severity}.png"
+    return folder / MEDIA / "snapshots" / f"{task.replace('/', '__')}@{condition.axis}@{condition.severity}.png"

@@ -26,11 +26,11 @@ class Status(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeResult:
-    """One row. Fields up to `error` are the same whenever the episode is run; the rest is telemetry."""
+    """One row. Fields up to `error` are the same whenever the episode is played; the rest is telemetry."""
 
     episode_id: Annotated[str, "Hash of policy content, task, condition, seed and protocol: one row per id."]
     pair_id: Annotated[str, "The same hash without the policy: equal for the two sides of a paired comparison."]
-    simulator: Annotated[str, "Simulator that ran it."]
+    simulator: Annotated[str, "Simulator that played it."]
     task: Annotated[str, "Task as simulator/task."]
     policy: Annotated[str, "The policy's name in the suite."]
     policy_digest: Annotated[str, "Hash of the policy's content."]

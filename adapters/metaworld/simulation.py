@@ -44,8 +44,8 @@ CLOSED = np.array([0.04, -0.03])
 """Joint positions of the right and the left finger at which they meet (m)."""
 
 TASKS = {
-    name: TaskDescription(**card)
-    for name, card in yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8")).items()
+    name: TaskDescription(**description)
+    for name, description in yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8")).items()
 }
 
 

@@ -1,4 +1,4 @@
-"""What the adapters of MuJoCo's simulators share: looking, and adjusting cameras, lights, arm, dynamics and table.
+"""What the robosuite and LIBERO adapters share: observing, and adjusting cameras, lights, arm, dynamics and table.
 
 Nothing here imports MuJoCo: its module, model and data are handed in by the adapter that opened them.
 """

@@ -19,7 +19,7 @@ def leaderboard(
     alpha: Annotated[float, typer.Option(min=0.0001, max=0.4999, help="Family-wise error rate.")] = 0.05,
     url: HistoryUrl = None,
 ) -> None:
-    """Rank the policies of a suite by their newest complete runs.
+    """Compare the policies of a suite by their newest complete runs.
 
     Policies that share a letter do not differ significantly.
     """

@@ -21,7 +21,8 @@ def report(
 ) -> None:
     """Write the report of a run again.
 
-    The report consists of report.html, report.md, summary.json and episodes.parquet.
+    The report consists of report.html, report.md, summary.json, cells.csv and episodes.parquet, and of
+    explore.html for perturbed conditions.
     """
     from robogauntlet.results.report import write_report
 

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from robogauntlet.results.report.history_plot import plot
 from robogauntlet.support.network import is_loopback
 
-COOKIE = "gauntlet_session"
+COOKIE = "robogauntlet_session"
 SESSION_S = 12 * 3600.0
 """How long a browser stays logged in (s)."""
 SESSIONS = 1000

@@ -29,7 +29,7 @@ from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import first_line
 
 LEARNER_REPLANS_EVERY = 4
-"""Steps of a learner's chunk that are executed, as in the shipped suites."""
+"""Steps of a learner's chunk that are executed before its next query."""
 
 HANDOVER_KEY = 2**32 - 1
 """Random key of the handover step; noise is keyed by the step."""

@@ -32,7 +32,7 @@ def first_observation(simulation: Simulation, snapshot: Snapshot) -> Observation
         AdapterError: The task does not support the axis, or the severity was not delivered.
     """
     protocol = Protocol(1, 1, snapshot.view)
-    episode = Episode("look", "look", snapshot.task, snapshot.seed, protocol, snapshot.condition)
+    episode = Episode("snapshot", "snapshot", snapshot.task, snapshot.seed, protocol, snapshot.condition)
     simulation = perturbed(simulation, episode)
     simulation.reset(snapshot.seed)
     observation = simulation.observe()

@@ -100,9 +100,9 @@ def load_registry() -> Registry:
     """All tasks and policies that entry points declare, installed or not."""
     return Registry(
         tasks={
-            f"{simulator.name}/{task}": KnownTask(card.horizon, simulator.internal)
+            f"{simulator.name}/{task}": KnownTask(description.horizon, simulator.internal)
             for simulator in simulators.simulators().values()
-            for task, card in simulator.tasks.items()
+            for task, description in simulator.tasks.items()
         },
         policies={
             kind.name: KnownPolicy(

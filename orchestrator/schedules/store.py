@@ -16,7 +16,7 @@ VERSION = 1
 LOOK_BACK_S = 31 * 86_400.0
 """Runs that were due longer ago, while no schedule server ran, are not recorded (s)."""
 metadata = sa.MetaData()
-_version = sa.Table("robogauntlet_calendar", metadata, sa.Column("version", sa.Integer, primary_key=True))
+_version = sa.Table("robogauntlet_schedules", metadata, sa.Column("version", sa.Integer, primary_key=True))
 _schedules = sa.Table(
     "schedules",
     metadata,
@@ -32,20 +32,20 @@ _schedules = sa.Table(
     sa.Column("seen_until", sa.Float(53), nullable=False),  # all due times up to this one are recorded
 )
 _runs = sa.Table(
-    "firings",
+    "scheduled_runs",
     metadata,
     sa.Column("schedule", sa.Text, primary_key=True),
     sa.Column("due_at", sa.Float(53), primary_key=True),
     sa.Column("state", sa.Text, nullable=False),
     sa.Column("folder", sa.Text, nullable=False),
-    sa.Column("by_hand", sa.Boolean, nullable=False),
+    sa.Column("manual", sa.Boolean, nullable=False),
     sa.Column("began_at", sa.Float(53)),
     sa.Column("ended_at", sa.Float(53)),
     sa.Column("outcome", sa.Text, nullable=False),
     sa.Column("run_id", sa.Text),
 )
-_by_state = sa.Index("robogauntlet_firings_by_state", _runs.c.state, _runs.c.due_at)
-SCHEMA = Schema(metadata, _version, VERSION, "calendar")
+_by_state = sa.Index("robogauntlet_scheduled_runs_by_state", _runs.c.state, _runs.c.due_at)
+SCHEMA = Schema(metadata, _version, VERSION, "schedule store")
 
 
 class ScheduleStore:
@@ -159,7 +159,7 @@ class ScheduleStore:
             connection.execute(sa.update(_runs).where(clause).values(**plain))
 
     def _insert(self, connection: sa.Connection, name: str, moment: float, folder: str, *, manual: bool) -> None:
-        row = {"schedule": name, "due_at": moment, "folder": folder, "by_hand": manual}
+        row = {"schedule": name, "due_at": moment, "folder": folder, "manual": manual}
         connection.execute(self.database.insert_new(_runs), [{**row, "state": str(State.DUE), "outcome": ""}])
 
 
@@ -170,6 +170,4 @@ def _schedule(row: Any) -> Schedule:
 
 
 def _scheduled_run(row: Any) -> ScheduledRun:
-    values = {**row._mapping, "state": State(row.state), "manual": row.by_hand}
-    del values["by_hand"]
-    return ScheduledRun(**values)
+    return ScheduledRun(**{**row._mapping, "state": State(row.state)})

@@ -18,7 +18,7 @@ STATUSES = {
     RunStatus.INTERRUPTED: "KILLED",
     RunStatus.STOPPED: "FAILED",
 }
-TAG = "gauntlet_run_id"
+TAG = "robogauntlet_run_id"
 """Tag that identifies a run that was sent before."""
 PIECE = 500
 """Metrics per request; MLflow accepts at most 1,000 metrics and 100 parameters or tags."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robogauntlet.results.analysis.condition_comparison import ConditionComparison, compare_conditions
 from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes, GateRow, select_eligible
-from robogauntlet.results.analysis.policy_shift import PolicyShift, build_policy_shift
 from robogauntlet.results.analysis.robustness_summary import RobustnessSummary, build_robustness_summary
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
@@ -128,7 +128,7 @@ class Robustness:
     unsupported: tuple[Unsupported, ...] = ()
     """Combinations of axis and task that could not be planned."""
     repeats: tuple[Repeats, ...] = ()
-    policy_shift: PolicyShift | None = None
+    condition_comparison: ConditionComparison | None = None
     """Comparison of policies under perturbations, if the suite asks for it."""
     no_skill_baselines: tuple[str, ...] = ()
     """Policies whose success is subtracted at every level before retention is computed."""
@@ -171,7 +171,7 @@ def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
         _start_states(frame),
         document.unsupported,
         _repeats(frame),
-        build_policy_shift(document, eligible),
+        compare_conditions(document, eligible),
         document.suite.no_skill_baselines,
         build_robustness_summary(document, eligible),
     )

@@ -25,7 +25,7 @@ DEFINITIONS = {
     "reset": "Setting the start state of the episode.",
     "physics": "Control steps.",
     "render": "Observing, including rendering of the camera images.",
-    "inference": "Asking the policy.",
+    "inference": "Querying the policy.",
     "rest": "Time of an episode outside the other phases.",
     "wait": "Idle time of a worker.",
     "busy": "Share of worker time after start-up in simulator or policy: "

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robogauntlet.results.analysis.policy_shift import PolicyShift, first_to_fail
+from robogauntlet.results.analysis.condition_comparison import ConditionComparison, first_to_fail
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
+from robogauntlet.results.report.condition_comparison import condition_text, worst_level
 from robogauntlet.results.report.formatting import points, rate
-from robogauntlet.results.report.policy_shift import condition_text, worst_level
 from robogauntlet.results.report.robustness import agreement_findings, known_rates, overall_curves
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.suites.axes import AXES
@@ -24,9 +24,9 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
         curve.policy for curve in robustness.curves if curve.policy not in robustness.no_skill_baselines
     )
     sentences = [sentence for policy in policies for sentence in _falls(robustness, policy)]
-    if robustness.policy_shift is not None:
-        sentences += _merging(robustness.policy_shift)
-        sentences += _routers(robustness.policy_shift)
+    if robustness.condition_comparison is not None:
+        sentences += _merging(robustness.condition_comparison)
+        sentences += _routers(robustness.condition_comparison)
     if robustness.summary is not None:
         sentences += agreement_findings(robustness.summary)
     sentences += _controls(robustness)
@@ -72,34 +72,38 @@ def _fall(found: PolicyCurve) -> str:
     return f"{found.axis} ({formatting.percent(clean.value)} to {formatting.percent(last.value)} at {level})"
 
 
-def _merging(shift: PolicyShift) -> list[str]:
+def _merging(comparison: ConditionComparison) -> list[str]:
     sentences = []
-    for policy in shift.others:
-        rows = [row for row in shift.interactions if row.policy == policy]
+    for policy in comparison.others:
+        rows = [row for row in comparison.interactions if row.policy == policy]
         if not rows:
             continue
-        clean = next((row for row in shift.losses if row.policy == policy and not row.severity), None)
+        clean = next((row for row in comparison.losses if row.policy == policy and not row.severity), None)
         if clean is not None:
-            sentences.append(f"{policy}: {points(clean.loss)} percentage points lost against {shift.baseline}, clean.")
+            sentences.append(
+                f"{policy}: {points(clean.loss)} percentage points lost against {comparison.baseline}, clean."
+            )
         more = [row for row in rows if row.is_shown and row.extra.value > 0]
         less = [row for row in rows if row.is_shown and row.extra.value < 0]
         for found, word in ((more, "more"), (less, "less")):
             if found:
                 parts = [f"{row.axis} ({points(row.extra)})" for row in found]
-                sentences.append(f"{policy} loses {word} against {shift.baseline} than clean along {_listed(parts)}.")
+                sentences.append(
+                    f"{policy} loses {word} against {comparison.baseline} than clean along {_listed(parts)}."
+                )
         if not more and not less:
             sentences.append(
-                f"{policy}: no axis was shown to change its loss against {shift.baseline} from the clean loss "
+                f"{policy}: no axis was shown to change its loss against {comparison.baseline} from the clean loss "
                 f"({formatting.counted(len(rows), 'axis').replace('axiss', 'axes')} tested together)."
             )
     return sentences
 
 
-def _routers(shift: PolicyShift) -> list[str]:
+def _routers(comparison: ConditionComparison) -> list[str]:
     sentences = []
-    for policy in shift.others:
-        axes = dict.fromkeys(row.axis for row in shift.routers if row.policy == policy)
-        rows = {axis: [r for r in shift.routers if (r.policy, r.axis) == (policy, axis)] for axis in axes}
+    for policy in comparison.others:
+        axes = dict.fromkeys(row.axis for row in comparison.routers if row.policy == policy)
+        rows = {axis: [r for r in comparison.routers if (r.policy, r.axis) == (policy, axis)] for axis in axes}
         first = {axis: first_to_fail(rows[axis]) for axis in axes}
         for what in ("router", "policy"):
             names = [axis for axis, failed in first.items() if failed == what]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robogauntlet.results.analysis.condition_comparison import ConditionComparison
 from robogauntlet.results.analysis.merging_cost import Merging
-from robogauntlet.results.analysis.policy_shift import PolicyShift
 from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.analysis.timing import PHASES
+from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import merging_cost as merging_text
-from robogauntlet.results.report import policy_shift as shift_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.facts import DEFINITIONS
 from robogauntlet.results.report.formatting import TextTable, escape, markdown
@@ -66,17 +66,20 @@ def _merging(merging: Merging) -> list[str]:
 def _robustness(robustness: Robustness, findings: Sequence[str]) -> list[str]:
     parts = ["## Robustness", _define("findings"), "\n".join(f"- {escape(sentence)}" for sentence in findings)]
     parts.append(_define("heat map"))
-    for found in shift_text.heat_maps(robustness):
-        parts += [f"### {escape(found.policy)}: success under all conditions", markdown(shift_text.heat_table(found))]
+    for found in condition_texts.heat_maps(robustness):
+        parts += [
+            f"### {escape(found.policy)}: success under all conditions",
+            markdown(condition_texts.heat_table(found)),
+        ]
     if summary := robustness.summary:
         parts += ["### All axes together", _define("all axes"), markdown(robustness_text.summary_table(summary))]
         if summary.agreement:
             agreement = markdown(robustness_text.agreement_table(summary))
             parts += ["### Agreement of simulators", _define("agreement"), agreement]
-    if robustness.policy_shift is not None:
-        parts += _shift(robustness.policy_shift)
+    if robustness.condition_comparison is not None:
+        parts += _condition_comparison(robustness.condition_comparison)
     parts.append(_define(*facts.ROBUSTNESS_TERMS))
-    parts += [escape(subtracted)] if (subtracted := shift_text.no_skill_sentence(robustness)) else []
+    parts += [escape(subtracted)] if (subtracted := condition_texts.no_skill_sentence(robustness)) else []
     for axis in robustness.axes:
         parts.append(f"### {escape(robustness_text.axis_heading(axis))}")
         if robustness_text.axis_curves(robustness, axis):
@@ -85,7 +88,7 @@ def _robustness(robustness: Robustness, findings: Sequence[str]) -> list[str]:
             parts.append("No results with a clean condition to compare.")
     if robustness.controls:
         parts += ["### Controls", _define("control"), markdown(robustness_text.controls_table(robustness))]
-    parts += ["### Repeated episodes", escape(shift_text.repeats_sentence(robustness))]
+    parts += ["### Repeated episodes", escape(condition_texts.repeats_sentence(robustness))]
     parts += ["### Oracle gate", escape(robustness_text.oracle_gate_sentence(robustness))]
     if robustness.gate_rows:
         parts += [_define("oracle gate"), markdown(robustness_text.gate_table(robustness))]
@@ -96,12 +99,16 @@ def _robustness(robustness: Robustness, findings: Sequence[str]) -> list[str]:
     return parts
 
 
-def _shift(found: PolicyShift) -> list[str]:
+def _condition_comparison(found: ConditionComparison) -> list[str]:
     parts = [f"### Comparison with {escape(found.baseline)}", _define(*facts.SHIFT_TERMS)]
-    parts += [escape(rule)] if (rule := shift_text.stopping_rule(found)) else []
-    parts += [markdown(shift_text.interaction_table(found)), markdown(shift_text.loss_table(found))]
+    parts += [escape(rule)] if (rule := condition_texts.stopping_rule(found)) else []
+    parts += [markdown(condition_texts.interaction_table(found)), markdown(condition_texts.loss_table(found))]
     if found.routers:
-        parts += ["### Routers under perturbation", _define("failed first"), markdown(shift_text.router_table(found))]
+        parts += [
+            "### Routers under perturbation",
+            _define("failed first"),
+            markdown(condition_texts.router_table(found)),
+        ]
     return parts
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables
 from robogauntlet.results.analysis.timing import PHASES
 from robogauntlet.results.record import Status
+from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import merging_cost as merging_text
-from robogauntlet.results.report import policy_shift as shift_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.media import Media, Video, task_picture
 from robogauntlet.results.report.summary import ERROR_GROUPS, Report
@@ -94,7 +94,7 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
         merging_text=merging_text,
         robustness=report.robustness,
         robustness_text=robustness_text,
-        shift_text=shift_text,
+        condition_texts=condition_texts,
         findings=report.findings,
         shift_terms=list(facts.SHIFT_TERMS),
         robustness_terms=list(facts.ROBUSTNESS_TERMS),

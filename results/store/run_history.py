@@ -211,7 +211,7 @@ class History:
     def baseline(self, document: RunDocument) -> RunEntry | None:
         """The baseline of a run: the last good run of its suite that started before it. Raises StoreError.
 
-        A run is good if it is complete and was not found worse, or if a person accepted it.
+        A run is good if it is complete and its verdict is none or one of `GOOD`, or if it was accepted.
         """
         clause = sa.and_(
             runs.c.suite == document.suite.name,

@@ -74,7 +74,7 @@ def pairs() -> Drawing:
         sheet.box(398, y + 17, 108, 44, [(end, f"bold {mark}")])
     sheet.rect(188, 106, 318, 38, "shade", round_=6)
     sheet.text(347, 122, "the same first state (equal state_hash),", "small", anchor="middle")
-    sheet.text(347, 137, "the same disturbance: only the policy differs", "small", anchor="middle")
+    sheet.text(347, 137, "the same perturbation: only the policy differs", "small", anchor="middle")
     return sheet
 
 

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from robogauntlet.results.analysis.policy_shift import interaction
+from robogauntlet.results.analysis.condition_comparison import interaction
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.statistics.sequential import log_evidence

@@ -18,7 +18,7 @@ def finetune(
     data: Annotated[
         list[Path], typer.Argument(metavar="DATA...", help="Datasets of the task. Each has the same share of a batch.")
     ],
-    base: Annotated[str, typer.Option(help="Checkpoint to start from: a folder or a hub id.")],
+    base: Annotated[str, typer.Option(help="Checkpoint to start from: a folder, zoo:NAME or a hub id.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
     steps: Annotated[int, typer.Option(help="Optimiser steps.")] = 2000,
     batch_size: Annotated[int, typer.Option(help="Frames per step.")] = 32,

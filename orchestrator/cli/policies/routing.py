@@ -37,7 +37,9 @@ ROUTER_TABLE_WIDTH = 130
 
 
 def routing(
-    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Folder or hub id of a merged checkpoint.")],
+    checkpoint: Annotated[
+        str, typer.Argument(metavar="CHECKPOINT", help="Folder, zoo:NAME or hub id of a merged checkpoint.")
+    ],
     seed_count: Annotated[int, typer.Option("--seeds", help="First observations per task.")] = 100,
     first_seed: Annotated[int, typer.Option(help="First seed. The seeds of demonstrations begin at 1,000,000.")] = 0,
     keep: Annotated[

@@ -71,11 +71,11 @@ def test_the_login_starts_a_session_without_the_token_in_its_cookie(locked):
     assert TOKEN not in cookie
     assert "httponly" in cookie.lower()
     assert "samesite=strict" in cookie.lower()
-    value = re.match(r"gauntlet_session=([^;]+)", cookie)[1]
-    assert locked.get("/", headers={"cookie": f"gauntlet_session={value}"}).status_code == 200
-    assert locked.get("/", headers={"cookie": f"gauntlet_session={value[:-1]}"}).status_code == 401
-    locked.post("/logout", headers={"cookie": f"gauntlet_session={value}"})
-    assert locked.get("/", headers={"cookie": f"gauntlet_session={value}"}).status_code == 401
+    value = re.match(r"robogauntlet_session=([^;]+)", cookie)[1]
+    assert locked.get("/", headers={"cookie": f"robogauntlet_session={value}"}).status_code == 200
+    assert locked.get("/", headers={"cookie": f"robogauntlet_session={value[:-1]}"}).status_code == 401
+    locked.post("/logout", headers={"cookie": f"robogauntlet_session={value}"})
+    assert locked.get("/", headers={"cookie": f"robogauntlet_session={value}"}).status_code == 401
 
 
 def test_the_login_refuses_a_wrong_token_and_other_sites(locked):

@@ -37,7 +37,7 @@ def test_no_episode_is_an_error(rows):
 def test_replays_for_videos_end_like_the_rows_and_every_condition_has_a_snapshot(played, rows):
     assert played.warnings == []
     assert len(list((played.folder / "media/pictures").glob("*.png"))) == 3
-    pictured = {path.stem.partition("@")[2] for path in (played.folder / "media/looks").glob("*.png")}
+    pictured = {path.stem.partition("@")[2] for path in (played.folder / "media/snapshots").glob("*.png")}
     conditions = {(row.axis, row.severity) for row in rows if row.axis not in CONTROLS}
     assert pictured == {f"{axis}@{severity}" for axis, severity in conditions}
     page = (played.folder / "report.html").read_text()

@@ -88,7 +88,7 @@ def test_a_store_of_a_newer_version_is_refused(tmp_path):
     path = tmp_path / "history.sqlite"
     ScheduleStore.open(file_url(path)).close()
     with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE robogauntlet_calendar SET version = 9")
+        connection.execute("UPDATE robogauntlet_schedules SET version = 9")
     connection.close()
-    with pytest.raises(StoreError, match="expected a calendar of version 1, got version 9"):
+    with pytest.raises(StoreError, match="expected a schedule store of version 1, got version 9"):
         ScheduleStore.open(file_url(path))

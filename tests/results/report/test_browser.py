@@ -9,7 +9,7 @@ import subprocess
 import pytest
 
 from robogauntlet.results.report import write_report
-from tests.results.analysis.test_policy_shift import COMPARE, PLAN, SEEDS, rows
+from tests.results.analysis.test_condition_comparison import COMPARE, PLAN, SEEDS, rows
 from tests.results.synthetic import document, run_folder
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from robogauntlet.results.analysis.policy_shift import first_to_fail, interaction
+from robogauntlet.results.analysis.condition_comparison import first_to_fail, interaction
 from robogauntlet.results.analysis.robustness import Repeats
-from robogauntlet.results.report import policy_shift as words
+from robogauntlet.results.report import condition_comparison as words
 from robogauntlet.results.report.findings import findings
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import CompareEntry
@@ -43,16 +43,16 @@ def built(results=None, plan=PLAN, **changes):
 
 
 def test_without_a_comparison_in_the_suite_none_is_made():
-    assert built(compare=None).policy_shift is None
+    assert built(compare=None).condition_comparison is None
 
 
 def test_the_loss_at_every_level_is_paired_and_tested():
-    shift = built().policy_shift
-    assert [(t.axis, t.severity) for t in shift.losses] == [
+    comparison = built().condition_comparison
+    assert [(t.axis, t.severity) for t in comparison.losses] == [
         *(("noise", 0), ("noise", 2), ("noise", 4)),
         *(("blur", 2), ("blur", 4)),
     ]
-    noise = next(t for t in shift.losses if (t.axis, t.severity) == ("noise", 4))
+    noise = next(t for t in comparison.losses if (t.axis, t.severity) == ("noise", 4))
     assert noise.pairs == 2 * SEEDS
     assert noise.loss.value == pytest.approx(noise.baseline - noise.rate)
     assert noise.loss.interval.low > 0.3
@@ -60,7 +60,7 @@ def test_the_loss_at_every_level_is_paired_and_tested():
 
 
 def test_losing_more_than_under_the_clean_condition_is_shown_where_it_is_so():
-    found = {row.axis: row for row in built().policy_shift.interactions}
+    found = {row.axis: row for row in built().condition_comparison.interactions}
     assert found["noise"].is_shown
     assert found["noise"].extra.value == pytest.approx(0.5, abs=0.15)
     assert not found["blur"].is_shown
@@ -86,11 +86,11 @@ def test_errors_leave_their_pairs_out():
     clean = [cell for cell in PLAN if cell.policy == "expert" and cell.condition == Condition()]
     errors = {error.episode_id: error for error in (row(cell, 0, "error") for cell in clean)}
     results = [errors.get(result.episode_id, result) for result in rows()]
-    assert next(t for t in built(results).policy_shift.losses if not t.severity).pairs == 2 * SEEDS - 2
+    assert next(t for t in built(results).condition_comparison.losses if not t.severity).pairs == 2 * SEEDS - 2
 
 
 def routers(results):
-    return [r for r in built(results).policy_shift.routers if r.axis == "noise"]
+    return [r for r in built(results).condition_comparison.routers if r.axis == "noise"]
 
 
 def test_the_router_failed_first_if_the_loss_is_on_misrouted_episodes():
@@ -103,7 +103,7 @@ def test_the_router_failed_first_if_the_loss_is_on_misrouted_episodes():
 
 
 def test_without_a_loss_that_is_shown_neither_failed_first():
-    assert first_to_fail([r for r in built().policy_shift.routers if r.axis == "blur"]) is None
+    assert first_to_fail([r for r in built().condition_comparison.routers if r.axis == "blur"]) is None
     assert first_to_fail(routers(rows())[:1]) is None
 
 
@@ -212,10 +212,10 @@ def capped_everywhere():
 @pytest.mark.filterwarnings("error")
 def test_a_level_that_is_left_out_in_every_task_is_in_no_loss_and_in_no_finding():
     found = capped_everywhere()
-    noise = {row.axis: row for row in found.policy_shift.interactions}["noise"]
+    noise = {row.axis: row for row in found.condition_comparison.interactions}["noise"]
     assert noise.extra.value == pytest.approx((45 - 10 - (48 - 40)) / SEEDS)
     assert noise.extra.interval is not None
-    assert ("noise", 4) not in {(t.axis, t.severity) for t in found.policy_shift.losses}
+    assert ("noise", 4) not in {(t.axis, t.severity) for t in found.condition_comparison.losses}
     sentences = findings(found)
     assert not any("nan" in sentence for sentence in sentences)
     assert any("noise (80 % to 20 % at 28 dB PSNR)" in s for s in sentences if s.startswith("merged"))

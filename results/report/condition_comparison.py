@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import groupby
 
-from robogauntlet.results.analysis.policy_shift import Interaction, LossRow, PolicyShift, first_to_fail
+from robogauntlet.results.analysis.condition_comparison import ConditionComparison, Interaction, LossRow, first_to_fail
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, rate, share
@@ -95,10 +95,10 @@ def heat_table(found: HeatMap) -> TextTable:
     return TextTable(("condition", *found.columns), tuple(lines), 1)
 
 
-def loss_table(shift: PolicyShift) -> TextTable:
+def loss_table(comparison: ConditionComparison) -> TextTable:
     """Success lost against the baseline by each other policy at every level."""
-    header = ("policy", "condition", shift.baseline, "policy's", "lost", "p", "adjusted p", "e-value", "pairs")
-    return TextTable(header, tuple(_loss_line(row) for row in shift.losses), 2)
+    header = ("policy", "condition", comparison.baseline, "policy's", "lost", "p", "adjusted p", "e-value", "pairs")
+    return TextTable(header, tuple(_loss_line(row) for row in comparison.losses), 2)
 
 
 def _loss_line(row: LossRow) -> tuple[str, ...]:
@@ -112,39 +112,40 @@ def e_value(value: float) -> str:
     return ">1,000,000" if value > 1e6 else (f"{value:,.0f}" if value >= 10 else f"{value:.2g}")
 
 
-def stopping_rule(shift: PolicyShift) -> str | None:
+def stopping_rule(comparison: ConditionComparison) -> str | None:
     """Sentences on the rule that stopped conditions early, and its effect; None without a rule."""
-    rule = shift.rule
+    rule = comparison.rule
     if rule is None:
         return None
     text = (
-        f"A condition stops when the e-value of {shift.baseline} against every other policy, over all tasks, reaches "
-        f"{1 / rule.alpha:g}, evaluated after every {formatting.counted(rule.round, 'seed')}; the probability of "
-        f"deciding a comparison without a difference is at most {formatting.percent(rule.alpha)}. Saved episodes go to "
-        f"undecided conditions, up to {formatting.counted(rule.max_seeds, 'seed')} each, in random order per round. "
+        f"A condition stops when the e-value of {comparison.baseline} against every other policy, over all tasks, "
+        f"reaches {1 / rule.alpha:g}, evaluated after every {formatting.counted(rule.round, 'seed')}; the probability "
+        f"of deciding a comparison without a difference is at most {formatting.percent(rule.alpha)}. "
+        f"Saved episodes go to undecided conditions, up to {formatting.counted(rule.max_seeds, 'seed')} each, in "
+        "random order per round. "
     )
     parts = [
         f"{row.axis}@{row.severity} after {formatting.counted(row.seeds, 'seed')} per task "
         f"({row.policy}, e-value {e_value(row.evidence)})"
-        for row in shift.decided
+        for row in comparison.decided
     ]
     return text + (f"Decided: {'; '.join(parts)}." if parts else "No condition was decided.")
 
 
-def interaction_table(shift: PolicyShift) -> TextTable:
+def interaction_table(comparison: ConditionComparison) -> TextTable:
     """Success lost under each axis beyond the clean loss."""
     header = ("policy", "axis", "lost beyond clean", "simultaneous interval", "tasks")
     lines = []
-    for row in shift.interactions:
+    for row in comparison.interactions:
         ends = row.corrected
         span = NOTHING if ends is None else f"[{100 * ends.low:.1f}, {100 * ends.high:.1f}]"
         lines.append((row.policy, row.axis, points(row.extra), span, formatting.count(row.tasks)))
     return TextTable(header, tuple(lines), 2)
 
 
-def interactions_of(shift: PolicyShift) -> tuple[tuple[str, tuple[Interaction, ...]], ...]:
+def interactions_of(comparison: ConditionComparison) -> tuple[tuple[str, tuple[Interaction, ...]], ...]:
     """The interactions, policy by policy."""
-    return tuple((policy, tuple(rows)) for policy, rows in groupby(shift.interactions, key=lambda row: row.policy))
+    return tuple((policy, tuple(rows)) for policy, rows in groupby(comparison.interactions, key=lambda row: row.policy))
 
 
 def plot_position(value: float) -> float:
@@ -152,10 +153,10 @@ def plot_position(value: float) -> float:
     return 50 + 50 * max(-1.0, min(1.0, value / REACH))
 
 
-def router_table(shift: PolicyShift) -> TextTable:
+def router_table(comparison: ConditionComparison) -> TextTable:
     """Router accuracy and success at every level, and whether router or policy failed first."""
     lines = []
-    for _, group in groupby(shift.routers, key=lambda row: (row.policy, row.axis)):
+    for _, group in groupby(comparison.routers, key=lambda row: (row.policy, row.axis)):
         rows = list(group)
         first = first_to_fail(rows) or "not shown"
         for number, row in enumerate(rows):

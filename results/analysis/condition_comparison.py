@@ -78,7 +78,7 @@ class RouterRow:
 
 
 @dataclass(frozen=True, slots=True)
-class PolicyShift:
+class ConditionComparison:
     """The comparison of policies under perturbations."""
 
     baseline: str
@@ -91,7 +91,7 @@ class PolicyShift:
     decided: tuple[Decided, ...] = ()
 
 
-def build_policy_shift(document: RunDocument, eligible: EligibleEpisodes) -> PolicyShift | None:
+def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> ConditionComparison | None:
     """Make the comparison of the suite, from rows with the column `inferred_task`; None without one."""
     sides = document.suite.comparison
     if sides is None:
@@ -112,7 +112,7 @@ def build_policy_shift(document: RunDocument, eligible: EligibleEpisodes) -> Pol
         losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
     found = (tuple(losses), tuple(interactions), tuple(routers))
-    return PolicyShift(sides.baseline, sides.others, *found, document.suite.adaptive, document.decided)
+    return ConditionComparison(sides.baseline, sides.others, *found, document.suite.adaptive, document.decided)
 
 
 def _levels_with_verdicts(
