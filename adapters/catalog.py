@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import metadata
+from importlib.metadata import PackageNotFoundError, metadata
 from importlib.util import find_spec
 
 from robogauntlet.adapters.contract import (
@@ -65,11 +65,19 @@ def missing_reason(simulator: Simulator) -> str | None:
     remedy = "install the package that provides it"
     if simulator.requirements or simulator.without_dependencies:
         remedy = f"install it: robogauntlet env create {simulator.name}"
-    elif simulator.name in (metadata("robogauntlet").get_all("Provides-Extra") or ()):
+    elif simulator.name in _extras():
         remedy = f'install it: pip install "robogauntlet[{simulator.name}]"'
     elif simulator.distributions:
         remedy = f"install it: pip install {' '.join(simulator.distributions)}"
     return f"not installed (no module {missing[0]}); {remedy}"
+
+
+def _extras() -> list[str]:
+    """Names of RoboGauntlet's extras; none where it is on the path without being installed."""
+    try:
+        return metadata("robogauntlet").get_all("Provides-Extra") or []
+    except PackageNotFoundError:
+        return []
 
 
 def open_simulation(task: str, view: View) -> Simulation:

@@ -32,6 +32,7 @@ from robogauntlet.adapters.contract import (
     ActionSpec,
     FloatArray,
     Image,
+    Observation,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
@@ -116,9 +117,13 @@ class ManiSkillSimulation(BaseSimulation):
         self._env.reset(seed=seed)
         wake(self._objects.values())
 
+    def observe(self) -> Observation:
+        """Update the renderer once, then render the cameras of the view and read the arm."""
+        self._env.scene.update_render()
+        return super().observe()
+
     def draw(self, camera: str, size: int) -> Image:
         """Render a camera of the view. ManiSkill fixes the size of its cameras when the task is opened."""
-        self._env.scene.update_render()
         return _capture(self._env.scene.sensors[SENSORS[camera]])
 
     def step(self, action: FloatArray) -> StepOutcome:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import chain
+from heapq import heappush, heappushpop
 from pathlib import Path
 
 from robogauntlet.adapters.contract import Simulation
@@ -61,15 +61,16 @@ class EpisodeFilter:
         policies = matching("policy", self.policies, (cell.policy for cell in document.plan))
         tasks = matching("task", self.tasks, (cell.task for cell in document.plan))
         conditions = matching("condition", self.conditions, map(_condition, document.plan))
-        by_task: dict[str, list[EpisodeResult]] = {}
+        drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
         for row in rows:
             is_named = row.policy in policies and row.task in tasks and _condition(row) in conditions
-            if is_named and row.status in self.statuses:
-                by_task.setdefault(row.task, []).append(row)
-        drawn = [
-            sorted(group, key=lambda row: content_hash(row.episode_id))[: self.limit] for group in by_task.values()
-        ]
-        return sorted(chain(*drawn), key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
+            if not is_named or row.status not in self.statuses:
+                continue
+            heap = drawn.setdefault(row.task, [])
+            entry = (-int(content_hash(row.episode_id), 16), row.episode_id, row)
+            (heappush if self.limit is None or len(heap) < self.limit else heappushpop)(heap, entry)
+        selected = (row for heap in drawn.values() for _, _, row in heap)
+        return sorted(selected, key=lambda row: (row.task, row.policy, row.axis, row.severity, row.seed))
 
 
 def _condition(part: EpisodeResult | PlannedCell) -> str:

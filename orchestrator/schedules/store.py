@@ -101,7 +101,9 @@ class ScheduleStore:
 
     def find(self, name: str) -> Schedule | None:
         """Return the schedule of that name, or None. Raises StoreError."""
-        return next((schedule for schedule in self.schedules() if schedule.name == name), None)
+        with self.database.reading() as connection:
+            row = connection.execute(sa.select(_schedules).where(_schedules.c.name == name)).first()
+        return None if row is None else _schedule(row)
 
     def record_due(self, now: float, folder: Callable[[Schedule, float], str]) -> int:
         """Record the runs that became due since the last call, each once, also if several processes call.

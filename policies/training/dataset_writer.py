@@ -230,9 +230,10 @@ class DatasetWriter:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: expected a record of attempts: {type(error).__name__}: {error}") from None
         for key in {**stored, **self.source}:
-            before, now = json.dumps(stored.get(key)), json.dumps(self.source.get(key))
+            before, now = stored.get(key), self.source.get(key)
             if before != now:
-                raise DatasetError(f"{self.folder}: it was begun with {key} {before}, now {now}; choose another --out")
+                what = f"{key} {json.dumps(before)}, now {json.dumps(now)}"
+                raise DatasetError(f"{self.folder}: it was begun with {what}; choose another --out")
         if not episodes:
             return
         try:

@@ -139,6 +139,8 @@ def router_of(frame: pd.DataFrame) -> Router | None:
     The columns are `simulator`, `task`, `inferred_task`, `routing_scores`, `unknown_score`, `rejected` and `routing_s`.
     A task is unknown to the router if it is not among those scored.
     """
+    import numpy as np
+
     routed = frame.loc[frame["inferred_task"].notna()]
     if routed.empty:
         return None
@@ -147,7 +149,7 @@ def router_of(frame: pd.DataFrame) -> Router | None:
     known = routed.loc[is_known]
     right = known["task"].astype(str) == known["inferred_task"].astype(str)
     kept = [line for line, yes in zip(scores, is_known, strict=True) if yes]
-    latency = routed["routing_s"].astype(float).quantile([0.5, 0.95]).tolist()
+    latency = np.quantile(routed["routing_s"].to_numpy(dtype=float), [0.5, 0.95]).tolist()
     return Router(
         accuracy=Rate.from_counts(int(right.sum()), len(right)),
         simulators=_by(known["simulator"], right),

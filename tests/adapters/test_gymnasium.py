@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
@@ -64,12 +65,11 @@ def open_mine(tmp_path, monkeypatch):
 
     if "NoMujoco-v0" not in gymnasium.registry:
         gymnasium.register("NoMujoco-v0", "tests.adapters.no_mujoco:NoMujoco")
-    opened = []
+    with ExitStack() as stack:
 
-    def open_task(changes=None, view=VIEW):
-        monkeypatch.setitem(adapter.FILES, "Mine", write_mapping(tmp_path, changes))
-        opened.append(adapter.open_environment("Mine", view))
-        return opened[-1]
+        def open_task(changes=None, view=VIEW):
+            monkeypatch.setitem(adapter.FILES, "Mine", write_mapping(tmp_path, changes))
+            return stack.enter_context(closing(adapter.open_environment("Mine", view)))
 
         yield open_task
 

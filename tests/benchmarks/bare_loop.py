@@ -82,7 +82,7 @@ def bare_pybullet(simulation: Any) -> Callable[[int, FloatArray], None]:
 def bare_robosuite(simulation: Any) -> Callable[[int, FloatArray], None]:
     """Reset, observe and step as robosuite's and MuJoCo's documentation do."""
     env, data = simulation._env, simulation._data
-    renderer = simulation._renderer(96)
+    renderer = simulation._scene._create_renderer(96)
 
     def play(seed: int, chunk: FloatArray) -> None:
         env.rng = np.random.default_rng(seed)

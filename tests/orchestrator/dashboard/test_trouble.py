@@ -77,7 +77,7 @@ def test_fifty_readers_see_no_error_while_a_run_reports(tmp_path):
         writer = threading.Thread(target=write)
         writer.start()
         with ThreadPoolExecutor(50) as readers:
-            readers.map(read, range(50))
+            list(readers.map(read, range(50)))
         ended.set()
         writer.join()
         assert served.get("/api/live").json()["runs"][0]["done"] > 0
