@@ -103,7 +103,7 @@ def test_policies_compute_where_measured_answers_are_faster(monkeypatch):
 @pytest.mark.simulator
 def test_an_expert_served_without_batches_is_bit_identical_to_one_in_a_worker(observer, servers):
     items = [
-        (Cell("experts", "experts", task, Protocol(60, 8, View())), range(3))
+        (Cell("experts", "experts", task, Protocol(40, 8, View())), range(1))
         for task in ("pybullet/PandaReach-v3", "pybullet/PandaPush-v3")
     ]
     one_by_one = play(observer, items, EXPERTS, servers(EXPERTS, batch=1))
