@@ -25,7 +25,7 @@ def lock_folder(folder: Path, *, for_run: bool = False) -> Iterator[None]:
         FolderError: It cannot be written, another process writes into it, or it is a run folder.
     """
     if not for_run and (folder / RUN_FILE).exists():
-        raise FolderError(f"{folder}: expected another folder than that of a run; give one with --out")
+        raise FolderError(f"{folder}: expected a folder that is not a run folder; give one with --out")
     with contextlib.ExitStack() as held:
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -24,7 +24,7 @@ VERBS = {
     "compare": ("compare:compare", "Compare a run with a baseline run, episode by episode."),
     "gate": ("gate:gate", "Check a run for regressions against its baseline run."),
     "history": ("history:history", "List runs, or show the success of a policy over its runs."),
-    "leaderboard": ("leaderboard:leaderboard", "Rank the policies of a suite by their newest complete runs."),
+    "leaderboard": ("leaderboard:leaderboard", "Compare the policies of a suite by their newest complete runs."),
     "accept": ("accept:accept", "Make a run the baseline of later runs."),
     "export": ("export:export", "Write a run as one file, or its episodes as datasets."),
     "import": ("import_run:import_run", "Create a run folder from an exported run."),

@@ -74,7 +74,7 @@ def history(app_state: CurrentAppState, policy: str = "", suite: str = "", task:
 
 @router.get("/leaderboard")
 def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Response:
-    """Rank the policies of a suite by their newest complete runs."""
+    """Compare the policies of a suite by their newest complete runs."""
     names = app_state.choices()
     suite = suite or (names.suites[0] if len(names.suites) == 1 else "")
     standings: list[LeaderboardRow] = []

@@ -83,7 +83,7 @@ class Perturbed(SimulationWrapper):
         """
         same = self.simulation.state_hash() == self._clean_start
         if same and not self.axis.changes.starts_clean:
-            raise self._not_delivered("expected another physical state than the clean one, got it")
+            raise self._not_delivered("expected a physical state other than the clean one, got the clean one")
         if not same and self.axis.changes.starts_clean:
             raise self._not_delivered("expected the clean episode's physical state, got another")
 

@@ -1,4 +1,4 @@
-"""Runs a suite: creates or resumes the run, plays missing episodes, records media, writes the report."""
+"""Runs a suite: creates or continues the run, plays missing episodes, records media, writes the report."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.plan import Plan, remaining_work
 from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run_document import create_or_resume
+from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.run_observer import RunObserver
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
@@ -91,11 +91,11 @@ class RunSession:
     def __init__(
         self, plan: Plan, folder: Path, options: RunOptions, progress: Progress, stack: contextlib.ExitStack
     ) -> None:
-        """Create or resume the run; `stack` closes its stores."""
+        """Create or continue the run; `stack` closes its stores."""
         self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
-        resumed, url = (folder / RUN_FILE).exists(), options.store
-        self._document = document = create_or_resume(plan, folder, url)
-        if resumed and url is not None and without_password(url) != document.store_url:
+        continued, url = (folder / RUN_FILE).exists(), options.store
+        self._document = document = create_or_continue(plan, folder, url)
+        if continued and url is not None and without_password(url) != document.store_url:
             self._store = Store.open_begun(folder, document, url)  # another store, which must contain the run's rows
         else:
             self._store = Store.open(store_url(folder, document, url), document.run_id)

@@ -1,4 +1,4 @@
-"""Creates the document of a new run, or updates that of a resumed run."""
+"""Creates the document of a new run, or updates that of a continued run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from robogauntlet.results.run_document import EVERYWHERE, RUN_FILE, Provenance, 
 from robogauntlet.results.store.database import without_password
 
 
-def create_or_resume(plan: Plan, folder: Path, store: str | None) -> RunDocument:
+def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocument:
     """Return the document of a new run, or of the run in `folder`, which is continued; for `store` see `RunOptions`.
 
     Raises:
@@ -94,7 +94,7 @@ def _new_provenance(plan: Plan) -> Provenance:
 
 
 def _continued_provenance(plan: Plan, document: RunDocument, folder: Path) -> Provenance:
-    """The provenance of a resumed run, with the environments of simulators that were unavailable before.
+    """The provenance of a continued run, with the environments of simulators that were unavailable before.
 
     Raises:
         PlanError: A simulator has changed, so that the run would mix two versions.

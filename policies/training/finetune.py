@@ -195,7 +195,7 @@ def finetune(
     if start.metadata.base is not None or start.metadata.lora is not None:
         raise TrainingError(f"expected a base, got '{base}', an expert")
     if isinstance(base, Path) and base.resolve() == out.resolve():
-        raise TrainingError(f"expected another folder than the base's for the expert, got '{out}'")
+        raise TrainingError(f"expected a folder other than the base's for the expert, got '{out}'")
     check_images(mixture, start.model.architecture)
     check_action_steps(action_steps, start.model.architecture)
     add_lora(start.model, lora, settings.seed)

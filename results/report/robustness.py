@@ -111,7 +111,7 @@ def start_states_sentence(robustness: Robustness) -> str:
     if not found.compared:
         return "Start states were not compared: no perturbed episode has a clean episode of the same task and seed."
     if found.differing:
-        return f"{found.differing:,} of {compared} started from another physical state than the clean episode."
+        return f"{found.differing:,} of {compared} started from a physical state other than that of the clean episode."
     return f"All {compared} started from the physical state of the clean episode."
 
 

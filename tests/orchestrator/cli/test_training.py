@@ -42,7 +42,7 @@ def base(data, tmp_path_factory):
         (["finetune", "{data}", "--base", "{base}", "--out", "{out}", "--action-steps", "9"], "1 to 8 action steps"),
         (["finetune", "{data}", "--base", "{data}", "--out", "{out}"], "expected card.json"),
         (["finetune", "{data}", "--base", "none", "--out", "{out}"], "expected a checkpoint's folder or a hub id"),
-        (["finetune", "{data}", "--base", "{base}", "--out", "{base}"], "expected another folder than the base's"),
+        (["finetune", "{data}", "--base", "{base}", "--out", "{base}"], "expected a folder other than the base's"),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing_behind(run_command, arguments, message, data, base, tmp_path):

@@ -244,7 +244,9 @@ def test_a_changed_start_state_is_an_error_on_an_axis_that_keeps_it(axis, monkey
 @pytest.mark.parametrize("axis", ["object-position", "robot-start"])
 def test_an_unchanged_start_state_is_an_error_on_an_axis_that_changes_it(axis, monkeypatch):
     monkeypatch.setattr(Scene, "state_hash", lambda self: "same")
-    with pytest.raises(AdapterError, match=rf"{axis}@3: expected another physical state than the clean one, got it"):
+    with pytest.raises(
+        AdapterError, match=rf"{axis}@3: expected a physical state other than the clean one, got the clean one"
+    ):
         rollout(Scene(), Scripted(), episode(axis, 3))
 
 

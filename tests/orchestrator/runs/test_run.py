@@ -16,7 +16,7 @@ from filelock import FileLock
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import PlanError, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
-from robogauntlet.orchestrator.runs.run_document import create_or_resume
+from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.baselines import UntrainedPolicy
 from robogauntlet.policies.contract import PolicyInput, PolicySpec
@@ -78,7 +78,7 @@ def finished(run, finished_folder):
 def test_a_run_is_not_continued_into_another_store(run, suite, tmp_path):
     plan = make_plan(suite())
     run.folder.mkdir()
-    write_run(run.folder, create_or_resume(plan, run.folder, None))
+    write_run(run.folder, create_or_continue(plan, run.folder, None))
     with pytest.raises(StoreError, match="there is no such file"):
         run(plan.path, store=f"sqlite:///{tmp_path / 'mistaken.sqlite'}")
     assert not (tmp_path / "mistaken.sqlite").exists()
