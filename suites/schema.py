@@ -184,8 +184,8 @@ class Suite(_Model):
         | Annotated[dict[str, Count], Tag("dict")]
         | Annotated[Literal["auto"], Tag("auto")],
         Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
-    ] = 1
-    """Worker processes per simulator; "auto": as many for all simulators as cores and memory allow."""
+    ] = "auto"
+    """Worker processes for all simulators together, "auto": as many as cores and memory allow; or for each simulator."""
     resources: dict[str, Resources] = Field(default_factory=dict)
     """Simulator to the needs of each of its workers; one core by default."""
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
@@ -219,7 +219,7 @@ class Suite(_Model):
         return CompareEntry(baseline=self.merging.expert, others=others)
 
     def worker_count(self, simulator: str) -> int:
-        """Return the worker processes of a simulator; one by default."""
+        """Return the worker processes of a simulator, unless all share them; one where `workers` does not name it."""
         if isinstance(self.workers, dict):
             return self.workers.get(simulator, 1)
         return self.workers if isinstance(self.workers, int) else 1

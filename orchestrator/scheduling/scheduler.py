@@ -94,6 +94,8 @@ class _Slot:
     memory_bytes: int = 0
     opening: str = ""
     """The task that its worker opens at its start."""
+    started_at: float = 0.0
+    """Start of its worker."""
 
     @property
     def name(self) -> str:
@@ -129,6 +131,8 @@ class Scheduler(Generic[Result]):
     """Simulator to its number of busy slots."""
     _failed_starts: Counter[str] = field(default_factory=Counter, init=False)
     """Simulator to the number of workers that died at their start since one succeeded."""
+    _start_s: dict[str, float] = field(default_factory=dict, init=False)
+    """Simulator to the time that its latest worker took from its start to its first result."""
     _unsaved: list[Result] = field(default_factory=list, init=False)
     _saved_at: float = field(default=0.0, init=False)
     _grown_at: float = field(default=0.0, init=False)
@@ -218,7 +222,7 @@ class Scheduler(Generic[Result]):
             self._discard(slot)
         slot.last_event_at = slot.activity_began = self.now()
         if slot.worker is None:
-            first = source.first
+            first, slot.started_at = source.first, self.now()
             slot.worker, slot.opening = self.pool.start(slot.name, slot.simulator, first), first.task
             self._mark_busy(slot, slot.worker)
             return
@@ -245,7 +249,7 @@ class Scheduler(Generic[Result]):
         if slot.bound or (slot.simulator and self.work[slot.simulator].waiting) or not self._waiting:
             return slot.simulator
         backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
-        return next_simulator(backlogs) or slot.simulator
+        return next_simulator(backlogs, self._start_s) or slot.simulator
 
     def _process_events(self) -> None:
         """Wait briefly for events and handle them."""
@@ -277,6 +281,8 @@ class Scheduler(Generic[Result]):
                 self._give_up(slot.simulator, task, reason)
             case worker_pool.EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
                 lease = slot.lease
+                if not slot.played:
+                    self._start_s[slot.simulator] = self.now() - slot.started_at
                 slot.finished += len(results)
                 slot.played += len(results)
                 slot.memory_bytes = memory_bytes

@@ -31,8 +31,7 @@ UNMEASURED_S = 1.0
 MAX_LEASE = 2000
 _BEFORE_ALL_MEASURED = 1e15
 START_S = 20.0
-"""Approximate time to start a worker, import its simulator and open a task. Another worker is not worthwhile if each
-would have less work left."""
+"""Expected time from the start of a worker to its first result, before any has been measured (s)."""
 
 
 class Outcome(Protocol):
@@ -273,16 +272,20 @@ def work_queues(work: Iterable[tuple[Cell, Sequence[int]]], max_attempts: int) -
     return {name: WorkQueue(cells, workers=1, max_attempts=max_attempts) for name, cells in by_simulator.items()}
 
 
-def next_simulator(backlogs: Mapping[str, tuple[float, int]]) -> str | None:
+def next_simulator(backlogs: Mapping[str, tuple[float, int]], start_s: Mapping[str, float]) -> str | None:
     """The simulator that a free slot should serve, or None if another worker is not worthwhile.
 
-    A simulator without any worker comes first, then the one with the most work left per worker.
+    A simulator without any worker comes first, then the one with the most work left per worker. n workers finish work R
+    in R / n; with another one, which starts in s, they finish in (R + s) / (n + 1). That is earlier if R / n exceeds s.
 
     Args:
         backlogs: Simulator to the expected time of the episodes that no worker holds (s), and to the number of its
             workers that play or are starting.
+        start_s: Simulator to the measured time from the start of a worker to its first result (s).
     """
-    waiting = {name: backlog for name, backlog in backlogs.items() if backlog[0] > 0}
-    priorities = {name: (not workers, waiting_s / (1 + workers)) for name, (waiting_s, workers) in waiting.items()}
-    name = max(priorities, key=lambda name: priorities[name], default=None)
-    return name if name is not None and priorities[name] >= (False, START_S) else None
+    priorities = {
+        name: (not workers, waiting_s / (1 + workers))
+        for name, (waiting_s, workers) in backlogs.items()
+        if waiting_s > 0 and (not workers or waiting_s / workers > start_s.get(name, START_S))
+    }
+    return max(priorities, key=lambda name: priorities[name], default=None)

@@ -69,7 +69,8 @@ def test_one_routed_policy_needs_no_list():
     assert suite(**MERGING).merging.routed == ("merged",)
 
 
-def test_workers_are_per_simulator_with_one_by_default():
+def test_simulators_share_all_workers_unless_their_numbers_are_given():
+    assert suite().workers == "auto"
     assert [suite(workers={"a": 4}).worker_count(name) for name in ("a", "b")] == [4, 1]
     assert suite(workers=2).worker_count("b") == 2
 

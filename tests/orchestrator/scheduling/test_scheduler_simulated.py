@@ -99,6 +99,62 @@ def test_a_worker_above_the_memory_limit_is_replaced_after_its_lease():
     assert not observer.warnings
 
 
+class TimelinePool(SimulatedWorkerPool):
+    """Records after each assignment the number of workers and the time of waiting episodes per simulator (s)."""
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self.timeline, self.queues = [], {}
+
+    def wait(self, timeout_s):
+        workers = Counter(worker.name.partition("-")[0] for worker in self.alive)
+        waiting = {name: queue.waiting_s for name, queue in self.queues.items() if queue.waiting}
+        self.timeline.append((self.clock(), workers, waiting))
+        return super().wait(timeout_s)
+
+
+EPISODE_S, STARTUP_S = {"a": 1.7, "b": 0.7, "c": 1.2}, 8.0
+"""Three simulators that need about 250 s, 105 s and 180 s for 150 episodes."""
+
+
+def timeline(workers, episodes=150):
+    random = Random(0)
+    pool = TimelinePool(
+        lambda episode: EPISODE_S[episode.simulator] * random.uniform(0.5, 1.5), Clock(), start_s=STARTUP_S
+    )
+    items = work({(f"{name}/{task}", "p"): episodes // 3 for name in EPISODE_S for task in range(3)})
+    pool.queues = work_queues(items, 3)
+    options = SchedulerOptions(workers=workers, episode_time_limit_s=60.0, allowed_errors=0)
+    rows = []
+    Scheduler(pool.queues, pool, options, rows.extend, RecordingObserver(), now=pool.clock).run()
+    assert Counter(row.simulator for row in rows) == dict.fromkeys(EPISODE_S, episodes)
+    return pool
+
+
+def test_with_fewer_cores_than_simulators_no_core_idles_while_another_worker_would_help():
+    pool = timeline(lambda: 2)
+    for _, workers, waiting in pool.timeline:
+        if workers.total() < 2:
+            assert all(workers[name] and left / workers[name] < STARTUP_S + 3.0 for name, left in waiting.items())
+    assert max(workers.total() for _, workers, _ in pool.timeline) == 2
+    played_s = 150 * sum(EPISODE_S.values())
+    assert pool.clock() < played_s / 2 + 2 * STARTUP_S + STARTUP_S
+
+
+def test_the_last_simulator_gets_a_second_worker_for_its_last_twenty_episodes():
+    """When the other is done, twenty of 1.7 s wait: 34 s with one worker, 21 s with two of which one starts in 8 s."""
+    random = Random(0)
+    pool = TimelinePool(lambda episode: random.uniform(1.0, 2.4), Clock(), start_s=STARTUP_S)
+    play(work({("a/1", "p"): 25, ("b/1", "p"): 5}), pool, lambda: 2)
+    assert max(workers["a"] for _, workers, _ in pool.timeline) == 2
+    assert pool.clock() < 42.0
+
+
+def test_no_more_workers_run_than_memory_allows():
+    pool = timeline(lambda: 1, episodes=30)
+    assert max(workers.total() for _, workers, _ in pool.timeline) == 1
+
+
 @pytest.mark.parametrize("workers", [10, 300])
 def test_workers_are_busy_with_any_episode_durations(workers):
     """Durations over two decades, some tasks short and some long: idle for less than 2 % of the time between leases."""

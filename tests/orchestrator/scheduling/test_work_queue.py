@@ -3,7 +3,7 @@
 from collections import Counter
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from robogauntlet.orchestrator.episodes.lease import Lease
@@ -166,21 +166,30 @@ def test_waiting_episodes_are_all_episodes_minus_leased_ones(plan):
 
 
 def test_a_simulator_without_a_worker_comes_first():
-    assert next_simulator({"a": (1000.0, 1), "b": (1.0, 0)}) == "b"
+    assert next_simulator({"a": (1000.0, 1), "b": (1.0, 0)}, {}) == "b"
 
 
 def test_then_the_simulator_with_the_most_work_left_per_worker():
-    assert next_simulator({"a": (1000.0, 3), "b": (900.0, 1)}) == "b"
+    assert next_simulator({"a": (1000.0, 3), "b": (900.0, 1)}, {}) == "b"
 
 
-def test_a_slot_stays_idle_if_starting_a_worker_takes_longer_than_the_work():
-    assert next_simulator({"a": (1.9 * START_S, 1)}) is None
-    assert next_simulator({"a": (2.1 * START_S, 1)}) == "a"
+def test_a_slot_stays_idle_if_starting_a_worker_takes_longer_than_the_others_need_for_the_rest():
+    assert next_simulator({"a": (0.9 * START_S, 1)}, {}) is None
+    assert next_simulator({"a": (1.1 * START_S, 1)}, {}) == "a"
+    assert next_simulator({"a": (20.0, 3)}, {"a": 7.0}) is None
+    assert next_simulator({"a": (20.0, 2)}, {"a": 7.0}) == "a"
 
 
-@given(BACKLOGS)
-def test_a_slot_serves_a_simulator_with_work_and_first_one_without_a_worker(backlogs):
-    chosen = next_simulator(backlogs)
+@given(st.floats(1, 1e4), st.integers(1, 20), st.floats(0.1, 100))
+def test_another_worker_is_started_exactly_if_the_rest_is_then_finished_earlier(waiting_s, workers, start_s):
+    assume(abs(waiting_s / workers - start_s) > 1e-6)
+    without, with_another = waiting_s / workers, (waiting_s + start_s) / (workers + 1)
+    assert (next_simulator({"a": (waiting_s, workers)}, {"a": start_s}) == "a") == (with_another < without)
+
+
+@given(BACKLOGS, st.dictionaries(st.sampled_from("abc"), st.floats(0, 1e3)))
+def test_a_slot_serves_a_simulator_with_work_and_first_one_without_a_worker(backlogs, start_s):
+    chosen = next_simulator(backlogs, start_s)
     unattended = {name for name, (waiting_s, workers) in backlogs.items() if waiting_s > 0 and not workers}
     if chosen is not None:
         assert backlogs[chosen][0] > 0
