@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import signal
@@ -16,7 +17,7 @@ from ray.exceptions import RayError
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator, SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver, worker_environment
-from robogauntlet.orchestrator.ray_runtime.session import check_alive, ray_session
+from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, RayLost, check_alive, ray_session
 from robogauntlet.support.errors import last_line
 
 CHECK_S = 1.0
@@ -36,14 +37,16 @@ def run_per_simulator(
     environments: EnvironmentResolver | None = None,
     *,
     silence_s: float = math.inf,
+    time_s: float = math.inf,
 ) -> Iterator[tuple[str, Any | ProcessEnded]]:
-    """Run a generator in one process per simulator, in parallel.
+    """Run a generator in one process per simulator, in parallel, as far as memory allows. They share the cores.
 
     Args:
         generator: Importable on every node.
         arguments: Simulator to the arguments of its generator.
         environments: The environment of each simulator.
         silence_s: Time without a result after which a process is killed, including its start (s).
+        time_s: Time after which all processes are killed and no more results are yielded (s).
 
     Yields:
         The simulator and the next item of its generator, or as its last item `ProcessEnded`.
@@ -51,38 +54,55 @@ def run_per_simulator(
     Raises:
         RayLost: Ray itself has died.
     """
-    actor: Any = _Process
+    began = checked = time.monotonic()
     environments = environments or EnvironmentResolver()
     streams: dict[Any, str] = {}
-    actors: dict[str, Any] = {}  # Ray ends an actor when its last handle is gone
-    for name, its_arguments in arguments.items():
-        simulator = catalog.find(name)
-        if reason := environments.missing_reason(simulator):
-            yield name, ProcessEnded(reason)
-            continue
-        actors[name] = actor.options(num_cpus=1, runtime_env=environments.ray_runtime_env(simulator)).remote()
-        streams[actors[name].run.remote(generator, its_arguments)] = name
-    checked = time.monotonic()
-    last_result = dict.fromkeys(streams, checked)
-    while streams:
-        ready, _ = ray.wait(list(streams), num_returns=1, timeout=CHECK_S, fetch_local=False)
-        if time.monotonic() - checked >= CHECK_S:  # workers may still answer for some time after Ray has died
-            check_alive()
-            checked = time.monotonic()
-        if not ready:
-            for stalled in [stream for stream in streams if time.monotonic() - last_result[stream] > silence_s]:
-                ray.kill(actors[streams[stalled]])
-                yield streams.pop(stalled), ProcessEnded(f"no result within {silence_s:g} s")
-            continue
-        stream: Any = ready[0]
-        last_result[stream] = time.monotonic()
-        try:
-            yield streams[stream], ray.get(next(stream))
-        except StopIteration:
-            del streams[stream]
-        except RayError as error:
-            check_alive()
-            yield streams.pop(stream), ProcessEnded(last_line(error))
+    actors: dict[str, Any] = {}
+    process: Any = _Process
+    room = _room(len(arguments))
+    try:
+        for name, its_arguments in arguments.items():
+            simulator = catalog.find(name)
+            if reason := environments.missing_reason(simulator):
+                yield name, ProcessEnded(reason)
+                continue
+            actors[name] = process.options(runtime_env=environments.ray_runtime_env(simulator), **room).remote()
+            streams[actors[name].run.remote(generator, its_arguments)] = name
+        last_result = dict.fromkeys(streams, time.monotonic())
+        while streams and (left_s := began + time_s - time.monotonic()) > 0:
+            ready, _ = ray.wait(list(streams), num_returns=1, timeout=min(CHECK_S, left_s), fetch_local=False)
+            if time.monotonic() - checked >= CHECK_S:  # workers may still answer for some time after Ray has died
+                check_alive()
+                checked = time.monotonic()
+            if not ready:
+                for stalled in [stream for stream in streams if time.monotonic() - last_result[stream] > silence_s]:
+                    ray.kill(actors.pop(streams[stalled]))
+                    yield streams.pop(stalled), ProcessEnded(f"no result within {silence_s:g} s")
+                continue
+            stream: Any = ready[0]
+            last_result[stream] = time.monotonic()
+            try:
+                yield streams[stream], ray.get(next(stream))
+            except StopIteration:
+                ray.kill(actors.pop(streams.pop(stream)))  # another process may wait for its core
+            except RayError as error:
+                check_alive()
+                yield streams.pop(stream), ProcessEnded(last_line(error))
+    except RayLost:
+        actors.clear()  # a dead Ray would not answer
+        raise
+    finally:
+        for remaining in actors.values():
+            with contextlib.suppress(RayError):  # after an interruption Ray may have been shut down
+                ray.kill(remaining)
+
+
+def _room(processes: int) -> dict[str, float]:
+    """Options of each of these processes, so that together they fit the cores, and each fits the memory of a node."""
+    cores = ray.cluster_resources().get("CPU", 1.0)
+    memory = max(node["Resources"].get("memory", 0.0) for node in ray.nodes() if node["Alive"])
+    share = math.floor(1000 * min(1.0, cores / max(processes, 1))) / 1000  # Ray rounds at the fourth decimal
+    return {"num_cpus": share, "memory": min(WORKER_BYTES, memory)}
 
 
 def run_in_simulator_environment(

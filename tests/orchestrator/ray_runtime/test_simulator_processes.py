@@ -1,0 +1,43 @@
+"""One process per simulator, on any number of cores and for a limited time."""
+
+import time
+from collections import Counter
+
+import pytest
+import ray
+
+from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_per_simulator
+
+pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
+NAMES = ("null", "pybullet", "robosuite")
+
+
+def count(numbers, wait_s=0.0):
+    for number in range(numbers):
+        time.sleep(wait_s)
+        yield number
+
+
+@pytest.fixture
+def one_core():
+    """Keeps the other five cores of `ray_here` busy."""
+    holder = ray.remote(num_cpus=5)(Counter).remote()
+    ray.get(holder.total.remote())
+    yield
+    ray.kill(holder)
+
+
+def test_with_fewer_cores_than_simulators_the_processes_take_turns(one_core):
+    found = list(run_per_simulator(count, dict.fromkeys(NAMES, (2,)), silence_s=60.0))
+    assert Counter(found) == Counter((name, number) for name in NAMES for number in range(2))
+
+
+def test_after_its_time_all_processes_are_ended():
+    began = time.monotonic()
+    found = list(run_per_simulator(count, dict.fromkeys(NAMES, (1000, 0.1)), time_s=5.0))
+    assert 5.0 <= time.monotonic() - began < 6.5
+    assert len(found) < 200
+    until = time.monotonic() + 20.0
+    while ray.available_resources().get("CPU", 0) < 6 and time.monotonic() < until:
+        time.sleep(0.1)
+    assert ray.available_resources()["CPU"] == 6
