@@ -7,6 +7,8 @@ from pathlib import Path
 from robogauntlet.suites.episode import Condition
 
 MEDIA = "media"
+SHARED_BY = ("pair_id", "state_hash", "actions_hash", "final_state_hash")
+"""Fields of a row that are equal for policies that acted identically, so that one video shows the episodes of all."""
 
 
 def videos_folder(folder: Path) -> Path:

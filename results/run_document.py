@@ -134,7 +134,13 @@ class RunDocument(_Model):
     finished_at: float | None = None
     """End of the last session."""
     elapsed_s: float = 0.0
-    """Time spent running, over all sessions (s)."""
+    """Time until the last episode had ended, over all sessions (s)."""
+    media_s: float = 0.0
+    """Time spent afterwards on videos and snapshots, over all sessions (s)."""
+    media_left_out: int = 0
+    """Videos and snapshots for which there was no time."""
+    command: str | None = None
+    """The command that continues the run."""
     status: RunStatus = RunStatus.RUNNING
     reason: str | None = None
     plan: tuple[PlannedCell, ...]

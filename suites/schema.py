@@ -185,7 +185,7 @@ class Suite(_Model):
         | Annotated[Literal["auto"], Tag("auto")],
         Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
     ] = "auto"
-    """Worker processes for all simulators together, "auto": as many as cores and memory allow; or for each simulator."""
+    """Worker processes per simulator; "auto": as many for all simulators together as cores and memory allow."""
     resources: dict[str, Resources] = Field(default_factory=dict)
     """Simulator to the needs of each of its workers; one core by default."""
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)

@@ -64,8 +64,13 @@ def run(
         bool, typer.Option("--retry-errors", help="Play the episodes again that ended in an error.")
     ] = False,
     media: Annotated[
-        bool, typer.Option(help="Record videos of a success and a failure of each policy on each task.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            help="Record videos of successes and failures: all, or none; by default those for which a fifth of the "
+            "playing time is enough, after the report is written.",
+            show_default=False,
+        ),
+    ] = None,
     history: HistoryUrl = None,
 ) -> None:
     """Run a suite, or continue a run, and write its report.
@@ -88,24 +93,35 @@ def run(
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)
-    options = RunOptions(store, address, retry_errors, media, history_store, os.environ.get(SCHEDULE_VARIABLE))
-    outcome = run_plan(plan, folder, options, Progress(out))
-    _conclude(outcome, _command(outcome, part, store, address))
+    command = _command(plan.path, folder, part, store, address)
+    schedule = os.environ.get(SCHEDULE_VARIABLE)
+    options = RunOptions(store, address, retry_errors, media, history_store, schedule, command)
+    printed: list[str] = []
+
+    def print_numbers(outcome: RunOutcome) -> None:
+        _print_numbers(outcome)
+        printed.extend(outcome.warnings)
+
+    outcome = run_plan(plan, folder, options, Progress(out), print_numbers)
+    for warning in outcome.warnings:
+        if warning not in printed:
+            fail(warning)
+    _conclude(outcome, command)
 
 
-def _command(outcome: RunOutcome, part: SuiteSelection, store: str | None, address: str | None) -> str:
+def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, address: str | None) -> str:
     """The command that continues a run, with the same part of the suite."""
-    arguments = ["robogauntlet", "run", outcome.document.suite_path]
+    arguments = ["robogauntlet", "run", str(path)]
     arguments += [argument for name in part.policies for argument in ("--policy", name)]
     arguments += [argument for name in part.tasks for argument in ("--task", name)]
     arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
-    arguments += ["--out", str(outcome.folder)]
+    arguments += ["--out", str(folder)]
     arguments += ["--store", without_password(store)] if store is not None and STORE_VARIABLE not in os.environ else []
     arguments += ["--address", address] if address is not None else []
     return shlex.join(arguments)
 
 
-def _conclude(outcome: RunOutcome, command: str) -> None:
+def _print_numbers(outcome: RunOutcome) -> None:
     document = outcome.document
     if outcome.report is not None:
         print_summary(outcome.report)
@@ -114,7 +130,15 @@ def _conclude(outcome: RunOutcome, command: str) -> None:
     out.print(f"{outcome.done} of {document.planned} episodes in {format_duration(document.elapsed_s)}", end="")
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
     print_line(f"report: {outcome.folder / 'report.html'}")
-    if document.status is RunStatus.INTERRUPTED:
+
+
+def _conclude(outcome: RunOutcome, command: str) -> None:
+    document = outcome.document
+    if document.media_left_out and not outcome.media_interrupted:
+        print_line(
+            f"{document.media_left_out} videos and snapshots were left out; they are recorded by: {command} --media"
+        )
+    if outcome.media_interrupted or document.status is RunStatus.INTERRUPTED:
         fail(f"interrupted; continue with: {command}")
         raise typer.Exit(EXIT_INTERRUPTED)
     if document.status is RunStatus.STOPPED:

@@ -15,7 +15,7 @@ from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
-from robogauntlet.results.media_paths import MEDIA, picture_path, snapshot_path, videos_folder
+from robogauntlet.results.media_paths import MEDIA, SHARED_BY, picture_path, snapshot_path, videos_folder
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.database import StoreError
@@ -76,26 +76,31 @@ def failure_videos(app_state: AppState, entry: RunEntry) -> tuple[dict[str, Any]
 
 def _read_videos(app_state: AppState, entry: RunEntry, folder: Path) -> Iterator[dict[str, Any]]:
     """Yield the videos of a run's failures. Raises RunError, StoreError, OSError."""
-    recorded = sorted(path.stem for path in videos_folder(folder).glob("*.mp4"))
-    rows = _failed(rows_url(entry, app_state.history.url), entry.run_id, recorded) if recorded else []
-    for row in rows:
+    recorded = [path.stem for path in videos_folder(folder).glob("*.mp4")]
+    for row, video in _failed(rows_url(entry, app_state.history.url), entry.run_id, recorded):
         condition = Condition(row.axis, row.severity)
         yield {
             **row._mapping,
             "run_id": entry.run_id,
             "run": entry.name,
             "condition": str(condition),
-            "video": _address(entry, f"{MEDIA}/videos/{row.episode_id}.mp4"),
+            "video": _address(entry, f"{MEDIA}/videos/{video}.mp4"),
             "poster": _poster(entry, folder, row.task, condition),
         }
 
 
-def _failed(url: str, run_id: str, ids: list[str]) -> Sequence[Any]:
+def _failed(url: str, run_id: str, ids: Sequence[str]) -> list[tuple[Any, str]]:
+    """Failures that the videos of these episodes show, each with the episode of its video."""
     e = episodes.c
+    shared = [e[name] for name in SHARED_BY]
+    videos = sa.select(*shared, e.episode_id).where(e.run_id == run_id, e.episode_id.in_(ids))
     columns = (e.episode_id, e.policy, e.task, e.axis, e.severity, e.seed, e.steps)
-    query = sa.select(*columns).where(e.run_id == run_id, e.episode_id.in_(ids), e.status == str(Status.FAILURE))
+    query = sa.select(*columns, *shared).where(e.run_id == run_id, e.status == str(Status.FAILURE))
+    query = query.order_by(e.task, e.policy, e.axis, e.severity, e.seed)
     with closing(Store.open(url, run_id)) as store, store.database.reading() as connection:
-        return connection.execute(query.order_by(e.task, e.policy, e.axis, e.severity, e.seed)).all()
+        video_of = {tuple(shared): name for *shared, name in connection.execute(videos)}
+        same_pair = connection.execute(query.where(e.pair_id.in_({pair for pair, *_ in video_of})))
+        return [(row, video_of[key]) for row in same_pair if (key := tuple(row[len(columns) :])) in video_of]
 
 
 def _poster(entry: RunEntry, folder: Path, task: str, condition: Condition) -> str | None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from robogauntlet.results.live_status import STALE_S, LiveSimulator, LiveWorker
 from robogauntlet.results.report.formatting import NOTHING, count, percent, span
+from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts, RunEntry
 from robogauntlet.support.durations import format_duration
 
@@ -23,8 +24,10 @@ def state_of(entry: RunEntry, now: float) -> str:
 
 
 def state_text_of(entry: RunEntry, now: float) -> str:
-    """Return the state of a run as text."""
+    """Return the state of a run as text; a complete run may still record videos."""
     state = state_of(entry, now)
+    if entry.live is not None and state == RunStatus.COMPLETE and now - entry.live.at <= STALE_S:
+        return f"{state}, {entry.live.phase}"
     return f"silent for {brief(now - _last_report_at(entry))}" if state == SILENT else state
 
 

@@ -9,22 +9,29 @@ from typing import Any
 from robogauntlet.adapters.contract import PICTURE_SIZE, Image, Simulation
 
 MAX_FRAMES = 60
+FRAMES_PER_S = 10.0
 
 
 class VideoRecorder:
-    """A `rollout` watcher that writes an mp4 (H.264) of the third-person view, at most about `MAX_FRAMES` frames."""
+    """A `rollout` watcher that writes an mp4 (H.264) of the third-person view.
+
+    It has about `FRAMES_PER_S`, and at most about `MAX_FRAMES`: drawing them costs more than all else in a replay.
+    """
 
     def __init__(self, path: Path, *, steps: int) -> None:
         """Prepare a video of about this many control steps, which appears after a `with` block without exception."""
         self._path = path
         self._partial = path.with_name(f".{path.name}.partial.mp4")
         self._every = max(1, -(-steps // MAX_FRAMES))
+        """Control steps from one frame to the next."""
         self._writer: Any = None
         self.first: Image | None = None
         """The frame after reset."""
 
     def __call__(self, simulation: Simulation, step: int) -> None:
-        """Add a frame at every `steps / MAX_FRAMES`th step."""
+        """Add a frame if one is due after this control step."""
+        if self._writer is None:
+            self._every = max(self._every, round(simulation.action_spec.control_hz / FRAMES_PER_S))
         if step % self._every:
             return
         frame = simulation.picture()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +17,14 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder, encode_png
-from robogauntlet.orchestrator.replay.media_selection import new_failures, representative_episodes
+from robogauntlet.orchestrator.replay.media_selection import (
+    new_failures,
+    recording_order,
+    representative_episodes,
+    shared_by,
+)
 from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
-from robogauntlet.results.media_paths import picture_path, snapshot_path, video_path
+from robogauntlet.results.media_paths import picture_path, snapshot_path, video_path, videos_folder
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.support.files import write_whole
 
@@ -35,16 +42,18 @@ class MediaResult:
 def pending_media(
     folder: Path, rows: Callable[[], Iterable[EpisodeResult]], evaluated: Sequence[str], snapshots: Sequence[Snapshot]
 ) -> list[Snapshot | EpisodeResult]:
-    """The snapshots and episodes to record that are not in the run folder yet.
+    """The snapshots and episodes to record that are not in the run folder yet, the most informative first.
 
     `rows` returns a new iterator over the run's rows at every call. Failures along the axes are recorded of the
-    `evaluated` policies only.
+    `evaluated` policies only. Of episodes in which policies acted identically, one is recorded.
     """
-    selected = {row.episode_id: row for row in (*representative_episodes(rows()), *new_failures(rows, evaluated))}
-    missing = (row for name, row in selected.items() if not video_path(folder, name).exists())
+    files = {path.stem for path in videos_folder(folder).glob("*.mp4")}
+    recorded = {shared_by(row) for row in rows() if row.episode_id in files} if files else set()
+    ordered = [*recording_order(representative_episodes(rows())), *recording_order(new_failures(rows, evaluated))]
+    videos = {shared_by(row): row for row in ordered}
     return [
         *(item for item in snapshots if not snapshot_path(folder, item.task, item.condition).exists()),
-        *sorted(missing, key=lambda row: (row.task, row.policy)),
+        *(row for shared, row in videos.items() if shared not in recorded),
     ]
 
 
@@ -52,39 +61,35 @@ def record_media(
     folder: Path,
     pending: Sequence[Snapshot | EpisodeResult],
     sources: Mapping[str, PolicySource],
-    on_recorded: Callable[[], None],
+    on_recorded: Callable[[str | None], None],
     environments: EnvironmentResolver,
-) -> list[str]:
-    """Record videos and snapshots in one process per simulator, in parallel. Ray must be running.
+    time_s: float = math.inf,
+) -> None:
+    """Record videos and snapshots in one process per simulator, in parallel, for at most `time_s`. Ray must be running.
 
-    Only this process writes into the run folder, because other nodes may not have access to it.
-
-    `on_recorded` is called after every video or snapshot.
-
-    Returns:
-        A warning for each episode whose replay differs from its row, and for each snapshot and simulator that failed.
+    Only this process writes into the run folder, because other nodes may not have access to it. `on_recorded` is called
+    after every video or snapshot, with a warning if it failed or if the replay of an episode differs from its row.
 
     Raises:
         RayLost: Ray itself has died. The media recorded before are in the folder.
         OSError: The folder cannot be written.
     """
-    warnings: dict[str, None] = {}
-    for _, media in replay_rows(pending, sources, environments, _record):
-        if isinstance(media, NotReplayed):
-            warnings[f"{media.simulator} could not be recorded: {media.reason}"] = None
-            continue
-        for path, content in media.files.items():
-            if not (folder / path).exists():  # each episode of a task yields its picture; the first one is kept
-                (folder / path).parent.mkdir(parents=True, exist_ok=True)
-                write_whole(folder / path, content)
-        if media.warning is not None:
-            warnings[media.warning] = None
-        on_recorded()
-    return list(warnings)
+    # This process owns the temporary files, because one that is killed cannot remove them.
+    with tempfile.TemporaryDirectory(prefix="robogauntlet-", ignore_cleanup_errors=True) as scratch:
+        job = partial(_record, scratch=Path(scratch))
+        for _, media in replay_rows(pending, sources, environments, job, time_s):
+            if isinstance(media, NotReplayed):
+                on_recorded(f"{media.simulator} could not be recorded: {media.reason}")
+                continue
+            for path, content in media.files.items():
+                if not (folder / path).exists():  # each episode of a task yields its picture; the first one is kept
+                    (folder / path).parent.mkdir(parents=True, exist_ok=True)
+                    write_whole(folder / path, content)
+            on_recorded(media.warning)
 
 
-def _record(item: Snapshot | EpisodeResult, runner: EpisodeRunner) -> MediaResult:
-    return _record_snapshot(item, runner) if isinstance(item, Snapshot) else _record_video(item, runner)
+def _record(item: Snapshot | EpisodeResult, runner: EpisodeRunner, *, scratch: Path) -> MediaResult:
+    return _record_snapshot(item, runner) if isinstance(item, Snapshot) else _record_video(item, runner, scratch)
 
 
 def _record_snapshot(item: Snapshot, runner: EpisodeRunner) -> MediaResult:
@@ -96,9 +101,10 @@ def _record_snapshot(item: Snapshot, runner: EpisodeRunner) -> MediaResult:
     return MediaResult({snapshot_path(Path(), item.task, item.condition): picture})
 
 
-def _record_video(row: EpisodeResult, runner: EpisodeRunner) -> MediaResult:
+def _record_video(row: EpisodeResult, runner: EpisodeRunner, scratch: Path) -> MediaResult:
     files, warning = {}, None
-    with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
+    scratch.mkdir(exist_ok=True)  # another node has not got it
+    with tempfile.TemporaryDirectory(dir=scratch) as folder:
         video = Path(folder) / "video.mp4"
         with VideoRecorder(video, steps=row.steps or row.horizon) as recorder:
             replayed = replay(row, runner, recorder)

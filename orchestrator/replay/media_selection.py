@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable
+from itertools import zip_longest
 
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot
+from robogauntlet.results.media_paths import SHARED_BY
 from robogauntlet.results.record import EpisodeResult, Status
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Cell, Condition
 
@@ -33,6 +36,30 @@ def new_failures(rows: Callable[[], Iterable[EpisodeResult]], policies: Collecti
         if row.axis not in NO_AXIS and row.status == Status.FAILURE and (row.policy, row.task, row.seed) in solved
     )
     return _first(failures, lambda row: (row.axis, row.simulator, row.policy))
+
+
+def shared_by(row: EpisodeResult) -> tuple[str, ...]:
+    """The fields `SHARED_BY` of a row: equal for rows that one video shows."""
+    return tuple(getattr(row, name) for name in SHARED_BY)
+
+
+def recording_order(rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
+    """One row for each video that these rows need, the most informative first.
+
+    Tasks take turns, in every second round in reverse, so that one that is open goes on. In a task each outcome comes
+    with the video that shows the most policies, then each with its next one.
+    """
+    videos: dict[tuple[str, ...], list[EpisodeResult]] = {}
+    for row in rows:
+        videos.setdefault(shared_by(row), []).append(row)
+    ranks: Counter[tuple[str, str]] = Counter()
+    by_task: dict[str, list[tuple[int, EpisodeResult]]] = {}
+    for row, *_ in sorted(videos.values(), key=len, reverse=True):
+        by_task.setdefault(row.task, []).append((ranks[row.task, row.status], row))
+        ranks[row.task, row.status] += 1
+    queues = (sorted(by_task[task], key=lambda ranked: ranked[0]) for task in sorted(by_task))
+    rounds = enumerate(zip_longest(*queues))
+    return [ranked[1] for i, turn in rounds for ranked in turn[:: -1 if i % 2 else 1] if ranked is not None]
 
 
 def condition_snapshots(cells: Iterable[Cell], seed: int) -> list[Snapshot]:

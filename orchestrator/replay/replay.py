@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -102,9 +103,13 @@ def replay(
 
 
 def replay_rows(
-    rows: Sequence[Row], sources: Mapping[str, PolicySource], environments: EnvironmentResolver, job: Job[Row]
+    rows: Sequence[Row],
+    sources: Mapping[str, PolicySource],
+    environments: EnvironmentResolver,
+    job: Job[Row],
+    time_s: float = math.inf,
 ) -> Iterator[tuple[Row, Any | NotReplayed]]:
-    """Replay rows in one process per simulator, in parallel. Ray must be running.
+    """Replay rows in one process per simulator, in parallel, for at most `time_s`. Ray must be running.
 
     The rows, or snapshots if the job accepts them, of one simulator are processed in order.
 
@@ -121,7 +126,7 @@ def replay_rows(
         by_simulator.setdefault(row.simulator, []).append(row)
     arguments = {simulator: (job, its_rows, dict(sources)) for simulator, its_rows in by_simulator.items()}
     remaining = {simulator: iter(its_rows) for simulator, its_rows in by_simulator.items()}
-    for simulator, result in run_per_simulator(_run_job, arguments, environments):
+    for simulator, result in run_per_simulator(_run_job, arguments, environments, time_s=time_s):
         if isinstance(result, ProcessEnded):
             yield from ((row, NotReplayed(simulator, result.reason)) for row in remaining[simulator])
         else:

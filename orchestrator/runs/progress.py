@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 from rich.console import Console
 from rich.progress_bar import ProgressBar
@@ -109,9 +110,9 @@ class Progress(Display):
             for name, progress in self._simulators.items()
         )
 
-    def recording(self, count: int) -> RecordingProgress:
-        """A bar for the recording of this number of videos and snapshots."""
-        return RecordingProgress(self._console, count, now=self._now)
+    def recording(self, count: int, end: float = math.inf) -> RecordingProgress:
+        """A bar for the recording of this number of videos and snapshots; `end` is the latest end, by the clock."""
+        return RecordingProgress(self._console, count, end=end, now=self._now)
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))
@@ -146,17 +147,32 @@ class RecordingProgress(Display):
     """A bar for replayed episodes and snapshots."""
 
     def __init__(
-        self, console: Console, count: int, *, activity: str = "recording", now: Callable[[], float] = time.monotonic
+        self,
+        console: Console,
+        count: int,
+        *,
+        activity: str = "recording",
+        end: float = math.inf,
+        now: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(console, transient=True, now=now)
-        self._activity = activity
+        self._activity, self._end = activity, end
         self._count, self._done, self._began = count, 0, now()
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self._show("")
+        return self
 
     def advance(self) -> None:
         """Count one more."""
         self._done += 1
-        left_s = (self._count - self._done) * (self._now() - self._began) / self._done
-        text = f"{self._done}/{self._count}" + (f"  {format_duration(left_s)} left" if left_s > 1 else "")
+        now = self._now()
+        left_s = min((self._count - self._done) * (now - self._began) / self._done, self._end - now)
+        self._show(f"  {format_duration(left_s)} left" if left_s > 1 else "")
+
+    def _show(self, left: str) -> None:
+        text = f"{self._done}/{self._count}{left}"
         bar = ProgressBar(total=self._count, completed=self._done, width=30)
         table = Table.grid(padding=(0, 2))
         table.add_row(f"[bold]{self._activity}", bar, text)

@@ -1,13 +1,14 @@
-"""Runs a suite: creates or continues the run, plays missing episodes, records media, writes the report."""
+"""Runs a suite: creates or continues the run, plays missing episodes, writes the report, then records media."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, with_bundles
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, ray_session, room_for_workers
@@ -19,20 +20,25 @@ from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.run_observer import RunObserver
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
-from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, store_url, write_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.episode import Cell
+from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import describe_os_error
 
 if TYPE_CHECKING:
+    from robogauntlet.orchestrator.episodes.first_observation import Snapshot
     from robogauntlet.results.report import Report
 
 RAY_STARTS = 5
 """Number of Ray sessions of a run, each started after the previous one died, before the run stops."""
 SAVE_ELAPSED_S = 10.0
 """Time after which the elapsed time is saved again (s)."""
+MEDIA_SHARE = 0.2
+"""Largest time for videos and snapshots, as a share of the time that the episodes took."""
+Returned = TypeVar("Returned")
 
 
 @dataclass(frozen=True)
@@ -45,12 +51,15 @@ class RunOptions:
     """Ray cluster to join, or None for this machine."""
     retry_errors: bool = False
     """Play episodes again whose row is an error."""
-    media: bool = True
-    """Afterwards record videos (a success and a failure per policy and task, failures along axes) and snapshots."""
+    media: bool | None = None
+    """Afterwards record videos (a success and a failure per policy and task, failures along axes) and snapshots: all,
+    none, or by default what fits into `MEDIA_SHARE`."""
     history: str | None = None
     """URL of the history of all runs; by default the run is recorded in its own store only."""
     schedule: str | None = None
     """The schedule that starts this run, if any."""
+    command: str | None = None
+    """The command that continues this run."""
 
 
 @dataclass
@@ -65,13 +74,22 @@ class RunOutcome:
     """None if it could not be written."""
     warnings: list[str] = field(default_factory=list)
     """Messages for the user, a line each."""
+    media_interrupted: bool = False
+    """Whether the recording of videos was interrupted, after everything else was complete."""
 
 
-def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) -> RunOutcome:
+def run_plan(
+    plan: Plan,
+    folder: Path,
+    options: RunOptions,
+    progress: Progress,
+    on_numbers: Callable[[RunOutcome], None] = lambda outcome: None,
+) -> RunOutcome:
     """Play the missing episodes of a plan and write all results into `folder`.
 
-    An interruption, a full disk or too many errors end the run early. The returned rows are kept, the outcome has the
-    status and the reason, and running again continues.
+    The report is written and `on_numbers` called when the last episode has ended; then videos and snapshots are
+    recorded, and the report is written again with them. An interruption, a full disk or too many errors end the run
+    early. The returned rows are kept, the outcome has the status and the reason, and running again continues.
 
     Raises:
         PlanError: The folder holds another run.
@@ -82,7 +100,9 @@ def run_plan(plan: Plan, folder: Path, options: RunOptions, progress: Progress) 
     with lock_folder(folder, for_run=True), contextlib.ExitStack() as stack:
         session = RunSession(plan, folder, options, progress, stack)
         session.play()
-        return session.finish()
+        outcome = session.conclude()
+        on_numbers(outcome)
+        return session.record_media(outcome)
 
 
 class RunSession:
@@ -91,10 +111,12 @@ class RunSession:
     def __init__(
         self, plan: Plan, folder: Path, options: RunOptions, progress: Progress, stack: contextlib.ExitStack
     ) -> None:
-        """Create or continue the run; `stack` closes its stores."""
+        """Create or continue the run; `stack` closes its stores and ends Ray."""
         self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
+        self._ray = stack.enter_context(contextlib.ExitStack())
         continued, url = (folder / RUN_FILE).exists(), options.store
-        self._document = document = create_or_continue(plan, folder, url)
+        document = create_or_continue(plan, folder, url).model_copy(update={"command": options.command})
+        self._document = document
         if continued and url is not None and without_password(url) != document.store_url:
             self._store = Store.open_begun(folder, document, url)  # another store, which must contain the run's rows
         else:
@@ -112,37 +134,37 @@ class RunSession:
         self._observer = RunObserver(document, plan.unavailable, progress, self._history_writer, self._save_elapsed)
         self._status = RunStatus.COMPLETE
         self._reason: str | None = None
+        self._phase = "elapsed_s"
         self._began = self._saved = time.monotonic()
 
     def play(self) -> None:
-        """Play missing episodes and record media. Errors that a run survives become its status."""
+        """Play missing episodes. Errors that a run survives become its status."""
         from robogauntlet.orchestrator.scheduling.scheduler import TooManyErrors
         from robogauntlet.orchestrator.scheduling.worker_pool import WorkerPoolError
 
         self._progress.begin(self._plan, self._store.status_counts())
         try:
-            self._play_through_ray_restarts()
+            self._through_ray_restarts(self._play_missing)
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
         except (TooManyErrors, NoRoom, RayLost, WorkerPoolError, PolicyError, StoreError, OSError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
 
-    def _play_through_ray_restarts(self) -> None:
-        for starts_left in reversed(range(RAY_STARTS)):
+    def _through_ray_restarts(self, step: Callable[[], Returned]) -> Returned:
+        for _ in range(RAY_STARTS - 1):
             try:
-                work = self._remaining_work()
-                if work:
-                    self._play(work)
-                else:
-                    self._record_media(self._sources)  # an earlier session may have ended before
-                return
+                return step()
             except RayLost as error:
-                if not starts_left:
-                    raise
+                self._ray.close()
                 self._observer.on_warning(f"{error}; it was started again")
+        return step()
+
+    def _play_missing(self) -> None:
+        if work := self._remaining_work():
+            self._play(work)
 
     def _play(self, work: list[tuple[Cell, Sequence[int]]]) -> None:
-        """Play this work and all further rounds of an adaptive suite, then record media. Raises as `Scheduler.run`."""
+        """Play this work and all further rounds of an adaptive suite. Raises as `Scheduler.run`."""
         from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, start_servers
         from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
         from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
@@ -156,21 +178,20 @@ class RunSession:
             resources=suite.resources,
         )
         fixed = sum(per_simulator.get(name, 0) for name in {cell.simulator for cell, _ in work})
-        with ray_session(address=self._options.address, workers=fixed):
-            workers = fixed or room_for_workers()
-            sources = self._sources()
-            place = choose_inference(sources, self._plan.cells, suite.inference, workers, self._progress.log)
-            self._update(inference=place, shared_workers=None if per_simulator else workers)
-            servers = start_servers(sources, suite.inference) if place == "served" else []
-            with self._progress:
-                while work:
-                    pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments)
-                    queues = work_queues(work, suite.max_attempts)
-                    Scheduler(queues, pool, scheduling, sink=self._store.add, observer=self._observer).run()
-                    before, work = work, self._remaining_work() if suite.adaptive else []
-                    if work == before:  # the remaining episodes cannot be played here
-                        break
-            self._record_media(lambda: sources)
+        self._ray.enter_context(ray_session(address=self._options.address, workers=fixed))
+        workers = fixed or room_for_workers()
+        sources = self._sources()
+        place = choose_inference(sources, self._plan.cells, suite.inference, workers, self._progress.log)
+        self._update(inference=place, shared_workers=None if per_simulator else workers)
+        servers = start_servers(sources, suite.inference) if place == "served" else []
+        with self._progress:
+            while work:
+                pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments)
+                queues = work_queues(work, suite.max_attempts)
+                Scheduler(queues, pool, scheduling, sink=self._store.add, observer=self._observer).run()
+                before, work = work, self._remaining_work() if suite.adaptive else []
+                if work == before:  # the remaining episodes cannot be played here
+                    break
 
     def _sources(self) -> Mapping[str, PolicySource]:
         """The policies, with bundles of their files for the nodes of a cluster. Ray must be running."""
@@ -182,42 +203,8 @@ class RunSession:
         self._update(plan=self._plan.planned_cells(state.planned), decided=tuple(state.decided))
         return state.work
 
-    def _record_media(self, sources: Callable[[], Mapping[str, PolicySource]]) -> None:
-        """Record missing videos and snapshots; errors become warnings, except RayLost."""
-        from robogauntlet.orchestrator.replay.media import pending_media, record_media
-
-        if not self._options.media:
-            return
-        plan, observer, seed = self._plan, self._observer, self._plan.suite.seeds.start
-        baselines = (plan.suite.oracle_gate, *plan.suite.no_skill_baselines)
-        evaluated, skipped = [name for name in plan.sources if name not in baselines], observer.skipped_simulators
-        snapshots = condition_snapshots((cell for cell in plan.cells if cell.simulator not in skipped), seed)
-        try:
-            pending = pending_media(self._folder, self._store.results, evaluated, snapshots)
-            pending = [item for item in pending if item.simulator not in skipped]
-            if not pending:
-                return
-            self._progress.log(
-                "recording a success and a failure of each policy on each task"
-                + (", failures along each axis, and the first images of each condition" if snapshots else "")
-            )
-            with (
-                ray_session(address=self._options.address, workers=len({item.simulator for item in pending})),
-                self._progress.recording(len(pending)) as bar,
-            ):
-
-                def on_recorded() -> None:
-                    bar.advance()
-                    observer.on_media_tick()
-
-                observer.warnings += record_media(self._folder, pending, sources(), on_recorded, plan.environments)
-        except (OSError, StoreError) as error:
-            observer.warnings.append(f"videos could not be written: {describe_os_error(error)}")
-
-    def finish(self) -> RunOutcome:
-        """Write the document and the report."""
-        from robogauntlet.results.report import write_report
-
+    def conclude(self) -> RunOutcome:
+        """Write the document and the report of what was played."""
         done, digest = 0, None
         with contextlib.suppress(StoreError):
             done = sum(self._store.status_counts().values())
@@ -229,11 +216,71 @@ class RunSession:
             status=self._status,
             reason=self._reason,
             finished_at=time.time(),
-            elapsed_s=self._elapsed_s(),
             skipped=self._observer.skipped_simulators,
             render_devices=self._observer.render_devices,
             rows_hash=digest,
+            **self._elapsed(),
         )
+        return self._write(done)
+
+    def record_media(self, concluded: RunOutcome) -> RunOutcome:
+        """Record missing videos and snapshots of a complete run and write the report again. Errors become warnings."""
+        if concluded.document.status is not RunStatus.COMPLETE or self._options.media is False:
+            return concluded
+        self._phase, self._began = "media_s", time.monotonic()
+        self._left_out, interrupted = 0, False
+        try:
+            if not self._through_ray_restarts(self._record_media) and not self._document.media_left_out:
+                return concluded
+        except KeyboardInterrupt:
+            interrupted = True
+        except (RayLost, OSError, StoreError) as error:
+            self._observer.warnings.append(f"videos could not be recorded: {describe_os_error(error)}")
+        self._update(media_left_out=self._left_out, finished_at=time.time(), **self._elapsed())
+        return replace(self._write(concluded.done), media_interrupted=interrupted)
+
+    def _pending_media(self) -> list[Snapshot | EpisodeResult]:
+        from robogauntlet.orchestrator.replay.media import pending_media
+
+        plan, skipped = self._plan, self._observer.skipped_simulators
+        baselines = (plan.suite.oracle_gate, *plan.suite.no_skill_baselines)
+        evaluated = [name for name in plan.sources if name not in baselines]
+        snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
+        pending = pending_media(self._folder, self._store.results, evaluated, snapshots)
+        return [item for item in pending if item.simulator not in skipped]
+
+    def _record_media(self) -> bool:
+        """Record missing videos and snapshots, as many as their time allows. Returns whether any were missing."""
+        from robogauntlet.orchestrator.replay.media import record_media
+
+        pending = self._pending_media()
+        self._left_out, simulators = len(pending), {item.simulator for item in pending}
+        time_s = math.inf if self._options.media else MEDIA_SHARE * self._document.elapsed_s
+        end = self._began + time_s - self._document.media_s
+        if not pending or end < time.monotonic():
+            return bool(pending)
+        limit = f", for at most {format_duration(end - time.monotonic())}" if end < math.inf else ""
+        self._progress.log(f"recording {len(pending)} videos and snapshots{limit}")
+        with self._progress.recording(len(pending), end) as bar:
+
+            def on_recorded(warning: str | None) -> None:
+                self._left_out -= 1
+                if warning is not None and warning not in self._observer.warnings:
+                    self._observer.warnings.append(warning)
+                bar.advance()
+                self._observer.on_media_tick()
+
+            self._ray.enter_context(ray_session(address=self._options.address, workers=len(simulators)))
+            left_s, environments = end - time.monotonic(), self._plan.environments
+            record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
+        taken = format_duration(time.monotonic() - self._began)
+        self._progress.log(f"recorded {len(pending) - self._left_out} videos and snapshots in {taken}")
+        return True
+
+    def _write(self, done: int) -> RunOutcome:
+        """Write the document and the report."""
+        from robogauntlet.results.report import write_report
+
         report, warnings = None, self._observer.warnings
         try:
             write_run(self._folder, self._document)
@@ -247,13 +294,13 @@ class RunSession:
     def _update(self, **values: object) -> None:
         self._document = self._document.model_copy(update=values)
 
-    def _elapsed_s(self) -> float:
-        """Total time of all sessions so far (s)."""
-        return self._document.elapsed_s + time.monotonic() - self._began
+    def _elapsed(self) -> dict[str, float]:
+        """The time that the phase took so far, over all sessions (s), by its field in the document."""
+        return {self._phase: getattr(self._document, self._phase) + time.monotonic() - self._began}
 
     def _save_elapsed(self) -> None:
         """Save the elapsed time every `SAVE_ELAPSED_S`, because a killed session cannot save it at its end."""
         if time.monotonic() - self._saved >= SAVE_ELAPSED_S:
             self._saved = time.monotonic()
             with contextlib.suppress(OSError):  # the store will notice a full disk
-                write_run(self._folder, self._document.model_copy(update={"elapsed_s": self._elapsed_s()}))
+                write_run(self._folder, self._document.model_copy(update=self._elapsed()))

@@ -62,7 +62,7 @@ class RunObserver(Observer[EpisodeResult]):
 
     def on_media_tick(self) -> None:
         """A video or snapshot has been recorded, after all episodes were played."""
-        self._phase = "recording"
+        self._phase = "recording videos"
         self._publish(tuple)
 
     def _publish(self, activity: Callable[[], Sequence[LiveWorker]]) -> None:

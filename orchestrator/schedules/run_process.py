@@ -40,6 +40,8 @@ class RunProcess:
     schedule: Schedule
     scheduled_run: ScheduledRun
     process: subprocess.Popen[bytes]
+    concluded: bool = False
+    """Whether the run has ended and was concluded; its process may still record videos."""
 
 
 def begin(schedule: Schedule, scheduled_run: ScheduledRun, history_url: str) -> RunProcess:
@@ -73,12 +75,13 @@ def is_running(folder: Path) -> bool:
 
 
 def has_ended(folder: Path) -> bool:
-    """Whether a run is complete or stopped early, and has its report. No process may write to the folder."""
+    """Whether a run is complete or stopped early, and has its report. Its process may still record videos."""
+    if not (folder / "report.html").exists():
+        return False
     try:
-        status = read_run(folder).status
+        return read_run(folder).status in (RunStatus.COMPLETE, RunStatus.STOPPED)
     except RunError:
         return False
-    return status in (RunStatus.COMPLETE, RunStatus.STOPPED) and (folder / "report.html").exists()
 
 
 def conclude(

@@ -96,7 +96,11 @@ class Server:
             code = running.process.poll()
             if code is not None:
                 self._processes.remove(running)
+            if not running.concluded and code is not None:
                 self._ended(running, code)
+            elif not running.concluded and has_ended(Path(running.scheduled_run.folder)):
+                self._conclude(running.schedule, running.scheduled_run, None)
+                running.concluded = True
         self._store.record_due(self._now(), self.folder)
         schedules = {schedule.name: schedule for schedule in self._store.schedules()}
         busy = self._adopt(schedules)
@@ -108,16 +112,21 @@ class Server:
                 self._begin(schedule, scheduled_run)
 
     def play(self, schedule: Schedule, scheduled_run: ScheduledRun) -> ScheduledRun:
-        """Run one scheduled run and wait for it. Raises StoreError, OSError."""
+        """Run one scheduled run, conclude it and wait for its process. Raises StoreError, OSError."""
         self._store.change(scheduled_run, state=State.RUNNING, began_at=time.time())
         running = begin(schedule, scheduled_run, self._history.url)
+        code = None
         try:
-            code = running.process.wait()
+            while code is None and not has_ended(Path(scheduled_run.folder)):
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    code = running.process.wait(POLL_S)
+            concluded = conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+            running.process.wait()
         except KeyboardInterrupt:
             self._processes.append(running)
             self.stop()
             raise
-        return conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+        return concluded
 
     def stop(self) -> None:
         """Interrupt the runs and wait until they have stored their rows. The next server continues them."""

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robogauntlet.results.media_paths import picture_path, snapshot_path, videos_folder
+from robogauntlet.results.media_paths import SHARED_BY, picture_path, snapshot_path, videos_folder
 from robogauntlet.results.record import Status
+from robogauntlet.results.report.parquet import read_frame
+from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 
@@ -43,6 +45,8 @@ class Video:
     """Data URI, or None if left out because of its size."""
     poster: str | None = None
     """Data URI of the last frame."""
+    same_as: Video | None = None
+    """The video of another policy that acted identically, which the report shows in place of this one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,18 +80,19 @@ class Media:
     @property
     def left_out(self) -> int:
         """Number of videos that are not embedded."""
-        return len({video.episode_id for video in (*self.representative, *self.new_failures) if video.source is None})
+        videos = (*self.representative, *self.new_failures)
+        return len({video.episode_id for video in videos if video.source is None and video.same_as is None})
 
 
 def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budget: int = VIDEO_BUDGET) -> Media:
     """Collect the images and videos in a run folder.
 
-    Rows need the columns `episode_id`, `policy_digest`, `task`, `axis`, `severity`, `seed` and `status`. If the videos
-    exceed `budget` bytes, representative videos have priority, then smaller files.
+    Rows need the columns `episode_id`, `policy_digest`, `task`, `axis`, `severity`, `seed` and `status`; the folder has
+    `episodes.parquet`. If the videos exceed `budget` bytes, representative videos have priority, then smaller files.
     """
     names = {cell.policy_digest: cell.policy for cell in document.plan}
     files = {path.stem: path for path in sorted(videos_folder(folder).glob("*.mp4")) if path.is_file()}
-    recorded = frame.loc[frame["episode_id"].isin(list(files))]
+    recorded = _with_video(folder, frame, files)
     recorded = recorded.loc[recorded["status"].astype(str).isin([Status.SUCCESS, Status.FAILURE])]
     recorded = recorded.assign(perturbed=recorded["axis"].astype(str) != CLEAN)
     recorded = recorded.sort_values(["perturbed", "severity", "axis", "seed", "task"], kind="stable")
@@ -99,11 +104,22 @@ def collect_media(folder: Path, document: RunDocument, frame: pd.DataFrame, budg
 
     def videos(chosen: pd.DataFrame) -> list[Video]:
         found = [_video(row, names, files) for row in chosen.itertuples(index=False)]
-        return [video for video in found if video.size]
+        return sorted((video for video in found if video.size), key=lambda video: order[video.policy])
 
-    representative, left = _embed(videos(recorded.drop_duplicates(["policy_digest", "task", "status"])), budget)
-    new_failures, _ = _embed(videos(_new_failures(recorded, frame, excluded)), left)
+    order = {name: place for place, name in enumerate(dict.fromkeys(names.values()))}
+    first: dict[Path, Video] = {}
+    representative, left = _embed(videos(recorded.drop_duplicates(["policy_digest", "task", "status"])), budget, first)
+    new_failures, _ = _embed(videos(_new_failures(recorded, frame, excluded)), left, first)
     return Media(representative, new_failures, _strips(folder, document))
+
+
+def _with_video(folder: Path, frame: pd.DataFrame, recorded: Collection[str]) -> pd.DataFrame:
+    """The rows that the videos of these episodes show, with the id of the recorded episode as `video`."""
+    path, columns = ReportPaths.in_folder(folder).episodes, ("episode_id", *SHARED_BY)
+    videos = read_frame(path, columns, where=("episode_id", recorded)).drop_duplicates(SHARED_BY)
+    rows = read_frame(path, columns, where=("pair_id", videos["pair_id"]))
+    shown = rows.merge(videos.rename(columns={"episode_id": "video"}), on=list(SHARED_BY))
+    return frame.merge(shown[["episode_id", "video"]], on="episode_id")
 
 
 def _new_failures(recorded: pd.DataFrame, frame: pd.DataFrame, excluded: Collection[str]) -> pd.DataFrame:
@@ -153,7 +169,7 @@ def task_picture(folder: Path, task: str) -> str | None:
 
 
 def _video(row: Any, names: Mapping[str, str], files: Mapping[str, Path]) -> Video:
-    path = files[row.episode_id]
+    path = files[row.video]
     return Video(
         episode_id=row.episode_id,
         policy=names[str(row.policy_digest)],
@@ -167,17 +183,25 @@ def _video(row: Any, names: Mapping[str, str], files: Mapping[str, Path]) -> Vid
     )
 
 
-def _embed(videos: Sequence[Video], budget: int) -> tuple[tuple[Video, ...], int]:
-    """Embed the smallest videos within the budget; return all videos and the remaining budget."""
+def _embed(videos: Sequence[Video], budget: int, first: dict[Path, Video]) -> tuple[tuple[Video, ...], int]:
+    """Embed the smallest videos within the budget; return all videos and the remaining budget.
+
+    The file that several policies share is embedded with the first of them, which `first` has or gets.
+    """
+    for video in videos:
+        first.setdefault(video.path, video)
+    own = [video for video in videos if first[video.path].episode_id == video.episode_id]
     fitting: set[str] = set()
-    for video in sorted(videos, key=lambda video: (video.size, video.episode_id)):
+    for video in sorted(own, key=lambda video: (video.size, video.episode_id)):
         if video.size > budget:
             break
         budget -= video.size
         fitting.add(video.episode_id)
     embedded = []
     for video in videos:
-        if video.episode_id in fitting:
+        if first[video.path].episode_id != video.episode_id:
+            video = replace(video, same_as=first[video.path])
+        elif video.episode_id in fitting:
             frame, source = last_frame(video.path), _data_uri("video/mp4", video.path.read_bytes())
             video = replace(video, source=source, poster=None if frame is None else _still(frame))
         embedded.append(video)

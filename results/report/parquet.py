@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,10 +45,18 @@ def write_parquet(path: Path, document: RunDocument, store: Store) -> None:
             writer.write_table(pa.Table.from_arrays(arrays, schema=columns))
 
 
-def read_frame(path: Path, columns: Sequence[str] = COLUMNS) -> pd.DataFrame:
-    """Read columns of an `episodes.parquet`, texts with few values as categories."""
+def read_frame(
+    path: Path, columns: Sequence[str] = COLUMNS, where: tuple[str, Collection[str]] | None = None
+) -> pd.DataFrame:
+    """Read columns of an `episodes.parquet`, texts with few values as categories.
+
+    `where` is a column and its wanted values; by default all rows are read.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
     categories = [name for name in CATEGORIES if name in columns]
-    table = pq.read_table(path, columns=list(columns), read_dictionary=categories)
+    wanted = None if where is None else pc.field(where[0]).isin(pa.array(list(where[1]), type=pa.string()))
+    table = pq.read_table(path, columns=list(columns), read_dictionary=categories, filters=wanted)
     return table.to_pandas(split_blocks=True, self_destruct=True)

@@ -17,7 +17,7 @@ ROWS = [row(cell, seed) for seed in range(2) for cell in cells(("p",), ("maniski
 
 
 def test_each_row_gets_its_own_result_or_the_reason_why_its_simulator_gave_none(monkeypatch):
-    def run_per_simulator(generator, arguments, environments):
+    def run_per_simulator(generator, arguments, environments, time_s):
         assert {name: {row.simulator for row in rows} for name, (_, rows, _) in arguments.items()} == {
             "maniskill": {"maniskill"},
             "pybullet": {"pybullet"},
