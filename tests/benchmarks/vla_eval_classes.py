@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from vla_eval.api import serve_background
 from vla_eval.benchmarks.base import StepBenchmark, StepResult
 from vla_eval.model_servers.predict import PredictModelServer
@@ -21,6 +22,7 @@ from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
 from robogauntlet.suites.episode import Cell, Protocol
 from tests.benchmarks.shared import EXPERT_VIEW, POLICY_OPTIONS, SteppedTask
+from tests.benchmarks.vla_eval import VARIANTS
 
 _open = cache(SteppedTask)
 """The task stays open between entries of a configuration, as it does in our workers."""
@@ -29,11 +31,11 @@ _open = cache(SteppedTask)
 class GauntletTask(StepBenchmark):
     """A task, whose episodes are the seeds from 0 on. It observes after every step, which the harness sends on."""
 
-    def __init__(self, task: str, policy: str, image_format: str, culling: bool, log: str) -> None:
+    def __init__(self, task: str, policy: str, variant: str, log: str) -> None:
         super().__init__()
-        self._name, self._policy, self._log = task, policy, Path(log)
+        self._name, self._policy, self._variant, self._log = task, policy, variant, Path(log)
         self._played = _open(task, EXPERT_VIEW)
-        self._labels = {"policy": policy, "image_format": image_format, "culling": culling}
+        image_format, culling = VARIANTS[variant]
         set_image_format(image_format)
         if hasattr(self._played.simulation, "culling"):
             self._played.simulation.culling = culling
@@ -53,7 +55,7 @@ class GauntletTask(StepBenchmark):
 
     def step(self, action: dict[str, Any]) -> StepResult:
         """Step and observe."""
-        observation, reward = self._played.step(action["actions"])
+        observation, reward = self._played.step(action["actions"].view(np.float64))
         return StepResult(observation, reward, self._played.succeeded or self._played.timed_out, {})
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
@@ -67,7 +69,13 @@ class GauntletTask(StepBenchmark):
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """The outcome, which is logged with the time."""
         outcome = {"seed": self._seed, "succeeded": self._played.succeeded, "steps": self._played.steps}
-        line = {**self._labels, **outcome, "process": os.getpid(), "ended": time.time()}
+        line = {
+            "policy": self._policy,
+            "variant": self._variant,
+            "process": os.getpid(),
+            **outcome,
+            "ended": time.time(),
+        }
         with self._log.open("a") as log:  # one write of one short line
             log.write(json.dumps(line) + "\n")
         return {"success": self._played.succeeded}
@@ -90,11 +98,11 @@ class GauntletPolicies(PredictModelServer):
         self._policies[episode.policy].reset([episode])
 
     def predict(self, obs: dict[str, Any], ctx: Any) -> dict[str, Any]:
-        """The policy's chunk."""
+        """The policy's chunk. The harness converts numbers to 32 bits, so 64 are sent as two: the same actions."""
         episode = self._episodes[ctx.session_id]
         observation = Observation(obs["images"], obs["state"], obs["task_description"])
         (decision,) = self._policies[episode.policy].act([Query(episode, ctx.step, observation)])
-        return {"actions": decision.actions}
+        return {"actions": np.ascontiguousarray(decision.actions, np.float64).view(np.float32)}
 
     async def on_episode_end(self, result: dict[str, Any], ctx: Any) -> None:
         """End the policy's episode."""
