@@ -20,6 +20,7 @@ from __future__ import annotations
 import functools
 import logging
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -171,6 +172,19 @@ class ManiSkillSimulation(BaseSimulation):
         self._env = self._robot = self._tcp = self._goal = None
         self._objects = {}
         self.scene_controls = SceneControls()
+
+    def engine_time(self) -> float:
+        """Return the CPU time of PhysX alone in a control step from the present state (s).
+
+        The state is restored, except for what the solver remembers.
+        """
+        physics = self._env.scene.px
+        state, start = physics.pack(), time.process_time()
+        for _ in range(self._env.sim_freq // self._env.control_freq):
+            physics.step()
+        taken = time.process_time() - start
+        physics.unpack(state)
+        return taken
 
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
         """Convert a SAPIEN pose in the world to position (3,) and quaternion xyzw (4,) in the base frame."""

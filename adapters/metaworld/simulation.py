@@ -30,7 +30,7 @@ from robogauntlet.adapters.contract import (
     TaskDescription,
 )
 from robogauntlet.adapters.frames import hash_state
-from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, mujoco_state
+from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, engine_time, import_mujoco, mujoco_state
 from robogauntlet.suites.episode import View
 
 CAMERAS = {"third_person": "corner2", "wrist": "gripperPOV"}
@@ -115,6 +115,10 @@ class MetaWorldSimulation(BaseSimulation):
     def close(self) -> None:
         """Free the renderers."""
         self._scene.close()
+
+    def engine_time(self) -> float:
+        """Return the CPU time of MuJoCo alone in a control step from the present state (s), which stays as it is."""
+        return engine_time(self._model, self._data, self._env.frame_skip)
 
 
 SIMULATOR = Simulator(

@@ -16,7 +16,7 @@ from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
-from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, import_mujoco, no_rendering
+from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, engine_time, import_mujoco, no_rendering
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
 
@@ -110,6 +110,10 @@ class MujocoSimulation(BaseSimulation):
             position, quaternion = self._physics.pose_from_world(pose.xpos, pose.xmat)
             state |= {f"{name}_position": position, f"{name}_quaternion": quaternion}
         return state
+
+    def engine_time(self) -> float:
+        """Return the CPU time of MuJoCo alone in a control step from the present state (s), which stays as it is."""
+        return engine_time(self._model, self._data, int(self._env.control_timestep / self._env.model_timestep))
 
 
 def import_with_mujoco(extra: str, *modules: str) -> tuple[Any, ...]:

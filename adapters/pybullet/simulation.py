@@ -21,6 +21,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -207,6 +208,19 @@ class PyBulletSimulation(BaseSimulation):
             renderer=client.ER_TINY_RENDERER,
         )
         return np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)
+
+    def engine_time(self) -> float:
+        """Return the CPU time of PyBullet alone in a control step from the present state (s).
+
+        The state is restored, except for what the solver remembers.
+        """
+        state, start = self._client.saveState(), time.process_time()
+        for _ in range(self._sim.n_substeps):
+            self._client.stepSimulation()
+        taken = time.process_time() - start
+        self._client.restoreState(state)
+        self._client.removeState(state)
+        return taken
 
 
 def open(task: str, view: View) -> PyBulletSimulation:

@@ -18,6 +18,10 @@ VERBS = {
     "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
     "list": ("list:list_names", "List simulators, tasks, policies and shipped suites."),
     "doctor": ("doctor:doctor", "Check that every simulator opens and renders on this machine."),
+    "profile": (
+        "profile:profile",
+        "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
+    ),
     "report": ("report:report", "Write the report of a run again."),
     "replay": ("replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
     "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),

@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,21 +31,23 @@ from robogauntlet.suites.episode import SUCCESS_HOLD, Episode
 
 Watcher = Callable[[Simulation, int], None]
 """Called after reset and after every control step with the number of steps taken; records videos and trajectories."""
+Clock = Callable[[], float]
+"""Returns a time (s)."""
 
 
 class _Timed:
     """Adds the duration of a block (s). A class, because a generator costs four times as much at each step."""
 
-    __slots__ = ("_field", "_seconds", "_start")
+    __slots__ = ("_clock", "_field", "_seconds", "_start")
 
-    def __init__(self, seconds: dict[str, float], field: str) -> None:
-        self._seconds, self._field = seconds, field
+    def __init__(self, seconds: dict[str, float], clock: Clock, field: str) -> None:
+        self._seconds, self._clock, self._field = seconds, clock, field
 
     def __enter__(self) -> None:
-        self._start = time.perf_counter()
+        self._start = self._clock()
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self._seconds[self._field] += time.perf_counter() - self._start
+        self._seconds[self._field] += self._clock() - self._start
 
 
 def rollout(
@@ -55,6 +58,7 @@ def rollout(
     eager: bool = False,
     watcher: Watcher | None = None,
     references: ReferenceImages | None = None,
+    clock: Clock = time.perf_counter,
 ) -> EpisodeResult:
     """Play one episode.
 
@@ -70,6 +74,7 @@ def rollout(
             only the duration.
         watcher: See `Watcher`.
         references: Cached reference images of this simulation's task. They affect only the duration.
+        clock: Measures the durations in the record.
 
     Returns:
         The episode's record, without the fields that a worker fills in.
@@ -79,12 +84,13 @@ def rollout(
         AdapterError: The simulator's rewards are not finite, or a perturbation was not delivered.
         Exception: Whatever the simulator or the policy raises.
     """
-    started, began = time.time(), time.perf_counter()
+    started, began = time.time(), clock()
     seconds = dict.fromkeys(("reset_s", "physics_s", "render_s", "inference_s"), 0.0)
+    timed = partial(_Timed, seconds, clock)
     clean_simulation, simulation = simulation, perturbed(simulation, episode, references)
-    with _Timed(seconds, "reset_s"):
+    with timed("reset_s"):
         simulation.reset(episode.seed)
-    with _Timed(seconds, "inference_s"):
+    with timed("inference_s"):
         policy.reset([episode])
     if isinstance(simulation, Perturbed):
         simulation.check_start()
@@ -102,14 +108,14 @@ def rollout(
     if watcher:
         watcher(simulation, steps)
     while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
-        query = _observe(simulation, policy, episode, steps, seconds)
+        query = _observe(simulation, policy, episode, steps, timed)
         if isinstance(simulation, Perturbed) and query.observation is not None:
             simulation.check_instruction(query.observation.instruction)
-        asked = time.perf_counter()
-        with _Timed(seconds, "inference_s"):
+        asked = clock()
+        with timed("inference_s"):
             decision = _ask(policy, query)
             chunk = check_chunk(decision.actions)
-        answer_times.append(time.perf_counter() - asked)
+        answer_times.append(clock() - asked)
         if routing is None and decision.routing is not None:
             routing = check_routing(decision.routing)
         chunk = chunk[: min(protocol.replan_every, protocol.horizon - steps)]
@@ -120,7 +126,7 @@ def rollout(
         for action, row, too_far in zip(fitting, quantised, beyond, strict=True):
             actions.update(row.data)
             clipped += too_far
-            with _Timed(seconds, "physics_s"):
+            with timed("physics_s"):
                 outcome = simulation.step(action)
             steps += 1
             reward += outcome.reward
@@ -132,7 +138,7 @@ def rollout(
             if held >= SUCCESS_HOLD or terminated:
                 break
             if eager:
-                with _Timed(seconds, "render_s"):
+                with timed("render_s"):
                     clean_simulation.observe()
     policy.finish([episode])
     delivered = simulation.delivered() if isinstance(simulation, Perturbed) else Delivered(None)
@@ -154,7 +160,7 @@ def rollout(
         delivered=None if delivered.value is None else round(delivered.value, 6),
         delivered_statistics=_statistics_text(delivered.statistics) if delivered.statistics else None,
         started_at=started,
-        wall_s=time.perf_counter() - began,
+        wall_s=clock() - began,
         **seconds,
     )
 
@@ -184,13 +190,15 @@ def _statistics_text(statistics: Mapping[str, float]) -> str:
     return json.dumps(plain, sort_keys=True)
 
 
-def _observe(simulation: Simulation, policy: Policy, episode: Episode, step: int, seconds: dict[str, float]) -> Query:
+def _observe(
+    simulation: Simulation, policy: Policy, episode: Episode, step: int, timed: Callable[[str], _Timed]
+) -> Query:
     match policy.spec.sees:
         case PolicyInput.OBSERVATION:
-            with _Timed(seconds, "render_s"):
+            with timed("render_s"):
                 return Query(episode, step, observation=simulation.observe())
         case PolicyInput.PRIVILEGED_STATE:
-            with _Timed(seconds, "physics_s"):
+            with timed("physics_s"):
                 return Query(episode, step, privileged_state=simulation.privileged_state())
         case PolicyInput.NOTHING:
             return Query(episode, step)

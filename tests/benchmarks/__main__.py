@@ -19,8 +19,9 @@ BENCHMARKS = (
     "workers",
 )
 LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale", "shifted_routing")
+INSTALLS = ("vla_eval",)
 NEED_DEMONSTRATIONS = ("merges", "training_controls")
-ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS)
+ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
 FOLDER = Path("runs/bench")
 

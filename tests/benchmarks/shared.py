@@ -6,17 +6,23 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import Simulation
+from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.suites.episode import Cell, Episode, Protocol, View
+from robogauntlet.suites.episode import SUCCESS_HOLD, Cell, Episode, Protocol, RenderProfile, View
 from tests.processes import GAUNTLET
 
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
+UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
+POLICY_OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
+"""The untrained network executes 8 actions per query and never succeeds; experts as many as their metadata say."""
+EXPERT_VIEW = View(render_profile=RenderProfile.FAST)
 
 
 def open_task(task: str, view: View) -> Simulation:
@@ -24,6 +30,39 @@ def open_task(task: str, view: View) -> Simulation:
     for simulator in catalog.simulators().values():
         os.environ.update(worker_environment(simulator))
     return catalog.open_simulation(task, view)
+
+
+class SteppedTask:
+    """A task as evaluation loops commonly have it: every step returns the images."""
+
+    def __init__(self, task: str, view: View) -> None:
+        self.simulation = open_task(task, view)
+        self.horizon = catalog.task_descriptions()[task].horizon
+        self._low, self._high = self.simulation.action_spec.low, self.simulation.action_spec.high
+        self.steps = self._held = 0
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the task's predicate has held for long enough."""
+        return self._held >= SUCCESS_HOLD
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the horizon is reached."""
+        return self.steps >= self.horizon
+
+    def reset(self, seed: int) -> Observation:
+        """Start the seed's episode and observe."""
+        self.simulation.reset(seed)
+        self.steps = self._held = 0
+        return self.simulation.observe()
+
+    def step(self, action: FloatArray) -> tuple[Observation, float]:
+        """Step and observe; return the reward too."""
+        outcome = self.simulation.step(np.clip(action, self._low, self._high))
+        self.steps += 1
+        self._held = self._held + 1 if outcome.success else 0
+        return self.simulation.observe(), outcome.reward
 
 
 def episodes(task: str, policy: str, view: View, count: int, *, horizon: int = 40) -> Iterator[Episode]:

@@ -20,20 +20,11 @@ from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
-from robogauntlet.suites.episode import SUCCESS_HOLD, RenderProfile, View
-from tests.benchmarks.shared import duration_s, episodes, open_task, play_suite, table_of
+from tests.benchmarks.shared import EXPERT_VIEW as VIEW
+from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, SteppedTask, duration_s, episodes, play_suite, table_of
 
-UNTRAINED, EXPERTS = "untrained", "mergevla-experts"
-PAIRS = (
-    ("pybullet/PandaPush-v3", UNTRAINED),
-    ("robosuite/Lift", UNTRAINED),
-    ("pybullet/PandaPickAndPlace-v3", EXPERTS),
-    ("robosuite/Stack", EXPERTS),
-)
-"""The untrained network executes 8 actions per query and never succeeds; experts as many as their metadata say."""
-OPTIONS: dict[str, dict[str, str]] = {UNTRAINED: {}, EXPERTS: {"folder": "zoo:experts"}}
+PAIRS = tuple((task, policy) for task in TASKS for policy in POLICY_OPTIONS)
 PROCESSES, EPISODES = 2, 24
-VIEW = View(render_profile=RenderProfile.FAST)
 SUITE = """
 name: vector-env
 policies: [{{kind: {policy}, options: {options}}}]
@@ -48,9 +39,8 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
     """A task as an environment with image observations."""
 
     def __init__(self, task: str) -> None:
-        self._simulation, self._steps, self._held = open_task(task, VIEW), 0, 0
-        self._horizon = catalog.task_descriptions()[task].horizon
-        spec = self._simulation.action_spec
+        self._task = SteppedTask(task, VIEW)
+        spec = self._task.simulation.action_spec
         frame = spaces.Box(0, 255, (VIEW.image_size, VIEW.image_size, 3), np.uint8)
         state = spaces.Box(-np.inf, np.inf, (8,), np.float64)
         self.observation_space = spaces.Dict({"state": state} | dict.fromkeys(VIEW.cameras, frame))
@@ -59,33 +49,28 @@ class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], Any]:
         """Start the seed's episode."""
         assert seed is not None
-        self._simulation.reset(seed)
-        self._steps = self._held = 0
-        return self._observation(), {}
+        return _as_dict(self._task.reset(seed)), {}
 
     def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         """Step and observe."""
-        outcome = self._simulation.step(action)
-        self._steps += 1
-        self._held = self._held + 1 if outcome.success else 0
-        return self._observation(), outcome.reward, self._held >= SUCCESS_HOLD, self._steps >= self._horizon, {}
+        observation, reward = self._task.step(action)
+        return _as_dict(observation), reward, self._task.succeeded, self._task.timed_out, {}
 
     def close(self) -> None:
         """End the simulation."""
-        self._simulation.close()
+        self._task.simulation.close()
 
-    def _observation(self) -> dict[str, Any]:
-        observation = self._simulation.observe()
-        return {"state": observation.proprioception, **observation.images}
+
+def _as_dict(observation: Observation) -> dict[str, Any]:
+    return {"state": observation.proprioception, **observation.images}
 
 
 def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
     """Duration of all episodes in batches without start-up (s), their successes, and the length of a chunk."""
     make = partial(ToGymnasium, task)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
-    policy, succeeded = load(kind, OPTIONS[kind]), list[bool]()
+    policy, succeeded = load(kind, POLICY_OPTIONS[kind]), list[bool]()
     instruction = catalog.task_descriptions()[task].instruction
-    low, high = batch.single_action_space.low, batch.single_action_space.high  # type: ignore[attr-defined]
     everything = list(episodes(task, kind, VIEW, EPISODES))
 
     def query(seen: Any, own: Any, step: int) -> Any:
@@ -110,7 +95,7 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
         while not over.all():
             if step % chunk == 0:
                 chunks = query(seen, own, step)
-            seen, _, terminated, truncated, _ = batch.step(np.clip(chunks[:, step % chunk], low, high))
+            seen, _, terminated, truncated, _ = batch.step(chunks[:, step % chunk])
             won |= terminated & ~over
             over |= terminated | truncated
             step += 1
@@ -123,7 +108,7 @@ def plain(task: str, kind: str) -> tuple[float, list[bool], int]:
 
 def ours(task: str, kind: str) -> tuple[float, list[bool]]:
     """Time from the first episode's start to the last one's end in a run (s), and the successes."""
-    options = json.dumps(OPTIONS[kind])
+    options = json.dumps(POLICY_OPTIONS[kind])
     text = SUITE.format(task=task, policy=kind, options=options, episodes=EPISODES, processes=PROCESSES)
     rows = sorted(play_suite(text), key=lambda row: row.seed)
     return duration_s(rows), [row.status == "success" for row in rows]

@@ -69,3 +69,10 @@ def test_a_run_still_needs_a_simulator(suite, tmp_path):
     assert done.returncode == 2
     assert "pybullet: not installed (no module" in done.stderr
     assert not (tmp_path / "run").exists()
+
+
+def test_so_does_a_profile(suite):
+    done = run_without_simulators("profile", suite)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("robogauntlet: pybullet: not installed (no module")
