@@ -1,9 +1,13 @@
 """Runs all benchmarks, or those named: `python -m tests.benchmarks rendering bare_loop`."""
 
 import json
+import os
 import platform
+import re
 import subprocess
 import sys
+from datetime import date
+from importlib import metadata
 from pathlib import Path
 
 BENCHMARKS = (
@@ -24,6 +28,24 @@ NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
 FOLDER = Path("runs/bench")
+CODE = """
+import json
+from tests.benchmarks import {name} as benchmark, shared
+rows = benchmark.measure()
+print("bench:" + json.dumps({{"columns": shared.COLUMNS, "rows": rows}}))
+"""
+PACKAGES = ("mujoco", "robosuite", "sapien", "mani-skill", "pybullet", "torch", "ray")
+
+
+def machine() -> str:
+    """Cores and model of the processor."""
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
+    return f"{len(os.sched_getaffinity(0))} cores of {model[1] if model else platform.processor()}"
+
+
+def versions() -> dict[str, str]:
+    """Versions of the simulators and of what plays them."""
+    return {name: metadata.version(name) for name in PACKAGES}
 
 
 def main() -> None:
@@ -35,12 +57,13 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name in wanted:
         print(f"\n== {name}", flush=True)
-        code = f"from tests.benchmarks.{name} import measure; import json; print('bench:' + json.dumps(measure()))"
+        code = CODE.format(name=name)
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         assert process.stdout is not None
         for line in process.stdout:
             if line.startswith("bench:"):
-                result = {"machine": platform.platform(), "rows": json.loads(line.removeprefix("bench:"))}
+                result = {"date": str(date.today()), "machine": machine(), "versions": versions()}
+                result |= json.loads(line.removeprefix("bench:"))
                 (FOLDER / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
             else:
                 print(line, end="", flush=True)

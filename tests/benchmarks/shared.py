@@ -102,6 +102,12 @@ def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip(), flush=True)
 
 
+COLUMNS: dict[str, str] = {}
+"""Those of the latest table."""
+
+
 def table_of(rows: Sequence[Mapping[str, object]], columns: Mapping[str, str]) -> None:
     """Print rows as a table; each column has a heading and a format with the keys of a row."""
+    COLUMNS.clear()
+    COLUMNS.update(columns)
     table(tuple(columns), [tuple(text.format(**row) for text in columns.values()) for row in rows])
