@@ -11,11 +11,11 @@ from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 
 
-def play(suite, folder, *, progress=Progress, out=None, part=None, **options):
+def play(suite, folder, *, progress=Progress, out=None, part=None, on_numbers=lambda outcome: None, **options):
     """Play the suite file into the folder, by default without media."""
     plan = make_plan(suite, part=part) if part else make_plan(suite)
     console = Console(file=out or io.StringIO(), force_terminal=False, width=200)
-    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console))
+    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console), on_numbers)
 
 
 def rows_of(folder, url=None):
