@@ -267,7 +267,6 @@ class RunSession:
             return bool(missing)
         limit = f", for at most {format_duration(left_s)}" if left_s < math.inf else ""
         self._progress.log(f"recording {len(pending)} videos and snapshots{limit}")
-        simulators = {item.simulator for item in pending}
         with self._progress.recording(len(pending), end) as bar:
 
             def on_recorded(warning: str | None) -> None:
@@ -277,7 +276,7 @@ class RunSession:
                 bar.advance()
                 self._observer.on_media_tick()
 
-            self._ray.enter_context(ray_session(address=self._options.address, workers=len(simulators)))
+            self._ray.enter_context(ray_session(address=self._options.address, workers=0))
             left_s, environments = end - time.monotonic(), self._plan.environments
             record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
         taken = format_duration(time.monotonic() - self._began)
