@@ -135,9 +135,7 @@ def _print_numbers(outcome: RunOutcome) -> None:
 def _conclude(outcome: RunOutcome, command: str) -> None:
     document = outcome.document
     if document.media_left_out and not outcome.media_interrupted:
-        print_line(
-            f"{document.media_left_out} videos and snapshots were left out; they are recorded by: {command} --media"
-        )
+        print_line(f"{document.media_left_out} videos and snapshots were left out; to record all: {command} --media")
     if outcome.media_interrupted or document.status is RunStatus.INTERRUPTED:
         fail(f"interrupted; continue with: {command}")
         raise typer.Exit(EXIT_INTERRUPTED)

@@ -132,6 +132,8 @@ class RunSession:
         if options.retry_errors:
             self._store.forget_errors()
         self._observer = RunObserver(document, plan.unavailable, progress, self._history_writer, self._save_elapsed)
+        self._start_s: dict[str, float] = {}
+        """Simulator to the time that its latest worker took from its start to its first result."""
         self._status = RunStatus.COMPLETE
         self._reason: str | None = None
         self._phase = "elapsed_s"
@@ -188,7 +190,9 @@ class RunSession:
             while work:
                 pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments)
                 queues = work_queues(work, suite.max_attempts)
-                Scheduler(queues, pool, scheduling, sink=self._store.add, observer=self._observer).run()
+                scheduler = Scheduler(queues, pool, scheduling, sink=self._store.add, observer=self._observer)
+                scheduler.run()
+                self._start_s |= scheduler.start_s
                 before, work = work, self._remaining_work() if suite.adaptive else []
                 if work == before:  # the remaining episodes cannot be played here
                     break
@@ -253,13 +257,15 @@ class RunSession:
         """Record missing videos and snapshots, as many as their time allows. Returns whether any were missing."""
         from robogauntlet.orchestrator.replay.media import record_media
 
-        pending = self._pending_media()
-        self._left_out, simulators = len(pending), {item.simulator for item in pending}
-        time_s = math.inf if self._options.media else MEDIA_SHARE * self._document.elapsed_s
-        end = self._began + time_s - self._document.media_s
-        if not pending or end < time.monotonic():
-            return bool(pending)
-        limit = f", for at most {format_duration(end - time.monotonic())}" if end < math.inf else ""
+        missing = self._pending_media()
+        self._left_out = len(missing)
+        share_s = math.inf if self._options.media else MEDIA_SHARE * self._document.elapsed_s
+        end = self._began + share_s - self._document.media_s
+        left_s = end - time.monotonic()
+        pending = [item for item in missing if self._start_s.get(item.simulator, 0.0) < left_s]
+        if not pending:
+            return bool(missing)
+        limit = f", for at most {format_duration(left_s)}" if left_s < math.inf else ""
         self._progress.log(f"recording {len(pending)} videos and snapshots{limit}")
         with self._progress.recording(len(pending), end) as bar:
 
@@ -270,11 +276,11 @@ class RunSession:
                 bar.advance()
                 self._observer.on_media_tick()
 
-            self._ray.enter_context(ray_session(address=self._options.address, workers=len(simulators)))
+            self._ray.enter_context(ray_session(address=self._options.address, workers=0))
             left_s, environments = end - time.monotonic(), self._plan.environments
             record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
         taken = format_duration(time.monotonic() - self._began)
-        self._progress.log(f"recorded {len(pending) - self._left_out} videos and snapshots in {taken}")
+        self._progress.log(f"recorded {len(missing) - self._left_out} videos and snapshots in {taken}")
         return True
 
     def _write(self, done: int) -> RunOutcome:

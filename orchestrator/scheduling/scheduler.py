@@ -122,6 +122,8 @@ class Scheduler(Generic[Result]):
     """Stores results, or raises."""
     observer: Observer[Result]
     now: Callable[[], float] = time.monotonic
+    start_s: dict[str, float] = field(default_factory=dict, init=False)
+    """Simulator to the time that its latest worker took from its start to its first result."""
 
     _slots: list[_Slot] = field(default_factory=list, init=False)
     _idle: list[_Slot] = field(default_factory=list, init=False)
@@ -131,8 +133,6 @@ class Scheduler(Generic[Result]):
     """Simulator to its number of busy slots."""
     _failed_starts: Counter[str] = field(default_factory=Counter, init=False)
     """Simulator to the number of workers that died at their start since one succeeded."""
-    _start_s: dict[str, float] = field(default_factory=dict, init=False)
-    """Simulator to the time that its latest worker took from its start to its first result."""
     _unsaved: list[Result] = field(default_factory=list, init=False)
     _saved_at: float = field(default=0.0, init=False)
     _grown_at: float = field(default=0.0, init=False)
@@ -249,7 +249,7 @@ class Scheduler(Generic[Result]):
         if slot.bound or (slot.simulator and self.work[slot.simulator].waiting) or not self._waiting:
             return slot.simulator
         backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
-        return next_simulator(backlogs, self._start_s) or slot.simulator
+        return next_simulator(backlogs, self.start_s) or slot.simulator
 
     def _process_events(self) -> None:
         """Wait briefly for events and handle them."""
@@ -282,7 +282,7 @@ class Scheduler(Generic[Result]):
             case worker_pool.EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
                 lease = slot.lease
                 if not slot.played:
-                    self._start_s[slot.simulator] = self.now() - slot.started_at
+                    self.start_s[slot.simulator] = self.now() - slot.started_at
                 slot.finished += len(results)
                 slot.played += len(results)
                 slot.memory_bytes = memory_bytes

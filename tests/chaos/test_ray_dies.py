@@ -73,13 +73,13 @@ def suite(tmp_path):
 
 def test_ray_is_restarted_while_media_are_recorded_and_no_video_is_missing(start, suite, tmp_path):
     folder = tmp_path / "run"
-    command = start("run", suite, "--out", folder)
-    command.kill_raylet_when(lambda: "recording a success" in command.log.read_text())
+    command = start("run", suite, "--out", folder, "--media")
+    command.kill_raylet_when(lambda: "recording 2 videos" in command.log.read_text())
     assert command.end() == (0, [])
     assert "it was started again" in command.log.read_text()
     document = read_run(folder)
     assert document.status is RunStatus.COMPLETE
-    assert start("run", suite, "--out", tmp_path / "undisturbed").end() == (0, [])
+    assert start("run", suite, "--out", tmp_path / "undisturbed", "--media").end() == (0, [])
 
     def videos(run):
         return {path.name for path in (run / "media").rglob("*") if path.is_file()}

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -151,6 +152,17 @@ def test_run_replay_and_report(tmp_path, suite):
 
     output = run_gauntlet("plan", suite, "--out", folder).stdout
     assert "10 episodes, 0 to play" in output
+
+    shutil.rmtree(folder / "media")
+    command = f"robogauntlet run {suite} --out {folder}"
+    slow = json.loads((folder / "run.json").read_text())
+    (folder / "run.json").write_text(json.dumps(slow | {"media_s": 1000.0}))
+    output = run_gauntlet("run", suite, "--out", folder).stdout
+    assert f"2 videos and snapshots were left out; to record all: {command} --media" in output
+    done = run_gauntlet("run", suite, "--out", folder, "--media")
+    assert done.stdout.index("10 of 10 episodes") < done.stdout.index("recorded 2 videos and snapshots in")
+    assert "left out" not in done.stdout
+    assert len(list((folder / "media/videos").iterdir())) == 2
 
 
 @pytest.mark.ray

@@ -40,7 +40,8 @@ def nightly_run(root: Path, number: int, started_at: float, *, version=1, rate=0
         level = rate - 0.1 * POLICIES.index(cell.policy)
         for seed in range(seeds):
             won = random.Random(f"{version} {cell.policy} {cell.task} {seed}").random() < level
-            results.append(row(cell, seed, "success" if won else "failure", actions_hash=content_hash([version, seed])))
+            acts = content_hash([version, cell.policy, seed])
+            results.append(row(cell, seed, "success" if won else "failure", actions_hash=acts))
     run = document(
         seeds,
         of=of,

@@ -2,6 +2,7 @@
 
 import re
 import time
+from pathlib import Path
 
 import pytest
 
@@ -9,8 +10,8 @@ from robogauntlet.orchestrator.schedules.schedule import Schedule, State
 from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
 from tests.orchestrator.dashboard.conftest import fill, serving
-from tests.orchestrator.dashboard.filled import live_status, nightly_run, running
-from tests.results.synthetic import document
+from tests.orchestrator.dashboard.filled import add_videos, live_status, nightly_run, running
+from tests.results.synthetic import cells, document, row, run_folder
 
 
 @pytest.fixture
@@ -48,6 +49,15 @@ def test_a_silent_run_is_not_shown_as_running(served):
         assert "silent for 7 min" in page
         assert "pill running" not in page
     assert served.get("/api/live").json()["runs"][0]["state"] == "silent"
+
+
+def test_a_complete_run_that_records_videos_says_so(served):
+    run = document(4, run_id="done-1")
+    served.history.record(run, Path("/nowhere/done-1"))
+    served.history.write_live_status("done-1", live_status().model_copy(update={"phase": "recording videos"}))
+    assert "complete, recording videos" in served.get("/runs").text
+    served.history.record(run, Path("/nowhere/done-1"))
+    assert "recording videos" not in served.get("/runs").text
 
 
 def test_the_live_status_is_available_as_json(served):
@@ -198,6 +208,18 @@ def test_videos_of_failures_are_shown_and_filtered(filled):
     assert "<video" in filled.get(f"/failures?task={failed.task}&policy={failed.policy}").text
     assert "<video" not in filled.get("/failures?policy=unknown").text
     assert "<video" not in filled.get(f"/failures?run={filled.made[0][1].run_id}").text
+
+
+def test_a_video_that_policies_share_is_shown_for_each(served, tmp_path):
+    plan = cells(("experts", "merged"), ("robosuite/Lift",))
+    failed = [row(cell, 0, "failure", actions_hash="same") for cell in plan]
+    run = document(1, plan, run_id="shared")
+    folder = run_folder(tmp_path / "shared", run, failed)
+    add_videos(folder, run, failed[:1])
+    served.history.record(run, folder)
+    page = served.get("/failures?run=shared").text
+    assert len(set(re.findall(r'<video[^>]* src="([^"]+)"', page))) == 1
+    assert re.findall(r'aria-label="Failure of (\w+) on', page) == ["experts", "merged"]
 
 
 def test_a_part_of_a_video_can_be_requested(filled):

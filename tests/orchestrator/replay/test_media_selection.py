@@ -1,7 +1,14 @@
 """The episodes that get a video, and the conditions that get a snapshot."""
 
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot
-from robogauntlet.orchestrator.replay.media_selection import condition_snapshots, new_failures, representative_episodes
+from robogauntlet.orchestrator.replay.media import pending_media
+from robogauntlet.orchestrator.replay.media_selection import (
+    condition_snapshots,
+    new_failures,
+    recording_order,
+    representative_episodes,
+)
+from robogauntlet.results.media_paths import video_path
 from robogauntlet.suites.episode import Condition, View
 from tests.results.synthetic import cells, row
 
@@ -63,6 +70,39 @@ def test_each_axis_simulator_and_policy_has_its_own_new_failure():
 def test_controls_and_errors_are_no_new_failures():
     rows = [row(cell(), 0), row(cell(condition=Condition("blind", 1)), 0, "failure")]
     assert chosen([*rows, row(cell(condition=BLUR2), 0, "error")]) == []
+
+
+PULL = "maniskill/PullCube-v1"
+
+
+def played(policy, status="success", *, task=PUSH, seed=0, acts="same"):
+    return row(cell(task, policy=policy), seed, status, actions_hash=acts)
+
+
+def test_policies_that_acted_identically_share_a_video(tmp_path):
+    rows = [played(name) for name in ("a", "b", "c")] + [played("d", acts="else"), played("e", seed=1)]
+    recorded = [(r.policy, r.seed) for r in recording_order(representative_episodes(rows))]
+    assert sorted(recorded) == [("a", 0), ("d", 0), ("e", 1)]
+    assert len(pending_media(tmp_path, lambda: rows, (), [])) == 3
+    file = video_path(tmp_path, rows[1].episode_id)
+    file.parent.mkdir(parents=True)
+    file.touch()
+    assert {r.policy for r in pending_media(tmp_path, lambda: rows, (), [])} == {"d", "e"}
+
+
+def test_tasks_and_outcomes_take_turns_and_videos_of_many_policies_come_first():
+    rows = [
+        *(played(name, task=PULL) for name in ("b", "c")),
+        played("a", task=PULL, acts="else"),
+        played("d", "failure", task=PULL, acts="failing"),
+        *(played(name, acts=name) for name in ("a", "b")),
+        played("c", "failure", acts="failing"),
+    ]
+    assert [(r.task, r.policy) for r in recording_order(rows)] == [
+        *((PULL, "b"), (PUSH, "a")),
+        *((PUSH, "c"), (PULL, "d")),
+        *((PULL, "a"), (PUSH, "b")),
+    ]
 
 
 def test_snapshots_have_every_severity_on_each_simulators_first_task():

@@ -74,3 +74,16 @@ def test_only_a_complete_video_has_its_name(tmp_path):
     assert not path.exists()
     record(path, interrupted=False)
     assert [file.name for file in path.parent.iterdir()] == ["a.mp4"]
+
+
+@pytest.mark.parametrize(("control_hz", "steps", "frames"), [(20, 40, 21), (25, 40, 21), (20, 240, 61), (5, 40, 41)])
+def test_a_video_has_about_ten_frames_a_second_and_at_most_about_sixty(tmp_path, control_hz, steps, frames):
+    drawn = []
+    shown = SimpleNamespace(
+        picture=lambda: drawn.append(0) or np.zeros((256, 256, 3), np.uint8),
+        action_spec=SimpleNamespace(control_hz=control_hz),
+    )
+    with VideoRecorder(tmp_path / "a.mp4", steps=steps) as recorder:
+        for step in range(steps + 1):
+            recorder(shown, step)
+    assert len(drawn) == frames

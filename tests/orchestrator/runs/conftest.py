@@ -1,6 +1,10 @@
-"""Files of suites."""
+"""Files of suites, and runs of them."""
+
+import shutil
 
 import pytest
+
+from tests.orchestrator.runs.playing import SUITE, Run, play
 
 
 @pytest.fixture
@@ -13,3 +17,28 @@ def suite_file(tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def suite(suite_file):
+    return lambda text=SUITE, **more: suite_file(text, **more)
+
+
+@pytest.fixture
+def run(tmp_path):
+    return Run(tmp_path / "run")
+
+
+@pytest.fixture(scope="module")
+def finished_folder(tmp_path_factory, ray_here):
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "suite.yaml").write_text(SUITE)
+    play(folder / "suite.yaml", folder / "run")
+    return folder / "run"
+
+
+@pytest.fixture
+def finished(run, finished_folder):
+    """A run whose folder holds a finished run of the suite."""
+    shutil.copytree(finished_folder, run.folder)
+    return run

@@ -10,12 +10,20 @@ from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 
+SUITE = """
+name: nulls
+policies: [oracle, random]
+tasks: [null/Reach]
+seeds: {count: 20}
+workers: 2
+"""
 
-def play(suite, folder, *, progress=Progress, out=None, part=None, **options):
+
+def play(suite, folder, *, progress=Progress, out=None, part=None, on_numbers=lambda outcome: None, **options):
     """Play the suite file into the folder, by default without media."""
     plan = make_plan(suite, part=part) if part else make_plan(suite)
     console = Console(file=out or io.StringIO(), force_terminal=False, width=200)
-    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console))
+    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console), on_numbers)
 
 
 def rows_of(folder, url=None):
@@ -24,3 +32,17 @@ def rows_of(folder, url=None):
     rows = list(store.results())
     store.close()
     return rows
+
+
+class Run:
+    """Plays suites into a folder."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.output = io.StringIO()
+
+    def __call__(self, suite, **options):
+        return play(suite, self.folder, out=self.output, **options)
+
+    def rows(self, store=None):
+        return rows_of(self.folder, store)

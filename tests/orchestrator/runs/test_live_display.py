@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.text import Text
 
 from robogauntlet.orchestrator.runs.live_display import PLAIN_EVERY_S, Display
+from robogauntlet.orchestrator.runs.progress import RecordingProgress
 
 
 def shown(terminal, *, transient=False):
@@ -31,3 +32,16 @@ def test_on_a_terminal_the_last_display_remains():
 
 def test_a_transient_display_is_removed():
     assert shown(terminal=True, transient=True).rstrip().endswith("\x1b[2K")
+
+
+def test_a_recording_shows_the_time_until_its_end_or_until_all_is_recorded():
+    output, clock = StringIO(), [0.0]
+    console = Console(file=output, width=80)
+    with RecordingProgress(console, 10, end=60.0, now=lambda: clock[0]) as progress:
+        for clock[0] in (10.0, 20.0, 59.0):
+            progress.advance()
+    assert output.getvalue().splitlines() == [
+        "recording: 1/10  50 s left",
+        "recording: 2/10  40 s left",
+        "recording: 3/10",
+    ]

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from robogauntlet.orchestrator.replay.media_selection import shared_by
 from robogauntlet.orchestrator.runs.plan import find_suite
 from robogauntlet.results.record import Status
 from robogauntlet.results.report import ReportPaths
@@ -43,7 +44,8 @@ def test_replays_for_videos_end_like_the_rows_and_every_condition_has_a_snapshot
     page = (played.folder / "report.html").read_text()
     assert page.count(": clean" + chr(34)) == 3 * len(SEEN)
     videos = {path.stem for path in (played.folder / "media/videos").glob("*.mp4")}
-    recorded = {(row.task, row.policy, row.status) for row in rows if row.episode_id in videos}
+    shown = {shared_by(row) for row in rows if row.episode_id in videos}
+    recorded = {(row.task, row.policy, row.status) for row in rows if shared_by(row) in shown}
     assert recorded == {(row.task, row.policy, row.status) for row in rows}
     assert page.count("data:video/mp4") == len(videos)
     assert "Recorded failures of episodes that succeed under the clean condition" in page

@@ -1,9 +1,7 @@
 """A run folder: created, continued, refused, and always readable."""
 
-import io
 import itertools
 import os
-import shutil
 import subprocess
 import time
 from dataclasses import replace
@@ -24,55 +22,9 @@ from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RunError, RunStatus, read_run, write_run
 from robogauntlet.results.store.episode_store import StoreError
 from robogauntlet.suites.loading import SuiteError
-from tests.orchestrator.runs.playing import play, rows_of
+from tests.orchestrator.runs.playing import SUITE, Run
 
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
-SUITE = """
-name: nulls
-policies: [oracle, random]
-tasks: [null/Reach]
-seeds: {count: 20}
-workers: 2
-"""
-
-
-@pytest.fixture
-def suite(suite_file):
-    return lambda text=SUITE, **more: suite_file(text, **more)
-
-
-class Run:
-    """Plays suites into a folder."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        self.output = io.StringIO()
-
-    def __call__(self, suite, **options):
-        return play(suite, self.folder, out=self.output, **options)
-
-    def rows(self, store=None):
-        return rows_of(self.folder, store)
-
-
-@pytest.fixture
-def run(tmp_path):
-    return Run(tmp_path / "run")
-
-
-@pytest.fixture(scope="module")
-def finished_folder(tmp_path_factory, ray_here):
-    folder = tmp_path_factory.mktemp("finished")
-    (folder / "suite.yaml").write_text(SUITE)
-    play(folder / "suite.yaml", folder / "run")
-    return folder / "run"
-
-
-@pytest.fixture
-def finished(run, finished_folder):
-    """A run whose folder holds a finished run of the suite."""
-    shutil.copytree(finished_folder, run.folder)
-    return run
 
 
 def test_a_run_is_not_continued_into_another_store(run, suite, tmp_path):
@@ -305,25 +257,6 @@ def test_a_full_disk_stops_the_run_which_can_be_continued(tiny_disk, suite, tmp_
     subprocess.run(["mount", "-o", "remount,size=100m", str(tiny_disk)], check=True)
     outcome = run(path)
     assert (outcome.document.status, outcome.done) == (RunStatus.COMPLETE, 1200)
-
-
-def test_videos_of_a_success_and_a_failure_are_recorded_by_replay(run, suite):
-    outcome = run(suite(), media=True)
-    videos = {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
-    rows = {row.episode_id: (row.policy, row.status, row.seed) for row in run.rows()}
-    assert sorted(rows[video] for video in videos) == [("oracle", "success", 0), ("random", "failure", 0)]
-    assert (run.folder / "media/pictures/null__Reach.png").exists()
-    assert outcome.warnings == []
-
-
-def test_missing_videos_of_a_complete_run_are_recorded_once(finished, suite):
-    run, path = finished, suite()
-    assert not (run.folder / "media").exists()
-    assert run(path, media=True).warnings == []
-    videos = {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")}
-    assert len(videos) == 2
-    run(path, media=True)
-    assert {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")} == videos
 
 
 def test_the_place_of_inference_is_chosen_shown_and_recorded(run, suite):

@@ -6,13 +6,14 @@ import time
 
 import pytest
 
-from robogauntlet.orchestrator.schedules.run_process import conclude, is_running, remove_old
+from robogauntlet.orchestrator.schedules.run_process import RunProcess, conclude, is_running, remove_old
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
+from tests import ROOT
 from tests.chaos.schedules import played, serve_and_kill
 from tests.results.synthetic import document, run_folder
 
@@ -129,6 +130,49 @@ def test_missed_runs_are_caught_up_as_the_schedule_says(service):
     assert set(due["skip"]) == {State.MISSED}
     assert service.notified() == ["MISSED", "MISSED"]
     assert f"MISSED: {len(due['skip'])} runs of skip" in [message.title for message in service.sent]
+
+
+RECORDS_VIDEOS = """
+import sys, time
+from pathlib import Path
+from robogauntlet.results.run_document import RunStatus
+from tests.results.synthetic import document, run_folder
+folder = Path(sys.argv[1])
+run_folder(folder, document(4, run_id="run-1", status=RunStatus.STOPPED, reason="a test", name="nights"), [])
+(folder / "report.html").touch()
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("by_server", [True, False])
+def test_a_run_is_concluded_before_its_videos_are_recorded(service, by_server, monkeypatch):
+    def begin(schedule, scheduled_run, history_url):
+        command = [sys.executable, "-c", RECORDS_VIDEOS, scheduled_run.folder]
+        processes.append(subprocess.Popen(command, cwd=ROOT))
+        return RunProcess(schedule, scheduled_run, processes[0])
+
+    def send(message):
+        service.sent.append(message)
+        assert processes[0].poll() is None
+        if not by_server:
+            processes[0].terminate()
+
+    processes = []
+    monkeypatch.setattr("robogauntlet.orchestrator.schedules.server.begin", begin)
+    schedule = service.add(cron="0 0 1 1 *")
+    scheduled_run = service.trigger(schedule)
+    server = service.server(send=send)
+    if by_server:
+        service.settle(server)
+        service.trigger(schedule, 1)
+        server.step()
+        assert service.states() == ["failed", "due"]
+        server.stop()
+    else:
+        server.play(schedule, scheduled_run)
+        assert service.states() == ["failed"]
+    assert processes[0].poll() is not None
+    assert service.notified() == ["STOPPED"]
 
 
 def test_two_runs_of_a_suite_never_overlap(service):

@@ -11,7 +11,7 @@ from robogauntlet.results.report import write_report
 from robogauntlet.results.report.media import collect_media
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.suites.episode import Condition
-from tests.results.synthetic import cells, document, rows_where, run_folder
+from tests.results.synthetic import cells, document, row, rows_where, run_folder
 
 CLEAN, BLUR2, BLUR4 = Condition(), Condition("blur", 2), Condition("blur", 4)
 TASKS = ("maniskill/PushCube-v1", "robosuite/Lift")
@@ -81,6 +81,23 @@ def test_an_axis_that_shows_nothing_has_no_strip(folder):
         save_snapshot(folder, TASKS[0], condition, 50)
     save_snapshot(folder, TASKS[1], BLUR2, 60)  # without a clean one to compare it with
     assert media(folder).strips == {}
+
+
+def test_a_video_that_policies_share_is_embedded_once_and_linked_from_each(tmp_path):
+    plan = cells(("experts", "merged", "other"), TASKS)
+    shared = [row(cell, 0, actions_hash="same" if cell.policy != "other" else "else") for cell in plan]
+    folder = run_folder(tmp_path / "shared", document(1, plan), shared)
+    merged = next(cell for cell in plan if (cell.policy, cell.task) == ("merged", TASKS[0]))
+    save_video(folder, merged, 0)
+    page = write_report(folder).paths.html.read_text()
+    shown = next(cell for cell in plan if (cell.policy, cell.task) == ("experts", TASKS[0])).episode(0).id
+    assert page.count("data:video/mp4") == page.count(f'<video id="video-{shown}"') == 1
+    assert page.count(f'<a class="absent" href="#video-{shown}">acts as<br>experts</a>') == 1
+    found = collect_media(folder, document(1, plan), read_frame(folder / "episodes.parquet")).representative
+    assert [(video.policy, video.path.stem) for video in found] == [
+        ("experts", merged.episode(0).id),
+        ("merged", merged.episode(0).id),
+    ]
 
 
 class Pictures(HTMLParser):

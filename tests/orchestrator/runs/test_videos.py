@@ -1,0 +1,91 @@
+"""Videos and snapshots of a run: after its numbers, in a share of its time, and continued."""
+
+import pytest
+
+from robogauntlet.orchestrator.runs.run_observer import RunObserver
+from robogauntlet.results.run_document import RunStatus, read_run
+
+pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
+
+
+def test_videos_of_a_success_and_a_failure_are_recorded_by_replay(run, suite):
+    outcome = run(suite(), media=True)
+    videos = {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
+    rows = {row.episode_id: (row.policy, row.status, row.seed) for row in run.rows()}
+    assert sorted(rows[video] for video in videos) == [("oracle", "success", 0), ("random", "failure", 0)]
+    assert (run.folder / "media/pictures/null__Reach.png").exists()
+    assert outcome.warnings == []
+
+
+def test_missing_videos_of_a_complete_run_are_recorded_once(finished, suite):
+    run, path = finished, suite()
+    assert not (run.folder / "media").exists()
+    assert run(path, media=True).warnings == []
+    videos = {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")}
+    assert len(videos) == 2
+    run(path, media=True)
+    assert {file: file.stat().st_mtime_ns for file in (run.folder / "media/videos").glob("*.mp4")} == videos
+
+
+def videos_of(run):
+    return {path.stem for path in (run.folder / "media/videos").glob("*.mp4")}
+
+
+def test_the_report_is_written_before_the_first_video_and_again_after_the_last(run, suite):
+    pages, counts = [], []
+
+    def on_numbers(outcome):
+        assert read_run(run.folder).status is RunStatus.COMPLETE
+        assert outcome.report.tables.total.done == 40
+        pages.append((run.folder / "report.html").read_text())
+        counts.append(len(videos_of(run)))
+
+    outcome = run(suite(), media=True, on_numbers=on_numbers)
+    assert counts == [0]
+    assert "data:video/mp4" not in pages[0]
+    assert (run.folder / "report.html").read_text().count("data:video/mp4") == 2
+    assert 0 < outcome.document.media_s < 60
+
+
+def test_videos_take_a_share_of_the_playing_time_and_those_left_out_are_counted(finished, suite, monkeypatch):
+    run, path = finished, suite()
+    command = "robogauntlet run nulls --out here"
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.MEDIA_SHARE", 0.0)
+    document = run(path, media=None, command=command).document
+    assert (document.media_left_out, videos_of(run)) == (2, set())
+    page = (run.folder / "report.html").read_text()
+    assert "Left out for lack of time: 2" in page
+    assert f"<code>{command} --media</code>" in page
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.MEDIA_SHARE", 100.0)
+    document = run(path, media=None).document
+    assert (document.media_left_out, len(videos_of(run))) == (0, 2)
+    assert "Left out" not in (run.folder / "report.html").read_text()
+    assert "for at most" in run.output.getvalue()
+
+
+def test_no_simulator_is_started_for_videos_that_cannot_start_it_in_their_time(run, suite, monkeypatch):
+    monkeypatch.setattr("robogauntlet.orchestrator.runs.run.MEDIA_SHARE", 0.01)
+    outcome = run(suite(), media=None)
+    assert outcome.document.media_left_out == 2
+    assert outcome.document.media_s <= 0.01 * outcome.document.elapsed_s
+    assert "recording" not in run.output.getvalue()
+
+
+def test_an_interruption_during_videos_loses_nothing_and_the_next_run_continues(finished, suite, monkeypatch):
+    run, path = finished, suite()
+    on_media_tick = RunObserver.on_media_tick
+
+    def interrupt(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunObserver, "on_media_tick", interrupt)
+    outcome = run(path, media=True)
+    assert outcome.media_interrupted
+    assert (outcome.document.status, outcome.document.media_left_out) == (RunStatus.COMPLETE, 1)
+    (recorded,) = videos_of(run)
+    assert read_run(run.folder) == outcome.document
+    assert (run.folder / "report.html").read_text().count("data:video/mp4") == 1
+    monkeypatch.setattr(RunObserver, "on_media_tick", on_media_tick)
+    outcome = run(path, media=True)
+    assert (outcome.media_interrupted, outcome.document.media_left_out) == (False, 0)
+    assert videos_of(run) > {recorded}
