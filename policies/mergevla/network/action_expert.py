@@ -46,9 +46,9 @@ def _rotation(
 @lru_cache(maxsize=8)
 @torch.inference_mode(False)
 def step_encoding(steps: int, width: int) -> Tensor:
-    """Return the sinusoidal encoding of a chunk's steps (arXiv 1706.03762), shape (steps, width)."""
-    frequencies = STEP_BASE ** (-torch.arange(0, width, 2, dtype=torch.float32) / width)
-    angles = torch.arange(steps, dtype=torch.float32)[:, None] * frequencies
+    """Return the sinusoidal encoding of a chunk's steps (arXiv 1706.03762), shape (steps, width), on the CPU."""
+    frequencies = STEP_BASE ** (-torch.arange(0, width, 2, device="cpu", dtype=torch.float32) / width)
+    angles = torch.arange(steps, device="cpu", dtype=torch.float32)[:, None] * frequencies
     return torch.stack([angles.sin(), angles.cos()], dim=-1).flatten(1)[:, :width]
 
 
@@ -100,7 +100,7 @@ class Block(nn.Module):
 
     def _split(self, states: Tensor) -> Tensor:
         """(B, n, width) to (B, heads, n, width / heads)."""
-        return states.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        return states.view(*states.shape[:2], self.heads, -1).transpose(1, 2)
 
 
 class ActionExpert(nn.Module):
