@@ -86,6 +86,8 @@ class PyBulletSimulation(BaseSimulation):
         self._client = env.sim.physics_client
         self._bodies: Mapping[str, int] = env.sim._bodies_idx
         self._cameras, self._lights = PyBulletCameras(), PyBulletLights()
+        # The client looks its functions up anew at each call.
+        self._step_physics = self._client.stepSimulation
         self._culling = PyBulletCulling(self._client, self._bodies["panda"])
         self.scene_controls = SceneControls(
             cameras=self._cameras,
@@ -120,7 +122,7 @@ class PyBulletSimulation(BaseSimulation):
         self._robot.reset()
         if "object" in self._bodies:
             self._sim.set_base_pose("object", OUT_OF_REACH, (0.0, 0.0, 0.0, 1.0))
-        self._client.stepSimulation()
+        self._step_physics()
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (7,) for one control step. The reward is panda-gym's sparse one: 0 at the goal, else -1."""
@@ -133,7 +135,8 @@ class PyBulletSimulation(BaseSimulation):
             width = MAX_WIDTH * (1.0 - action[6]) / 2.0
             command = np.append(command, (width - self._robot.get_fingers_width()) / WIDTH_PER_COMMAND)
         self._robot.set_action(command)
-        self._sim.step()
+        for _ in range(self._sim.n_substeps):
+            self._step_physics()
         achieved, goal = self._task.get_achieved_goal(), self._task.goal
         reward = float(self._task.compute_reward(achieved, goal, {}))
         return StepOutcome(reward, success=bool(self._task.is_success(achieved, goal)))
