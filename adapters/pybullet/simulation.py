@@ -42,6 +42,7 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD, PyBulletArm, tool_pose
 from robogauntlet.adapters.pybullet.cameras import PyBulletCameras
+from robogauntlet.adapters.pybullet.culling import PyBulletCulling
 from robogauntlet.adapters.pybullet.dynamics import PyBulletDynamics
 from robogauntlet.adapters.pybullet.lights import Lamps, PyBulletLights
 from robogauntlet.adapters.pybullet.objects import PyBulletObjects
@@ -74,6 +75,8 @@ FINGERS = (9, 10)
 class PyBulletSimulation(BaseSimulation):
     """One panda-gym task in its own physics server, see `robogauntlet.adapters.contract.Simulation`."""
 
+    culling = True
+
     def __init__(self, env: Any, description: TaskDescription, view: View) -> None:
         """Take over `env`, an unwrapped panda-gym environment."""
         ignored = ("rx", "ry", "rz", *(("gripper",) if env.robot.block_gripper else ()))
@@ -84,6 +87,9 @@ class PyBulletSimulation(BaseSimulation):
         self._client = env.sim.physics_client
         self._bodies: Mapping[str, int] = env.sim._bodies_idx
         self._cameras, self._lights = PyBulletCameras(), PyBulletLights()
+        # The client looks its functions up anew at each call.
+        self._step_physics = self._client.stepSimulation
+        self._culling = PyBulletCulling(self._client, self._bodies["panda"])
         self.scene_controls = SceneControls(
             cameras=self._cameras,
             lights=self._lights,
@@ -117,7 +123,7 @@ class PyBulletSimulation(BaseSimulation):
         self._robot.reset()
         if "object" in self._bodies:
             self._sim.set_base_pose("object", OUT_OF_REACH, (0.0, 0.0, 0.0, 1.0))
-        self._client.stepSimulation()
+        self._step_physics()
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (7,) for one control step. The reward is panda-gym's sparse one: 0 at the goal, else -1."""
@@ -130,7 +136,8 @@ class PyBulletSimulation(BaseSimulation):
             width = MAX_WIDTH * (1.0 - action[6]) / 2.0
             command = np.append(command, (width - self._robot.get_fingers_width()) / WIDTH_PER_COMMAND)
         self._robot.set_action(command)
-        self._sim.step()
+        for _ in range(self._sim.n_substeps):
+            self._step_physics()
         achieved, goal = self._task.get_achieved_goal(), self._task.goal
         reward = float(self._task.compute_reward(achieved, goal, {}))
         return StepOutcome(reward, success=bool(self._task.is_success(achieved, goal)))
@@ -178,26 +185,28 @@ class PyBulletSimulation(BaseSimulation):
         if camera == "wrist":
             position, quaternion = tool_pose(self._env)
             origin, rotation = position, Rotation.from_quat(quaternion)
-        # A coloured light takes each channel from its own image.
-        image = np.empty((size, size, 3), dtype=np.uint8)
-        view = self._client.computeViewMatrix(
+        client = self._client
+        view = client.computeViewMatrix(
             cameraEyePosition=rotation.apply(pinhole.eye) + origin + BASE_IN_WORLD,
             cameraTargetPosition=rotation.apply(pinhole.target) + origin + BASE_IN_WORLD,
             cameraUpVector=rotation.apply(pinhole.up),
         )
+        projection = client.computeProjectionMatrixFOV(fov=pinhole.fovy, aspect=1.0, nearVal=0.01, farVal=10.0)
+        self._culling.leave_out(self._culling.outside(view, projection) if self.culling else ())
+        # A coloured light takes each channel from its own image.
+        image = np.empty((size, size, 3), dtype=np.uint8)
         for channels, lamps in self._lights.lamps:
-            image[..., channels] = self._draw(view, pinhole.fovy, size, lamps)[..., channels]
+            image[..., channels] = self._draw(view, projection, size, lamps)[..., channels]
         return image
 
-    def _draw(self, view: Any, fovy: float, size: int, lamps: Lamps) -> Image:
-        """Render with TinyRenderer, (size, size, 4), from a view matrix, with a field of view (degrees) and a light."""
-        client = self._client
+    def _draw(self, view: Any, projection: Any, size: int, lamps: Lamps) -> Image:
+        """Render with TinyRenderer, (size, size, 4), with a camera's matrices and a light."""
         # Pass all arguments of the light: PyBullet keeps the last value of an omitted one.
-        _, _, pixels, _, _ = client.getCameraImage(
+        _, _, pixels, _, _ = self._client.getCameraImage(
             width=size,
             height=size,
             viewMatrix=view,
-            projectionMatrix=client.computeProjectionMatrixFOV(fov=fovy, aspect=1.0, nearVal=0.01, farVal=10.0),
+            projectionMatrix=projection,
             lightDirection=lamps.direction,
             lightColor=lamps.colour,
             lightDistance=lamps.distance,
@@ -205,7 +214,7 @@ class PyBulletSimulation(BaseSimulation):
             lightAmbientCoeff=lamps.ambient,
             lightDiffuseCoeff=lamps.diffuse,
             lightSpecularCoeff=lamps.specular,
-            renderer=client.ER_TINY_RENDERER,
+            renderer=self._client.ER_TINY_RENDERER,
         )
         return np.asarray(pixels, dtype=np.uint8).reshape(size, size, 4)
 

@@ -1,10 +1,12 @@
 """Tests of the PyBullet adapter only; the conformance tests are common to all adapters."""
 
 from contextlib import ExitStack, closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from robogauntlet.adapters.camera_geometry import looking_at
 from robogauntlet.adapters.contract import ACTION_NAMES
 from robogauntlet.adapters.pybullet import simulation as adapter
 from robogauntlet.adapters.scene_control import DynamicsFactors, Form, Light, Prop, Unreachable, unit
@@ -126,6 +128,57 @@ def test_observing_does_not_change_what_follows(opened):
 
     unobserved = press(simulation, 2)
     assert np.array_equal(press(simulation, 2, before_step=observe), unobserved)
+
+
+def with_and_without_culling(simulation, camera):
+    images = []
+    for simulation.culling in (False, True):
+        images.append(simulation.draw(camera, 64))
+    return images
+
+
+@pytest.mark.parametrize(("task", "profile"), [(PICK, RenderProfile.FAST), (PUSH, RenderProfile.STANDARD)])
+def test_culling_changes_no_pixel_while_the_arm_moves(opened, task, profile):
+    simulation = opened(task, render_profile=profile)
+    left_out = set()
+
+    def compare(step):
+        for camera in ("third_person", "wrist") if step % 12 == 0 else ():
+            assert np.array_equal(*with_and_without_culling(simulation, camera))
+            left_out.add((camera, len(simulation._culling._left_out)))
+
+    press(simulation, 0, adjust=redecorate, before_step=compare)
+    assert max(count for camera, count in left_out if camera == "wrist") >= 6
+    assert any(count for camera, count in left_out if camera == "third_person")
+
+
+def test_culling_changes_no_pixel_of_cameras_anywhere_with_any_lens(opened):
+    simulation = opened(PICK)
+    generator = np.random.default_rng(0)
+    counts = set()
+    for seed in range(24):
+        if seed % 8 == 0:
+            press(simulation, seed, steps=10)
+        eye, target = generator.uniform([-0.4, -0.8, 0.0], [1.2, 0.8, 1.2], (2, 3))
+        viewpoint = looking_at(eye, target, generator.uniform(0.1, 2.0), np.array([0.0, 0.0, 1.0]))
+        camera = ("third_person", "wrist")[seed % 2]
+        simulation.scene_controls.cameras.set_viewpoint(camera, viewpoint)
+        assert np.array_equal(*with_and_without_culling(simulation, camera))
+        counts.add(len(simulation._culling._left_out))
+    assert len(counts) > 5
+
+
+def test_a_control_step_is_that_of_panda_gym_to_the_bit(opened):
+    ours, theirs = opened(PUSH), opened(PUSH)
+    ends = []
+    for simulation in (ours, theirs):
+        simulation.reset(0)
+        if simulation is theirs:
+            simulation._step_physics, simulation._sim = simulation._env.sim.step, SimpleNamespace(n_substeps=1)
+        for _ in range(5):
+            simulation.step(simulation.action_spec.high)
+        ends.append(simulation.state_hash())
+    assert ends[0] == ends[1]
 
 
 def test_two_clients_do_not_disturb_each_other(opened):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import torch
 from torch import Tensor, nn
@@ -24,21 +25,30 @@ def rotate(states: Tensor, *, interleaved: bool = False) -> Tensor:
     neighbours but the angles stay half-split, as in the paper's code; this is not a rotation.
     """
     count, dim = states.shape[-2:]
-    frequencies = ROPE_BASE ** (-torch.arange(0, dim, 2, device=states.device, dtype=torch.float32) / dim)
-    angles = torch.arange(count, device=states.device, dtype=torch.float32)[:, None] * frequencies
+    cos, sin = _rotation(count, dim, interleaved, states.dtype, states.device)
+    partners = states.unflatten(-1, (-1, 2)).flip(-1).flatten(-2) if interleaved else states.roll(dim // 2, dims=-1)
+    return states * cos + partners * sin
+
+
+@lru_cache(maxsize=32)
+@torch.inference_mode(False)
+def _rotation(
+    count: int, dim: int, interleaved: bool, dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, Tensor]:
+    """Return cosines and sines of the angles, each (count, dim), the sines negative for the first of a pair."""
+    frequencies = ROPE_BASE ** (-torch.arange(0, dim, 2, device=device, dtype=torch.float32) / dim)
+    angles = torch.arange(count, device=device, dtype=torch.float32)[:, None] * frequencies
     angles = torch.cat([angles, angles], dim=-1)
-    if interleaved:
-        turned = torch.stack([-states[..., 1::2], states[..., ::2]], dim=-1).flatten(-2)
-    else:
-        half = dim // 2
-        turned = torch.cat([-states[..., half:], states[..., :half]], dim=-1)
-    return states * angles.cos().to(states.dtype) + turned * angles.sin().to(states.dtype)
+    first = torch.arange(dim, device=device) % 2 == 0 if interleaved else torch.arange(dim, device=device) < dim // 2
+    return angles.cos().to(dtype), torch.where(first, -angles.sin(), angles.sin()).to(dtype)
 
 
+@lru_cache(maxsize=8)
+@torch.inference_mode(False)
 def step_encoding(steps: int, width: int) -> Tensor:
-    """Return the sinusoidal encoding of a chunk's steps (arXiv 1706.03762), shape (steps, width)."""
-    frequencies = STEP_BASE ** (-torch.arange(0, width, 2, dtype=torch.float32) / width)
-    angles = torch.arange(steps, dtype=torch.float32)[:, None] * frequencies
+    """Return the sinusoidal encoding of a chunk's steps (arXiv 1706.03762), shape (steps, width), on the CPU."""
+    frequencies = STEP_BASE ** (-torch.arange(0, width, 2, device="cpu", dtype=torch.float32) / width)
+    angles = torch.arange(steps, device="cpu", dtype=torch.float32)[:, None] * frequencies
     return torch.stack([angles.sin(), angles.cos()], dim=-1).flatten(1)[:, :width]
 
 
@@ -90,7 +100,7 @@ class Block(nn.Module):
 
     def _split(self, states: Tensor) -> Tensor:
         """(B, n, width) to (B, heads, n, width / heads)."""
-        return states.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+        return states.view(*states.shape[:2], self.heads, -1).transpose(1, 2)
 
 
 class ActionExpert(nn.Module):

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Observation
 from robogauntlet.policies.contract import Decision, PolicyMismatch, PolicySpec, Query, Routing
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
@@ -86,20 +85,20 @@ class MergedPolicy:
         An answer does not depend on the rest of its batch (within 1e-5).
         """
         observations = observed(queries)
-        new = self._route(queries, stack_images(observations, self.spec.cameras) if observations else torch.empty(0))
+        new = self._route(queries, observations)
         experts = [self._chosen[query.episode.id] for query in queries]
         chunks = chunks_by(observations, experts, experts, self._network)
         return [Decision(chunk, new.pop(query.episode.id, None)) for query, chunk in zip(queries, chunks, strict=True)]
 
-    def _route(self, queries: Sequence[Query], images: Tensor) -> dict[str, Routing]:
+    def _route(self, queries: Sequence[Query], observations: Sequence[Observation]) -> dict[str, Routing]:
         """Choose the expert of each new episode and return the routing by episode."""
         new: dict[str, FirstObservation] = {}
-        for query, frames in zip(queries, images, strict=True):
-            episode, observation = query.episode, query.observation
-            assert observation is not None
+        for query, observation in zip(queries, observations, strict=True):
+            episode = query.episode
             if episode.id not in self._chosen and episode.id not in new:
+                images = stack_images([observation], self.spec.cameras)[0]
                 new[episode.id] = FirstObservation(
-                    frames, observation.instruction, observation.proprioception, episode.id, episode.task
+                    images, observation.instruction, observation.proprioception, episode.id, episode.task
                 )
         if not new:
             return {}
