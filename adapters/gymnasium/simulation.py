@@ -94,7 +94,8 @@ class GymnasiumSimulation(BaseSimulation):
         if self._scene is None:
             return scaled(self._env.render(), size)
         world, data = self._world, self._world.data
-        world.data = copy(data)  # gymnasium-robotics' callback, which places the goal's marker, changes more.
+        # gymnasium-robotics' callback, which places the goal's marker relative to the site's last pose, changes more.
+        world.data, sites = copy(data), world.model.site_pos.copy()
         try:
             getattr(world, "_render_callback", bool)()
             if isinstance(source, Orbit):
@@ -102,7 +103,7 @@ class GymnasiumSimulation(BaseSimulation):
                 source = orbit_camera(at, source.distance, source.azimuth, source.elevation)
             return self._scene.image(source, size, data=world.data)
         finally:
-            world.data = data
+            world.data, world.model.site_pos[:] = data, sites
 
     def render_device(self) -> str:
         """Return OpenGL's name of the renderer, which is unknown for an environment's own `render`."""
