@@ -24,6 +24,7 @@ from robogauntlet.suites.episode import View
 class MujocoSimulation(BaseSimulation):
     """A `Simulation` of a robosuite environment that renders, reads and closes. Subclasses reset and step."""
 
+    culling = True
     scene_controls: SceneControls
     _lights: MujocoLights
     _table: MujocoTable | None
@@ -87,7 +88,8 @@ class MujocoSimulation(BaseSimulation):
     def draw(self, camera: str, size: int) -> Image:
         """Render the present state, (size, size, 3)."""
         self._refresh()
-        image = self._scene.image(CAMERA_NAMES[camera], size, self._table.draw if self._table else None)
+        props = self._table.draw if self._table else None
+        image = self._scene.image(CAMERA_NAMES[camera], size, props, culling=self.culling)
         return self._lights.develop(image)
 
     def _refresh(self) -> None:

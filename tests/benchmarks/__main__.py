@@ -8,6 +8,7 @@ from pathlib import Path
 
 BENCHMARKS = (
     "rendering",
+    "frames",
     "bare_loop",
     "throughput",
     "oracles",
