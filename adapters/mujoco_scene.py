@@ -101,8 +101,7 @@ class MujocoScene:
 
     def _create_renderer(self, size: int) -> Any:
         mujoco, visual = self._mujoco, self._model.vis
-        visual.global_.offwidth = max(visual.global_.offwidth, size)
-        visual.global_.offheight = max(visual.global_.offheight, size)
+        visual.global_.offwidth = visual.global_.offheight = size  # A larger off-screen buffer takes longer to clear.
         if self._fast:
             visual.quality.offsamples = 0
         try:

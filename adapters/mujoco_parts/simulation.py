@@ -38,8 +38,6 @@ class MujocoSimulation(BaseSimulation):
         self._model, self._data = env.sim.model._model, env.sim.data._data
         option = mujoco.MjvOption()
         option.geomgroup[0] = 0  # Collision shapes.
-        # The off-screen buffer is as large as needed; there is no window.
-        self._model.vis.global_.offwidth = self._model.vis.global_.offheight = 1
         self._scene = MujocoScene(self._model, self._data, view.render_profile, option)
 
     def _take_arm(self, base: str, tool_centre: str, hand: str, fingers: list[str]) -> None:

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters import catalog
+from robogauntlet.adapters.mujoco_scene import import_mujoco
+from robogauntlet.policies.oracles import scripts
 from robogauntlet.suites.episode import RenderProfile, View
 from tests.benchmarks.shared import TASKS, open_task, table_of
 
-STATES, REPEATS, STEPS = 6, 5, 5
-"""States, observations of each state and kind, and random control steps between states."""
+STATES, REPEATS, STEPS = 6, 5, 6
+"""States, observations of each state and kind, and control steps of the oracle by which each state is later."""
 
 
 def measure() -> list[dict[str, object]]:
@@ -23,14 +25,12 @@ def measure() -> list[dict[str, object]]:
             kinds = (True, False) if hasattr(simulation, "culling") else (None,)
             spent: dict[bool | None, list[float]] = {kind: [] for kind in kinds}
             drawn: dict[bool | None, list[tuple[int, int]]] = {kind: [] for kind in kinds}
-            actions = np.random.default_rng(0).uniform(
-                simulation.action_spec.low, simulation.action_spec.high, (STEPS, 7)
-            )
             equal = True
             for seed in range(STATES):
                 simulation.reset(seed)
-                for action in actions[: seed % (STEPS + 1)]:
-                    simulation.step(action)
+                script = scripts()[task]()
+                for _ in range(STEPS * seed):
+                    simulation.step(script(simulation.privileged_state()))
                 for repeat in range(REPEATS + 1):
                     images = []
                     for kind in kinds:
@@ -63,5 +63,5 @@ def drawn_by_mujoco(simulation: Any) -> list[tuple[int, int]]:
         return []
     (renderer,) = (one for size, one in simulation._scene.renderers.items() if size == simulation.view.image_size)
     shapes = renderer.scene.geoms[: renderer.scene.ngeom]
-    meshes = [shape.dataid // 2 for shape in shapes if shape.type == simulation._mujoco.mjtGeom.mjGEOM_MESH]
+    meshes = [shape.dataid // 2 for shape in shapes if shape.type == import_mujoco().mjtGeom.mjGEOM_MESH]
     return [(len(shapes), int(renderer.model.mesh_facenum[meshes].sum()))]
