@@ -17,6 +17,10 @@ class BaseSimulation(ABC):
     `close`.
     """
 
+    culling: bool
+    """Whether `draw` leaves out shapes outside the view, which changes no pixel. Optional: simulations that always draw
+    all shapes have no such attribute."""
+
     def __init__(self, view: View, instruction: str, action_spec: ActionSpec) -> None:
         """Take the cameras and image size for policies, the goal in words, and the bounds of an action."""
         self.view, self.instruction, self.action_spec = view, instruction, action_spec

@@ -7,13 +7,16 @@ import importlib
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from ctypes.util import find_library
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from robogauntlet.adapters.contract import FloatArray, Image, SimulatorUnavailable
+from robogauntlet.adapters.mujoco_culling import MujocoCulling
 from robogauntlet.suites.episode import RenderProfile
 
 
@@ -54,28 +57,53 @@ class MujocoScene:
         self._mujoco = import_mujoco()
         self._model, self._data, self._fast = model, data, profile is RenderProfile.FAST
         self._option = option or self._mujoco.MjvOption()
+        self._culling = MujocoCulling(self._mujoco, model)
         self.renderers: dict[int, Any] = {}
         """Image size to MuJoCo's renderer, created at first use."""
 
-    def image(self, camera: Any, size: int, add: Callable[[Any], None] | None = None, data: Any = None) -> Image:
+    def image(
+        self,
+        camera: Any,
+        size: int,
+        add: Callable[[Any], None] | None = None,
+        data: Any = None,
+        *,
+        culling: bool = True,
+    ) -> Image:
         """Render a new upright RGB image, shape (size, size, 3), of a camera by name or an `MjvCamera`.
 
-        `add` adds shapes to the `MjvScene` before it is rendered; `data` replaces the data of the constructor.
+        `add` adds shapes to the `MjvScene` before it is rendered; `data` replaces the data of the constructor. With
+        `culling`, shapes outside the view are left out, which changes no pixel.
 
         Raises:
             SimulatorUnavailable: This machine cannot render.
         """
-        renderer = self.renderers.get(size) or self._create_renderer(size)
-        renderer.update_scene(data or self._data, camera, self._option)
+        renderer, data = self.renderers.get(size) or self._create_renderer(size), data or self._data
+        if isinstance(camera, str):
+            name, camera = camera, self._mujoco.MjvCamera()
+            camera.type, camera.fixedcamid = self._mujoco.mjtCamera.mjCAMERA_FIXED, self._model.camera(name).id
+        self._mujoco.mjv_updateCamera(self._model, data, camera, renderer.scene)
+        with self._left_out(self._culling.outside(data, renderer.scene)) if culling else nullcontext():
+            renderer.update_scene(data, camera, self._option)
         if add:
             add(renderer.scene)
         image: Image = renderer.render()
         return image
 
+    @contextmanager
+    def _left_out(self, shapes: Any) -> Iterator[None]:
+        """Put shapes, by a mask (n,), into a group that is not rendered, if there is one."""
+        groups, unseen = self._model.geom_group.copy(), np.flatnonzero(self._option.geomgroup == 0)
+        if len(unseen):
+            self._model.geom_group[shapes] = unseen[0]
+        try:
+            yield
+        finally:
+            self._model.geom_group[:] = groups
+
     def _create_renderer(self, size: int) -> Any:
         mujoco, visual = self._mujoco, self._model.vis
-        visual.global_.offwidth = max(visual.global_.offwidth, size)
-        visual.global_.offheight = max(visual.global_.offheight, size)
+        visual.global_.offwidth = visual.global_.offheight = size  # A larger off-screen buffer takes longer to clear.
         if self._fast:
             visual.quality.offsamples = 0
         try:

@@ -51,6 +51,8 @@ class GymnasiumSimulation(BaseSimulation):
         self._mapping, self._env = mapping, make(mapping)
         world = self._world = self._env.unwrapped
         self._scene = MujocoScene(world.model, world.data, view.render_profile) if is_mujoco(world) else None
+        if self._scene:
+            self.culling = True
         self._gain, self._offset = action_map(mapping, self._env.action_space)
         for camera in view.cameras:
             check_camera(camera, mapping, self._world)
@@ -94,15 +96,16 @@ class GymnasiumSimulation(BaseSimulation):
         if self._scene is None:
             return scaled(self._env.render(), size)
         world, data = self._world, self._world.data
-        world.data = copy(data)  # gymnasium-robotics' callback, which places the goal's marker, changes more.
+        # gymnasium-robotics' callback, which places the goal's marker relative to the site's last pose, changes more.
+        world.data, sites = copy(data), world.model.site_pos.copy()
         try:
             getattr(world, "_render_callback", bool)()
             if isinstance(source, Orbit):
                 at = self._value(source.at) if isinstance(source.at, str) else source.at
                 source = orbit_camera(at, source.distance, source.azimuth, source.elevation)
-            return self._scene.image(source, size, data=world.data)
+            return self._scene.image(source, size, data=world.data, culling=self.culling)
         finally:
-            world.data = data
+            world.data, world.model.site_pos[:] = data, sites
 
     def render_device(self) -> str:
         """Return OpenGL's name of the renderer, which is unknown for an environment's own `render`."""

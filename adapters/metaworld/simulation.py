@@ -52,6 +52,8 @@ TASKS = {
 class MetaWorldSimulation(BaseSimulation):
     """One task of Meta-World, see `robogauntlet.adapters.contract.Simulation`."""
 
+    culling = True
+
     def __init__(self, task: str, view: View) -> None:
         """Build the task's model.
 
@@ -104,7 +106,7 @@ class MetaWorldSimulation(BaseSimulation):
 
     def draw(self, camera: str, size: int) -> Image:
         """Render an upright image of a camera, (size, size, 3)."""
-        image = self._scene.image(CAMERAS[camera], size)
+        image = self._scene.image(CAMERAS[camera], size, culling=self.culling)
         return image[::-1, ::-1].copy() if camera == "third_person" else image
 
     def render_device(self) -> str:

@@ -24,6 +24,7 @@ from robogauntlet.suites.episode import View
 class MujocoSimulation(BaseSimulation):
     """A `Simulation` of a robosuite environment that renders, reads and closes. Subclasses reset and step."""
 
+    culling = True
     scene_controls: SceneControls
     _lights: MujocoLights
     _table: MujocoTable | None
@@ -37,8 +38,6 @@ class MujocoSimulation(BaseSimulation):
         self._model, self._data = env.sim.model._model, env.sim.data._data
         option = mujoco.MjvOption()
         option.geomgroup[0] = 0  # Collision shapes.
-        # The off-screen buffer is as large as needed; there is no window.
-        self._model.vis.global_.offwidth = self._model.vis.global_.offheight = 1
         self._scene = MujocoScene(self._model, self._data, view.render_profile, option)
 
     def _take_arm(self, base: str, tool_centre: str, hand: str, fingers: list[str]) -> None:
@@ -87,7 +86,8 @@ class MujocoSimulation(BaseSimulation):
     def draw(self, camera: str, size: int) -> Image:
         """Render the present state, (size, size, 3)."""
         self._refresh()
-        image = self._scene.image(CAMERA_NAMES[camera], size, self._table.draw if self._table else None)
+        props = self._table.draw if self._table else None
+        image = self._scene.image(CAMERA_NAMES[camera], size, props, culling=self.culling)
         return self._lights.develop(image)
 
     def _refresh(self) -> None:

@@ -207,6 +207,15 @@ def test_orbiting_cameras_follow_a_point_and_a_body(open_mine):
 
 
 @pytest.mark.simulator
+def test_the_goal_s_marker_stays_in_its_place_from_image_to_image():
+    pytest.importorskip("gymnasium_robotics")
+    with closing(adapter.open_environment("FetchReach-v4", VIEW)) as simulation:
+        simulation.reset(0)
+        first, second = simulation.picture(), simulation.picture()
+    assert np.array_equal(first, second)
+
+
+@pytest.mark.simulator
 def test_an_environment_that_ends_stays_as_it_ended(open_mine):
     changes = {"make": {"render_mode": "rgb_array", "length": 3}, "cameras": {}, "success": "reward > 0"}
     simulation = open_mine({**NO_MUJOCO, **changes, "terminates": True})

@@ -13,6 +13,8 @@ from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.adapters.libero.libero_import import open_libero
 from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
 from robogauntlet.adapters.libero.tasks import libero_tasks
+from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
+from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
 from robogauntlet.suites.episode import CAMERAS, View
 
@@ -151,6 +153,13 @@ def test_two_open_tasks_draw_their_own_scenes(drawer, floor):
 
 def test_the_render_device_names_the_assets(floor):
     assert re.search(r", LIBERO assets [0-9a-f]{8} with(out)? stand-ins$", floor.render_device())
+
+
+def test_leaving_out_shapes_outside_the_view_changes_no_pixel():
+    subject = CheckedTask(SIMULATOR, DRAWER)
+    results = CHECKS["culling"].run(subject)
+    subject.close()
+    assert [str(result) for result in results] == ["culling: passed"]
 
 
 def test_stepping_updates_no_observables(drawer):

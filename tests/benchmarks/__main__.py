@@ -12,6 +12,7 @@ from pathlib import Path
 
 BENCHMARKS = (
     "rendering",
+    "frames",
     "bare_loop",
     "throughput",
     "oracles",

@@ -9,6 +9,7 @@ from robogauntlet.orchestrator.adapter_kit.checks import (
     actions,
     axes,
     cameras,
+    culling,
     observations,
     resources,
     scene,
@@ -18,6 +19,6 @@ from robogauntlet.orchestrator.adapter_kit.checks import (
 )
 from robogauntlet.orchestrator.adapter_kit.checks.check import Check
 
-FAMILIES = (types, seeds, observations, actions, cameras, scene_control, scene, axes, resources)
+FAMILIES = (types, seeds, observations, actions, cameras, scene_control, scene, culling, axes, resources)
 CHECKS: Mapping[str, Check] = MappingProxyType({check.name: check for family in FAMILIES for check in family.CHECKS})
 """Every check by name, in the order in which they run: the foundations of the others first."""

@@ -100,7 +100,8 @@ def lights_direction(subject: CheckedTask, lights: Lights) -> Iterator[Violation
     yield from expect(most_changed(before, _images(subject), by=2) == 0.0, "the own images in the own light", "others")
 
 
-def _props(subject: CheckedTask, height: float) -> list[Prop]:
+def three_props(subject: CheckedTask, height: float) -> list[Prop]:
+    """Return a prop of each form beside the tool, on a table of this height (m)."""
     centre = subject.simulation.privileged_state()["tcp_position"]
     return [
         Prop(form, np.array([centre[0] + 0.02, centre[1] + 0.12 * (i - 1), height + 0.02]), 0.04, 0.3, (0.9, 0.1, 0.6))
@@ -112,7 +113,7 @@ def _props(subject: CheckedTask, height: float) -> list[Prop]:
 def table_props(subject: CheckedTask, table: TableControl) -> Iterator[Violation]:
     """Props are seen where they were put, cannot be touched, and replace those before."""
     before, state = _images(subject), subject.simulation.state_hash()
-    props = _props(subject, table.table_height)
+    props = three_props(subject, table.table_height)
     table.show(props)
     visible = most_changed(before, _images(subject)) >= 0.005
     yield from expect(visible, "three props to be seen", "hardly any pixel changes")

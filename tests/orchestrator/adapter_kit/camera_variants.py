@@ -3,9 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.cameras import ToysimCameras
+from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.cameras import (
+    OWN_VIEWPOINTS,
+    ToysimCameras,
+)
 from tests.orchestrator.adapter_kit.variants import Variant
 
 
@@ -90,3 +94,41 @@ class OffersNothing(Variant):
     def __init__(self, view):
         super().__init__(view)
         self.scene_controls = SceneControls()
+
+
+class Culls(Variant):
+    """Correct: leaves out balls that are wholly on the other side of a plane of the view."""
+
+    culling, seen = True, 1.0
+
+    def draw(self, camera, size):
+        world, viewpoint = self._world, self.viewpoint(camera)
+        carrier, origin = (world.turn, world.tool) if camera == "wrist" else (Rotation.identity(), np.zeros(3))
+        eye, axes = origin + carrier.apply(viewpoint.position), carrier.as_matrix() @ viewpoint.rotation
+        slope = np.tan(viewpoint.fovy / 2.0)
+        inward = np.array([[1, 0, slope], [-1, 0, slope], [0, 1, slope], [0, -1, slope]]) / np.hypot(1.0, slope)
+
+        def visible(ball):
+            centre, radius, _ = ball
+            return (inward @ axes.T @ (centre - eye) >= -self.seen * radius).all()
+
+        every = world._balls
+        world._balls = lambda: [ball for ball in every() if visible(ball) or not self.culling]
+        try:
+            return super().draw(camera, size)
+        finally:
+            del world._balls
+
+    def viewpoint(self, camera):
+        return self._cameras.now[camera]
+
+
+class CullsByTheCentre(Culls):
+    seen = 0.0
+
+
+class CullsForItsOwnLens(Culls):
+    """As if no camera had ever been given another lens."""
+
+    def viewpoint(self, camera):
+        return replace(super().viewpoint(camera), fovy=OWN_VIEWPOINTS[camera].fovy)

@@ -70,6 +70,8 @@ VIOLATIONS = [
         "all as before after a reset, once third_person was moved; seen: other images",
     ),
     ("camerakeepsitsplace", "axis-camera-bump", "the clean episode after camera-bump@1; seen: other images"),
+    ("cullsbythecentre", "culling", "wrist with culling to be that without, at the start; seen: "),
+    ("cullsforitsownlens", "culling", "with moved cameras; seen: "),
     ("offersnothing", "adjusts", "cameras; seen: nothing offered by the simulation"),
     ("toosmallabox", "objects-box", "ball between (0.400, -0.120) m and (0.550, 0.120) m; seen: from (0.4"),
     (
@@ -100,8 +102,13 @@ def test_each_broken_promise_is_reported_in_a_line_by_its_check(subject, variant
 
 @pytest.mark.parametrize("check", sorted({check for _, check, _ in VIOLATIONS}))
 def test_a_correct_adapter_passes_every_check_that_finds_a_violation(subject, check):
-    correct = "movestheball" if check.startswith("objects-") else "correct"
+    correct = {"objects-box": "movestheball", "objects-move": "movestheball", "culling": "culls"}.get(check, "correct")
     assert {result.outcome for result in CHECKS[check].run(subject(correct))} == {Outcome.PASSED}
+
+
+def test_culling_is_not_checked_where_all_shapes_are_drawn(subject):
+    (result,) = CHECKS["culling"].run(subject("correct"))
+    assert (result.outcome, result.seen) == (Outcome.SKIPPED, "the simulation has no `culling`, so it draws all shapes")
 
 
 def test_a_start_may_be_outside_the_box_by_the_settling_shift(subject):
