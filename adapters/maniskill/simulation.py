@@ -21,6 +21,7 @@ import functools
 import logging
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +42,7 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
 from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from robogauntlet.adapters.maniskill.culling import ManiSkillCulling
 from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_physics, wake
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
@@ -86,6 +88,9 @@ LAYOUTS = {
 class ManiSkillSimulation(BaseSimulation):
     """One task of ManiSkill, see `robogauntlet.adapters.contract.Simulation`."""
 
+    culling: bool = True
+    """Whether links outside the view are left out, which changes no pixel."""
+
     def __init__(self, task: str, view: View, env: Any) -> None:
         self._env = env
         spring = env.agent.controller.controllers["arm"].config
@@ -101,6 +106,7 @@ class ManiSkillSimulation(BaseSimulation):
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._base_from_world = self._robot.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
+        self._culling: Any = ManiSkillCulling(self._robot)
         self.scene_controls = SceneControls(
             cameras=ManiSkillCameras(env, self._base_from_world),
             lights=ManiSkillLights(env, self._base_from_world),
@@ -124,7 +130,7 @@ class ManiSkillSimulation(BaseSimulation):
 
     def draw(self, camera: str, size: int) -> Image:
         """Render a camera of the view. ManiSkill fixes the size of its cameras when the task is opened."""
-        return _capture(self._env.scene.sensors[SENSORS[camera]])
+        return self._capture(self._env.scene.sensors[SENSORS[camera]])
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step. The reward is ManiSkill's sparse one (1 on success)."""
@@ -156,7 +162,7 @@ class ManiSkillSimulation(BaseSimulation):
     def picture(self) -> Image:
         """Render the third-person view, (256, 256, 3)."""
         self._env.scene.update_render()
-        return _capture(self._env.scene.human_render_cameras[PICTURE])
+        return self._capture(self._env.scene.human_render_cameras[PICTURE])
 
     def render_device(self) -> str:
         """Return the name of the Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`."""
@@ -168,9 +174,16 @@ class ManiSkillSimulation(BaseSimulation):
         """Free the scene. Safe to call twice."""
         if self._env is not None:
             self._env.close()
-        self._env = self._robot = self._tcp = self._goal = None
+        self._env = self._robot = self._tcp = self._goal = self._culling = None
         self._objects = {}
         self.scene_controls = SceneControls()
+
+    def _capture(self, sensor: Any) -> Image:
+        """Return the present upright RGB image of one of ManiSkill's cameras."""
+        camera = sensor.camera._render_cameras[0]
+        with self._culling.seen_by(camera) if self.culling else nullcontext():
+            camera.take_picture()
+        return np.array(camera.get_picture("Color")[..., :3])
 
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
         """Convert a SAPIEN pose in the world to position (3,) and quaternion xyzw (4,) in the base frame."""
@@ -278,13 +291,6 @@ def _euler_xyz(x: float, y: float, z: float, *, longest: float) -> tuple[float, 
         math.asin(2 * (x * z + y * w)),
         math.atan2(2 * (z * w - x * y), 1 - 2 * (y * y + z * z)),
     )
-
-
-def _capture(camera: Any) -> Image:
-    """Return the present upright RGB image of a camera."""
-    camera.capture()
-    rgb = camera.get_obs(rgb=True, depth=False, position=False, segmentation=False)["rgb"]
-    return np.array(rgb[0].cpu().numpy(), dtype=np.uint8)
 
 
 def _device_name(summary: str) -> str:
