@@ -120,6 +120,7 @@ class ManiSkillSimulation(BaseSimulation):
         """Start the episode of `seed`, in a new PhysX scene."""
         self.scene_controls.undo()
         renew_physics(self._env)
+        _omit_reflections(self._env)
         self._env.reset(seed=seed)
         wake(self._objects.values())
 
@@ -192,7 +193,7 @@ class ManiSkillSimulation(BaseSimulation):
 
 
 def open_task(task: str, view: View) -> ManiSkillSimulation:
-    """Open a task. The first in a process takes 3 s, later ones 0.2 s; without a GPU, the first image takes 5 s once.
+    """Open a task. The first in a process takes 3 s, later ones 0.2 s.
 
     Raises:
         SimulatorUnavailable: ManiSkill is not installed, or SAPIEN finds no Vulkan device to render with.
@@ -260,6 +261,19 @@ def _keep_renderer(device: str) -> Any:
     import sapien
 
     return sapien.render.RenderSystem(sapien.Device(device))
+
+
+def _omit_reflections(env: Any) -> None:
+    """Replace the table of reflections that SAPIEN computes for the first image, in 6 s without a GPU.
+
+    Shaders multiply it by the light of the environment map. These scenes have none, so the table changes no pixel.
+    Cameras lose it when they move to another scene.
+    """
+    import sapien
+
+    table = sapien.render.RenderTexture(np.zeros((1, 1, 4), np.uint8), 2, "R8G8B8A8Unorm")
+    for camera in env.scene.sub_scenes[0].render_system.cameras:
+        camera.set_texture("BRDFLUT", table)
 
 
 def _command(action: FloatArray, gain: float) -> Any:

@@ -141,3 +141,14 @@ def test_without_a_vulkan_driver_the_message_says_why_and_what_to_do():
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)
     assert "SimulatorUnavailable" in run.stderr.splitlines()[-1]
     assert "install a Vulkan driver" in run.stderr.splitlines()[-1]
+
+
+@pytest.mark.simulator
+def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(push, monkeypatch):
+    push.reset(0)
+    monkeypatch.setattr("robogauntlet.adapters.maniskill.simulation._omit_reflections", bool)
+    with_table = SIMULATOR.open("PushCube-v1", View(image_size=96))
+    with_table.reset(0)
+    for name, image in with_table.observe().images.items():
+        np.testing.assert_array_equal(image, push.observe().images[name])
+    with_table.close()
