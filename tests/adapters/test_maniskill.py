@@ -144,6 +144,22 @@ def test_without_a_vulkan_driver_the_message_says_why_and_what_to_do():
 
 
 @pytest.mark.simulator
+def test_fast_2_draws_a_robot_of_fewer_triangles_that_looks_and_moves_the_same(push):
+    simple = SIMULATOR.open("PushCube-v1", View(image_size=96, render_profile=RenderProfile.FAST_2))
+    for simulation in (push, simple):
+        simulation.reset(4)
+        simulation.step(np.array([0.01, 0.01, -0.01, 0.0, 0.0, 0.02, 1.0]))
+    drawn, simplified = (simulation.observe().images for simulation in (push, simple))
+    np.testing.assert_array_equal(drawn["wrist"], simplified["wrist"])
+    differences = np.abs(drawn["third_person"].astype(int) - simplified["third_person"]).max(axis=2)
+    assert 0 < (differences > 8).mean() < 0.02
+    assert push.state_hash() == simple.state_hash()
+    bodies = simple._env.scene.sub_scenes[0].render_system.render_bodies
+    assert sum(len(part.triangles) for body in bodies for shape in body.render_shapes for part in shape.parts) < 75_000
+    simple.close()
+
+
+@pytest.mark.simulator
 def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(push, monkeypatch):
     push.reset(0)
     monkeypatch.setattr("robogauntlet.adapters.maniskill.simulation._omit_reflections", bool)
