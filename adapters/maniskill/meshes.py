@@ -9,9 +9,6 @@ import numpy as np
 
 from robogauntlet.adapters.simplified_meshes import TRIANGLES, simplified
 
-SMOOTH = np.radians(35.0)
-"""Largest angle between two triangles that are shaded without an edge (rad)."""
-
 
 def simplify_links(robot: Any) -> None:
     """Replace what is drawn for the links of SAPIEN's articulation. Collisions and materials stay."""
@@ -40,11 +37,13 @@ def _simplified_body(body: Any) -> Any:
 def _mesh(filename: str, number: int) -> tuple[Any, ...]:
     """Return vertices (n, 3), triangles (m, 3), normals (n, 3) and texture coordinates (n, 2) of one part of a file."""
     import sapien
-    import trimesh
 
     part = sapien.render.RenderShapeTriangleMesh(filename).parts[number]
+    normals, uvs = part.get_vertex_normal(), part.get_vertex_uv()
     if len(part.triangles) <= TRIANGLES:
-        return part.vertices, part.triangles, part.get_vertex_normal(), part.get_vertex_uv()
-    mesh = trimesh.Trimesh(*simplified(part.vertices, part.triangles), process=False)
-    mesh = trimesh.graph.smooth_shade(mesh, SMOOTH, facet_minarea=None)
-    return mesh.vertices, mesh.faces, mesh.vertex_normals, np.zeros((len(mesh.vertices), 2))
+        return part.vertices, part.triangles, normals, uvs
+    rows = part.triangles
+    vertices, triangles, shading = simplified(part.vertices, rows, normals[rows])
+    # A vertex of SAPIEN has one normal.
+    own, corners = np.unique(np.stack([triangles.ravel(), rows.ravel()[shading].ravel()]), axis=1, return_inverse=True)
+    return vertices[own[0]], corners.reshape(-1, 3), normals[own[1]], uvs[own[1]]

@@ -12,7 +12,7 @@ What differs from ManiSkill's own defaults, and why:
   too, since the time for which PhysX has seen them at rest, after which they sleep, outlasts the scene.
 
 Sensors are rendered with SAPIEN's `minimal` shader, without shadows, reflections or multisampling, so the render
-profiles `standard` and `fast` are equal. `fast-2` draws the robot with a tenth of its triangles.
+profiles `standard` and `fast` are equal. `fast-2` draws the robot with fewer triangles.
 """
 
 from __future__ import annotations
