@@ -106,6 +106,7 @@ class ManiSkillSimulation(BaseSimulation):
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._base_from_world = self._robot.pose.inv()
+        self._base_inverse = env.agent.controller.controllers["arm"].root_link.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
         self._culling: Any = ManiSkillCulling(self._robot)
         self.scene_controls = SceneControls(
@@ -137,9 +138,20 @@ class ManiSkillSimulation(BaseSimulation):
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step. The reward is ManiSkill's sparse one (1 on success)."""
         action = np.clip(action, self._low, self._high)
-        _, _, _, _, info = self._env.step(_command(action, self._gain))
-        success = bool(info["success"])
+        self._command_joints(_command(action, self._gain))
+        for _ in range(self._env.sim_freq // self._env.control_freq):
+            self._env.scene.step()
+        success = bool(self._env.evaluate()["success"])
         return StepOutcome(reward=float(success), success=success)
+
+    def _command_joints(self, command: Any) -> None:
+        """Set the joints' targets. ManiSkill's own `step` finds the tool's pose in the base frame twice."""
+        controllers = self._env.agent.controller.controllers
+        arm, gripper = controllers["arm"], controllers["gripper"]
+        target = arm.compute_target_pose(self._base_inverse * arm.ee_pose, arm._preprocess_action(command[:, :6]))
+        joints = arm.kinematics.compute_ik(target, arm.articulation.get_qpos())
+        arm.set_drive_targets(arm.qpos if joints is None else joints)
+        gripper.set_action(command[:, 6:])
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return tool, fingers, objects and goal, which is the centre of the target's disc."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _device_name, _euler_xyz
+from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _command, _device_name, _euler_xyz
 from robogauntlet.suites.episode import RenderProfile, View
 
 
@@ -111,6 +111,33 @@ def test_the_tool_centre_point_moves_by_what_is_commanded(push, axis):
     expected = np.zeros(6)
     expected[axis] = 8 * size
     np.testing.assert_allclose(moved, expected, atol=0.05 * 8 * size)
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["PullCube-v1", "StackCube-v1"])
+def test_a_control_step_is_that_of_maniskill_to_the_bit(task):
+    simulation = SIMULATOR.open(task, View(image_size=16))
+    env = simulation._env
+
+    def episode(step):
+        simulation.reset(5)
+        rng = np.random.default_rng(5)
+        outcomes = []
+        for number in range(25):
+            state = simulation.privileged_state()
+            action = rng.uniform(-1.5, 1.5, 7) * simulation.action_spec.high
+            if number < 15:  # Then away from it.
+                name = "red_cube_position" if task == "StackCube-v1" else "cube_position"
+                action[:3] = 0.5 * (state[name] - state["tcp_position"])
+            outcomes.append((step(action), simulation.state_hash()))
+        return outcomes
+
+    def step_of_maniskill(action):
+        action = np.clip(action, simulation.action_spec.low, simulation.action_spec.high)
+        return bool(env.step(_command(action, simulation._gain))[4]["success"])
+
+    assert episode(lambda action: simulation.step(action).success) == episode(step_of_maniskill)
+    simulation.close()
 
 
 @pytest.mark.simulator
