@@ -47,7 +47,7 @@ def no_rendering(error: Exception) -> SimulatorUnavailable:
 
 
 class MujocoScene:
-    """Renders a MuJoCo model and its data. `fast` omits shadows, reflections and multisampling."""
+    """Renders a MuJoCo model and its data. `fast` and `fast-2` omit shadows, reflections and multisampling."""
 
     def __init__(self, model: Any, data: Any, profile: RenderProfile, option: Any = None) -> None:
         """Take the model and its data, whose poses must be up to date before rendering.
@@ -55,7 +55,7 @@ class MujocoScene:
         `option` is MuJoCo's `MjvOption`, which selects groups of shapes; by default all are rendered as usual.
         """
         self._mujoco = import_mujoco()
-        self._model, self._data, self._fast = model, data, profile is RenderProfile.FAST
+        self._model, self._data, self._fast = model, data, profile is not RenderProfile.STANDARD
         self._option = option or self._mujoco.MjvOption()
         self._culling = MujocoCulling(self._mujoco, model)
         self.renderers: dict[int, Any] = {}

@@ -41,7 +41,7 @@ class EpisodeResult:
     replan_every: Annotated[int, "Steps of a chunk executed before the policy is asked again."]
     cameras: Annotated[str, "Cameras rendered for the policy, separated by commas."]
     image_size: Annotated[int, "Height and width of each image (px)."]
-    render_profile: Annotated[str, "How much of the scene is drawn: standard or fast."]
+    render_profile: Annotated[str, "How much of the scene is drawn: standard, fast or fast-2."]
     status: Annotated[str, "success, failure or error; an error is neither of the others."]
     success_once: Annotated[bool, "The task's predicate was true after at least one step."]
     steps: Annotated[int, "Control steps executed."]

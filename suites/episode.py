@@ -23,6 +23,8 @@ class RenderProfile(StrEnum):
     """As in the simulator's own benchmark, with shadows, reflections and multisampling where it has them."""
     FAST = "fast"
     """Without shadows, reflections and multisampling."""
+    FAST_2 = "fast-2"
+    """As `fast`, with the meshes of robots simplified to what an image shows, where that saves a quarter of a frame."""
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -12,7 +12,7 @@ What differs from ManiSkill's own defaults, and why:
   too, since the time for which PhysX has seen them at rest, after which they sleep, outlasts the scene.
 
 Sensors are rendered with SAPIEN's `minimal` shader, without shadows, reflections or multisampling, so the render
-profiles `standard` and `fast` are equal.
+profiles `standard` and `fast` are equal. `fast-2` draws the robot with fewer triangles.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import logging
 import math
 import time
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,12 +43,14 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
 from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from robogauntlet.adapters.maniskill.culling import ManiSkillCulling
 from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_physics, wake
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
+from robogauntlet.adapters.maniskill.meshes import simplify_links
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
 from robogauntlet.adapters.maniskill.table import ManiSkillTable
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.suites.episode import View
+from robogauntlet.suites.episode import RenderProfile, View
 
 ROBOT = "panda_wristcam"
 CONTROLLER_RANGE = 0.1
@@ -87,6 +90,9 @@ LAYOUTS = {
 class ManiSkillSimulation(BaseSimulation):
     """One task of ManiSkill, see `robogauntlet.adapters.contract.Simulation`."""
 
+    culling: bool = True
+    """Whether links outside the view are left out, which changes no pixel."""
+
     def __init__(self, task: str, view: View, env: Any) -> None:
         self._env = env
         spring = env.agent.controller.controllers["arm"].config
@@ -101,7 +107,9 @@ class ManiSkillSimulation(BaseSimulation):
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._base_from_world = self._robot.pose.inv()
+        self._base_inverse = env.agent.controller.controllers["arm"].root_link.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
+        self._culling: Any = ManiSkillCulling(self._robot)
         self.scene_controls = SceneControls(
             cameras=ManiSkillCameras(env, self._base_from_world),
             lights=ManiSkillLights(env, self._base_from_world),
@@ -115,6 +123,7 @@ class ManiSkillSimulation(BaseSimulation):
         """Start the episode of `seed`, in a new PhysX scene."""
         self.scene_controls.undo()
         renew_physics(self._env)
+        _omit_reflections(self._env)
         self._env.reset(seed=seed)
         wake(self._objects.values())
 
@@ -125,14 +134,25 @@ class ManiSkillSimulation(BaseSimulation):
 
     def draw(self, camera: str, size: int) -> Image:
         """Render a camera of the view. ManiSkill fixes the size of its cameras when the task is opened."""
-        return _capture(self._env.scene.sensors[SENSORS[camera]])
+        return self._capture(self._env.scene.sensors[SENSORS[camera]])
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step. The reward is ManiSkill's sparse one (1 on success)."""
         action = np.clip(action, self._low, self._high)
-        _, _, _, _, info = self._env.step(_command(action, self._gain))
-        success = bool(info["success"])
+        self._command_joints(_command(action, self._gain))
+        for _ in range(self._env.sim_freq // self._env.control_freq):
+            self._env.scene.step()
+        success = bool(self._env.evaluate()["success"])
         return StepOutcome(reward=float(success), success=success)
+
+    def _command_joints(self, command: Any) -> None:
+        """Set the joints' targets. ManiSkill's own `step` finds the tool's pose in the base frame twice."""
+        controllers = self._env.agent.controller.controllers
+        arm, gripper = controllers["arm"], controllers["gripper"]
+        target = arm.compute_target_pose(self._base_inverse * arm.ee_pose, arm._preprocess_action(command[:, :6]))
+        joints = arm.kinematics.compute_ik(target, arm.articulation.get_qpos())
+        arm.set_drive_targets(arm.qpos if joints is None else joints)
+        gripper.set_action(command[:, 6:])
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return tool, fingers, objects and goal, which is the centre of the target's disc."""
@@ -157,7 +177,7 @@ class ManiSkillSimulation(BaseSimulation):
     def picture(self) -> Image:
         """Render the third-person view, (256, 256, 3)."""
         self._env.scene.update_render()
-        return _capture(self._env.scene.human_render_cameras[PICTURE])
+        return self._capture(self._env.scene.human_render_cameras[PICTURE])
 
     def render_device(self) -> str:
         """Return the name of the Vulkan device, such as `llvmpipe (LLVM 19.1.7, 256 bits)`."""
@@ -169,7 +189,7 @@ class ManiSkillSimulation(BaseSimulation):
         """Free the scene. Safe to call twice."""
         if self._env is not None:
             self._env.close()
-        self._env = self._robot = self._tcp = self._goal = None
+        self._env = self._robot = self._tcp = self._goal = self._culling = None
         self._objects = {}
         self.scene_controls = SceneControls()
 
@@ -186,6 +206,13 @@ class ManiSkillSimulation(BaseSimulation):
         physics.unpack(state)
         return taken
 
+    def _capture(self, sensor: Any) -> Image:
+        """Return the present upright RGB image of one of ManiSkill's cameras."""
+        camera = sensor.camera._render_cameras[0]
+        with self._culling.seen_by(camera) if self.culling else nullcontext():
+            camera.take_picture()
+        return np.array(camera.get_picture("Color")[..., :3])
+
     def _pose(self, pose: Any) -> tuple[FloatArray, FloatArray]:
         """Convert a SAPIEN pose in the world to position (3,) and quaternion xyzw (4,) in the base frame."""
         pose = self._base_from_world * pose
@@ -193,7 +220,7 @@ class ManiSkillSimulation(BaseSimulation):
 
 
 def open_task(task: str, view: View) -> ManiSkillSimulation:
-    """Open a task. The first in a process takes 3 s, later ones 0.2 s; without a GPU, the first image takes 5 s once.
+    """Open a task. The first in a process takes 3 s, later ones 0.2 s.
 
     Raises:
         SimulatorUnavailable: ManiSkill is not installed, or SAPIEN finds no Vulkan device to render with.
@@ -235,6 +262,8 @@ def open_task(task: str, view: View) -> ManiSkillSimulation:
         env.close()
         raise SimulatorUnavailable(f"SAPIEN found no device to render with: {_VULKAN_FIX}")
     _keep_renderer(env.scene.backend.render_device.name)
+    if view.render_profile is RenderProfile.FAST_2:
+        simplify_links(env.agent.robot._objs[0])
     return ManiSkillSimulation(task, view, env)
 
 
@@ -261,6 +290,19 @@ def _keep_renderer(device: str) -> Any:
     import sapien
 
     return sapien.render.RenderSystem(sapien.Device(device))
+
+
+def _omit_reflections(env: Any) -> None:
+    """Replace the table of reflections that SAPIEN computes for the first image, in 6 s without a GPU.
+
+    Shaders multiply it by the light of the environment map. These scenes have none, so the table changes no pixel.
+    Cameras lose it when they move to another scene.
+    """
+    import sapien
+
+    table = sapien.render.RenderTexture(np.zeros((1, 1, 4), np.uint8), 2, "R8G8B8A8Unorm")
+    for camera in env.scene.sub_scenes[0].render_system.cameras:
+        camera.set_texture("BRDFLUT", table)
 
 
 def _command(action: FloatArray, gain: float) -> Any:
@@ -292,13 +334,6 @@ def _euler_xyz(x: float, y: float, z: float, *, longest: float) -> tuple[float, 
         math.asin(2 * (x * z + y * w)),
         math.atan2(2 * (z * w - x * y), 1 - 2 * (y * y + z * z)),
     )
-
-
-def _capture(camera: Any) -> Image:
-    """Return the present upright RGB image of a camera."""
-    camera.capture()
-    rgb = camera.get_obs(rgb=True, depth=False, position=False, segmentation=False)["rgb"]
-    return np.array(rgb[0].cpu().numpy(), dtype=np.uint8)
 
 
 def _device_name(summary: str) -> str:

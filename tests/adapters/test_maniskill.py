@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _device_name, _euler_xyz
+from robogauntlet.adapters.maniskill.simulation import SIMULATOR, _command, _device_name, _euler_xyz
 from robogauntlet.suites.episode import RenderProfile, View
 
 
@@ -114,6 +114,33 @@ def test_the_tool_centre_point_moves_by_what_is_commanded(push, axis):
 
 
 @pytest.mark.simulator
+@pytest.mark.parametrize("task", ["PullCube-v1", "StackCube-v1"])
+def test_a_control_step_is_that_of_maniskill_to_the_bit(task):
+    simulation = SIMULATOR.open(task, View(image_size=16))
+    env = simulation._env
+
+    def episode(step):
+        simulation.reset(5)
+        rng = np.random.default_rng(5)
+        outcomes = []
+        for number in range(25):
+            state = simulation.privileged_state()
+            action = rng.uniform(-1.5, 1.5, 7) * simulation.action_spec.high
+            if number < 15:  # Then away from it.
+                name = "red_cube_position" if task == "StackCube-v1" else "cube_position"
+                action[:3] = 0.5 * (state[name] - state["tcp_position"])
+            outcomes.append((step(action), simulation.state_hash()))
+        return outcomes
+
+    def step_of_maniskill(action):
+        action = np.clip(action, simulation.action_spec.low, simulation.action_spec.high)
+        return bool(env.step(_command(action, simulation._gain))[4]["success"])
+
+    assert episode(lambda action: simulation.step(action).success) == episode(step_of_maniskill)
+    simulation.close()
+
+
+@pytest.mark.simulator
 def test_episodes_outlast_maniskills_own_limit(push):
     push.reset(0)
     assert not any(push.step(np.array([0, 0, 0, 0, 0, 0, -1.0])).terminated for _ in range(60))
@@ -141,3 +168,30 @@ def test_without_a_vulkan_driver_the_message_says_why_and_what_to_do():
     run = subprocess.run([sys.executable, "-c", code], env=os.environ | nowhere, capture_output=True, text=True)
     assert "SimulatorUnavailable" in run.stderr.splitlines()[-1]
     assert "install a Vulkan driver" in run.stderr.splitlines()[-1]
+
+
+@pytest.mark.simulator
+def test_fast_2_draws_a_robot_of_fewer_triangles_that_looks_and_moves_the_same(push):
+    simple = SIMULATOR.open("PushCube-v1", View(image_size=96, render_profile=RenderProfile.FAST_2))
+    for simulation in (push, simple):
+        simulation.reset(4)
+        simulation.step(np.array([0.01, 0.01, -0.01, 0.0, 0.0, 0.02, 1.0]))
+    drawn, simplified = (simulation.observe().images for simulation in (push, simple))
+    np.testing.assert_array_equal(drawn["wrist"], simplified["wrist"])
+    differences = np.abs(drawn["third_person"].astype(int) - simplified["third_person"]).max(axis=2)
+    assert 0 < (differences > 8).mean() < 0.01
+    assert push.state_hash() == simple.state_hash()
+    bodies = simple._env.scene.sub_scenes[0].render_system.render_bodies
+    assert sum(len(part.triangles) for body in bodies for shape in body.render_shapes for part in shape.parts) < 100_000
+    simple.close()
+
+
+@pytest.mark.simulator
+def test_the_table_of_reflections_that_sapien_would_compute_changes_no_pixel(push, monkeypatch):
+    push.reset(0)
+    monkeypatch.setattr("robogauntlet.adapters.maniskill.simulation._omit_reflections", bool)
+    with_table = SIMULATOR.open("PushCube-v1", View(image_size=96))
+    with_table.reset(0)
+    for name, image in with_table.observe().images.items():
+        np.testing.assert_array_equal(image, push.observe().images[name])
+    with_table.close()

@@ -137,3 +137,22 @@ def test_a_missing_robosuite_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "robosuite", None)
     with pytest.raises(SimulatorUnavailable, match=r'pip install "robogauntlet\[robosuite\]"'):
         import_with_mujoco("robosuite", "robosuite")
+
+
+def test_fast_2_draws_a_robot_of_fewer_triangles_that_looks_and_moves_the_same():
+    images, states = [], []
+    for profile in (RenderProfile.FAST, RenderProfile.FAST_2):
+        simulation = SIMULATOR.open("Lift", View(image_size=96, render_profile=profile))
+        simulation.reset(2)
+        for _ in range(3):
+            simulation.step(np.array([0.01, 0.01, -0.01, 0.0, 0.0, 0.02, 1.0]))
+        images.append(simulation.observe().images)
+        states.append(simulation.state_hash())
+        model = simulation._model
+        drawn = model.mesh_facenum[model.geom_dataid[(model.geom_group == 1) & (model.geom_dataid >= 0)]].sum()
+        assert drawn > 150_000 if profile is RenderProfile.FAST else drawn < 90_000
+        simulation.close()
+    for camera in images[0]:
+        differences = np.abs(images[0][camera].astype(int) - images[1][camera]).max(axis=2)
+        assert 0 < (differences > 8).mean() < 0.03
+    assert states[0] == states[1]

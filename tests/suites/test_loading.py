@@ -158,7 +158,7 @@ def test_internal_tasks_and_policies_are_not_suggested(tmp_path):
         (("name: a-suite", "name: a-suite\ninference: {place: served, batch: 0}"), "2: inference.batch: expected a value greater than or equal to 1, found 0"),
         (("name: a-suite", "name: a-suite\ninference: {plaec: served}"), "2: unknown key 'plaec'; did you mean 'place'?"),
         (("name: a-suite", "name: a-suite\nreplan_every: 0"), "2: replan_every: expected a value greater than or equal to 1, found 0"),
-        (("name: a-suite", "name: a-suite\nrender_profile: fats"), "2: render_profile: expected 'standard' or 'fast', found 'fats'"),
+        (("name: a-suite", "name: a-suite\nrender_profile: fats"), "2: render_profile: expected 'standard', 'fast' or 'fast-2', found 'fats'"),
         (("name: a-suite", "name: a-suite\nimage_size: 4"), "2: image_size: expected a value greater than or equal to 16, found 4"),
         (("name: a-suite", "name: a-suite\ncameras: [wrist, wrist]"), "2: duplicate camera 'wrist'"),
         (("name: a-suite", "name: a-suite\ncamears: [wrist]"), "2: unknown key 'camears'; did you mean 'cameras'?"),
