@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robogauntlet.adapters.contract import FloatArray
 
 MARGIN = 1e-3
-"""Share of its distance by which a shape must be outside the view; a tenth of a pixel or less in images of 96 px."""
+"""Share of its distance by which a shape must be outside the view: far more than MuJoCo's single precision rounds."""
 
 
 class MujocoCulling:
