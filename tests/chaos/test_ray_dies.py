@@ -74,7 +74,7 @@ def suite(tmp_path):
 def test_ray_is_restarted_while_media_are_recorded_and_no_video_is_missing(start, suite, tmp_path):
     folder = tmp_path / "run"
     command = start("run", suite, "--out", folder, "--media")
-    command.kill_raylet_when(lambda: "recording 2 videos" in command.log.read_text())
+    command.kill_raylet_when(lambda: "videos and snapshots" in command.log.read_text())
     assert command.end() == (0, [])
     assert "it was started again" in command.log.read_text()
     document = read_run(folder)
