@@ -1,4 +1,4 @@
-"""Leaves links of the arm that a camera cannot see out of images: nine tenths of the triangles are theirs."""
+"""Leaves links of the arm that a camera cannot see out of images, whose triangles are nearly all the arm's."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class PyBulletCulling:
         """Take a physics server and an arm whose links have meshes in Wavefront files."""
         self._client, self._body = client, body
         shapes = [shape for shape in client.getVisualShapeData(body) if shape[1] >= 0]
-        self._colours = {link: colour for _, link, *_, colour in (shape[:8] for shape in shapes)}
-        self._links = list(self._colours)
+        self._colours = {shape[1]: shape[7] for shape in shapes}
+        self._links = [shape[1] for shape in shapes]
         self._centre, self._half = np.stack([_box(shape) for shape in shapes], axis=1)[:, :, None]
         self._left_out: frozenset[int] = frozenset()
 
