@@ -35,6 +35,7 @@ class MujocoSimulation(BaseSimulation):
         for name in env.observation_names:  # Updated 25 times in a control step, and not used.
             env.modify_observable(name, "enabled", False)
         self._model, self._data = env.sim.model._model, env.sim.data._data
+        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # Nor are they.
         option = mujoco.MjvOption()
         option.geomgroup[0] = 0  # Collision shapes.
         # The off-screen buffer is as large as needed; there is no window.
