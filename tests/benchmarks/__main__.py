@@ -8,6 +8,7 @@ from pathlib import Path
 
 BENCHMARKS = (
     "rendering",
+    "control_step",
     "bare_loop",
     "throughput",
     "oracles",
