@@ -13,6 +13,7 @@ Particular to this adapter:
   step, relative to the present pose. In steady motion the tool covers `REACHED` of the offset. The adapter commands
   correspondingly more, so that the tool moves by the action. LIBERO's own actions are shares of `action_spec.high`: an
   action of 1 is an offset of 5 cm and 0.5 rad, of which the tool moves 1.31 cm and 0.118 rad in a control step.
+- Control steps are run by `mujoco_parts.control`, equal to LIBERO's own to the bit.
 - The adapter renders images instead of robosuite 1.4, which never makes its OpenGL context current again and so renders
   the wrong model once a process has had two. The images are bit-identical, but upright.
 - Resets are soft. LIBERO's hard reset, its default, builds a new model and appends a sampler of drawers and doors each
@@ -34,6 +35,7 @@ from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
 from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
+from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
 from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
@@ -107,6 +109,7 @@ class LiberoSimulation(MujocoSimulation):
             dynamics=MujocoDynamics(physics, bodies) if bodies else None,
             table=self._table,
         )
+        self._control = control_loop(physics, self._env)
         self._assets = str(package.assets)
         self._task, self._shift = task, 0.0
         self.reset(0)
@@ -136,8 +139,9 @@ class LiberoSimulation(MujocoSimulation):
         return self._step(np.clip(action, spec.low, spec.high) / spec.high)
 
     def _step(self, action: FloatArray) -> StepOutcome:
-        _, reward, done, _ = self._env.step(action)
-        return StepOutcome(reward=float(reward), success=bool(done))
+        self._control.step(action)
+        reward, _, _ = self._env._post_action(action)
+        return StepOutcome(reward=float(reward), success=bool(self._env._check_success()))
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Return the true state: `tcp_*` and `finger_positions`, then the task's entries, under LIBERO's names.
@@ -190,6 +194,26 @@ class LiberoSimulation(MujocoSimulation):
         """Return the largest speed of a movable object (m/s)."""
         starts = [self._model.body_dofadr[movable.body.id] for movable in self._objects.values()]
         return float(max(np.linalg.norm(self._data.qvel[start : start + 3]) for start in starts))
+
+
+def control_loop(physics: MujocoPhysics, env: Any) -> ControlLoop:
+    """Return the control steps of robosuite 1.4: goals are in the world, a gripper's command moves on.
+
+    robosuite 1.4 computes MuJoCo's forward dynamics three times in a physics step, twice to no effect.
+    """
+    robot = env.robots[0]
+
+    def set_goal(controller: Any, action: FloatArray, steps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        controller.set_goal(action[: controller.control_dim])
+        gripper, command = robot.gripper, action[controller.control_dim :]
+        before, commands = gripper.current_action, [gripper.format_action(command)]
+        moves = not np.array_equal(before, commands[0])  # Else it is at its end, or is not told to.
+        commands += [gripper.format_action(command) if moves else commands[0] for _ in range(steps - 1)]
+        return controller.goal_pos, controller.goal_ori, np.array(commands)
+
+    actuators = robot._ref_joint_actuator_indexes, robot._ref_joint_gripper_actuator_indexes
+    tool = "eef_name", "ee_pos", "ee_ori_mat"
+    return ControlLoop(physics, env, Version(lambda: robot.controller, tool, actuators, set_goal))
 
 
 def fixtures_of(env: Any) -> tuple[dict[str, Any], dict[str, Any], Any]:

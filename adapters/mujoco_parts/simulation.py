@@ -36,6 +36,7 @@ class MujocoSimulation(BaseSimulation):
         for name in env.observation_names:  # Updated 25 times in a control step, and not used.
             env.modify_observable(name, "enabled", False)
         self._model, self._data = env.sim.model._model, env.sim.data._data
+        self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)  # Nor are they.
         option = mujoco.MjvOption()
         option.geomgroup[0] = 0  # Collision shapes.
         self._scene = MujocoScene(self._model, self._data, view.render_profile, option)

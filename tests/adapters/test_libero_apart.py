@@ -65,7 +65,11 @@ def test_robosuite_1_4_shadows_the_one_behind_it(surroundings, python):
 
 
 def test_the_tests_of_liberos_adapter_and_oracles_pass_there(surroundings, python):
-    files = ["tests/adapters/test_libero.py", "tests/policies/test_libero_oracles.py"]
+    files = [
+        "tests/adapters/test_libero.py",
+        "tests/adapters/test_libero_control.py",
+        "tests/policies/test_libero_oracles.py",
+    ]
     command = [python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *files]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=surroundings)
     assert done.returncode == 0, done.stdout[-6000:]

@@ -13,6 +13,7 @@ from pathlib import Path
 BENCHMARKS = (
     "rendering",
     "frames",
+    "control_step",
     "bare_loop",
     "throughput",
     "oracles",
