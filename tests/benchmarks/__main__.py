@@ -24,7 +24,7 @@ BENCHMARKS = (
     "remote",
     "workers",
 )
-LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale", "shifted_routing")
+LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale", "shifted_routing", "simplified_meshes")
 INSTALLS = ("vla_eval",)
 NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
