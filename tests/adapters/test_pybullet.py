@@ -137,7 +137,9 @@ def with_and_without_culling(simulation, camera):
     return images
 
 
-@pytest.mark.parametrize(("task", "profile"), [(PICK, RenderProfile.FAST), (PUSH, RenderProfile.STANDARD)])
+@pytest.mark.parametrize(
+    ("task", "profile"), [(PICK, RenderProfile.FAST), (PICK, RenderProfile.FAST_2), (PUSH, RenderProfile.STANDARD)]
+)
 def test_culling_changes_no_pixel_while_the_arm_moves(opened, task, profile):
     simulation = opened(task, render_profile=profile)
     left_out = set()
@@ -166,6 +168,24 @@ def test_culling_changes_no_pixel_of_cameras_anywhere_with_any_lens(opened):
         assert np.array_equal(*with_and_without_culling(simulation, camera))
         counts.add(len(simulation._culling._left_out))
     assert len(counts) > 5
+
+
+def test_fast_2_draws_an_arm_of_fewer_triangles_that_looks_and_moves_the_same(opened):
+    states, images, shapes, bodies = [], [], [], []
+    for profile in (RenderProfile.FAST, RenderProfile.FAST_2):
+        simulation = opened(PICK, image_size=96, render_profile=profile)
+        states.append(press(simulation, 3))
+        images.append(simulation.observe().images)
+        client, arm = simulation._client, simulation._bodies["panda"]
+        shapes.append([(*shape[:4], *shape[5:]) for shape in client.getVisualShapeData(arm)])
+        bodies.append([client.getDynamicsInfo(arm, link) for link in range(-1, client.getNumJoints(arm))])
+    assert np.array_equal(*states)
+    assert shapes[0] == shapes[1]
+    assert bodies[0] == bodies[1]
+    for camera, largest in (("third_person", 0.02), ("wrist", 0.002)):
+        differences = np.abs(images[0][camera].astype(int) - images[1][camera]).max(axis=2)
+        assert (differences > 8).mean() < largest
+    assert not np.array_equal(images[0]["third_person"], images[1]["third_person"])
 
 
 def test_a_control_step_is_that_of_panda_gym_to_the_bit(opened):
