@@ -10,7 +10,7 @@ from robogauntlet.results.statistics.pairs import Pairs, is_no_worse, paired_dif
 from tests.benchmarks.shared import EXPERTS, POLICY_OPTIONS, play_suite, table_of
 
 PROFILES = ("fast-2", "fast")
-SIMULATORS = ("maniskill", "robosuite")
+SIMULATORS = ("maniskill", "robosuite", "pybullet")
 SEEDS = 100
 """Seeds of each of three tasks."""
 MARGIN = 0.03
