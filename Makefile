@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PLAYING := $(VENV)/.playing
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
@@ -25,13 +26,19 @@ help:
 setup: $(STAMP)
 	@bash scripts/render_drivers.sh
 
-$(STAMP): pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,mergevla,postgresql,remote,wandb,mlflow,docs,dev]"
+$(STAMP): $(PLAYING)
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[postgresql,remote,wandb,mlflow,docs,dev]"
 	@touch $@
 
-demo: setup
+$(PLAYING): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25" "setuptools>=77" wheel
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[simulators,mergevla]"
+	@touch $@
+
+# Needs a fifth less than the tests.
+demo: $(PLAYING)
+	@bash scripts/render_drivers.sh
 	$(BIN)/robogauntlet run mergevla --seeds 10
 
 # Half as many processes again as cores, at most four: tests often wait for processes of their own to start.

@@ -12,11 +12,13 @@ from pathlib import Path
 
 BENCHMARKS = (
     "rendering",
+    "bound",
     "frames",
     "control_step",
     "bare_loop",
     "throughput",
     "oracles",
+    "answers",
     "inference",
     "overhead",
     "environments",
