@@ -66,7 +66,7 @@ def figures(spent: dict[str, list[float]], drawn: dict[str, list[tuple[int, int]
     times = {kind: statistics.median(values) for kind, values in spent.items()}
     ratios = {f"{kind}_ratio": times[WHOLE] / times[kind] for kind in (CULLED, SIMPLIFIED)}
     triangles = [f"{int(np.mean(seen, axis=0)[1]):,}" for seen in drawn.values() if seen]
-    return {**times, **ratios, "triangles": ", ".join(triangles) or "?"}
+    return {**times, **ratios, "triangles": ", ".join(triangles) or "-"}
 
 
 def drawn_by_mujoco(simulation: Any) -> list[tuple[int, int]]:
