@@ -52,10 +52,10 @@ def profile(
     broken = False
     with out.status("playing"), ray_session(address=None, workers=1):
         for simulator in plan.simulators:  # one at a time, so that they do not slow each other down
-            cells = [cell for cell in first.values() if cell.simulator == simulator]
-            arguments = (cells, dict(plan.sources), list(plan.suite.seeds)[: seeds or EPISODES])
             if simulator in plan.unavailable:
                 continue
+            cells = [cell for cell in first.values() if cell.simulator == simulator]
+            arguments = (cells, dict(plan.sources), list(plan.suite.seeds)[: seeds or EPISODES])
             for _, found in run_per_simulator(profile_cells, {simulator: arguments}, plan.environments):
                 if isinstance(found, ProcessEnded):
                     problems.append(f"{simulator}: {found.reason}")
