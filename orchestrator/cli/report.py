@@ -1,13 +1,18 @@
-"""`robogauntlet report`: write the report of a run again."""
+"""`robogauntlet report`: write the report of a run again, or print its success table."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, newest_run, print_line
 from robogauntlet.orchestrator.cli.console_tables import print_summary
+from robogauntlet.results.report.success_table import TableFormat, render_table, success_table
+from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
 
@@ -18,15 +23,28 @@ def report(
         float | None,
         typer.Option(min=0, max=1000, help="Largest size of all videos in report.html (MB); by default 9."),
     ] = None,
+    table: Annotated[
+        TableFormat | None, typer.Option(help="Print the success table in this format instead; nothing is written.")
+    ] = None,
+    condition: Annotated[
+        str | None,
+        typer.Option(metavar="AXIS[:SEVERITY]", help="Condition of the table; by default the first of the run."),
+    ] = None,
 ) -> None:
     """Write the report of a run again.
 
     The report consists of report.html, report.md, summary.json, cells.csv and episodes.parquet, and of
-    explore.html for perturbed conditions.
+    explore.html for perturbed conditions. With --table, the success table is printed: tasks in rows, policies in
+    columns.
     """
+    if condition is not None and table is None:
+        raise BadInput("--condition: expected with --table, such as --table latex --condition clean")
+    folder = folder or newest_run()
+    if table is not None:
+        typer.echo(_success_table(folder, store, condition, table), nl=False)
+        return
     from robogauntlet.results.report import write_report
 
-    folder = folder or newest_run()
     budget = {} if video_mb is None else {"video_budget": int(1e6 * video_mb)}
     try:
         written = write_report(folder, store_url=store, **budget)
@@ -34,3 +52,25 @@ def report(
         raise BadInput(f"{folder}: cannot be written: {error.strerror}") from None
     print_summary(written)
     print_line(f"report: {written.paths.html}")
+
+
+def _success_table(folder: Path, store: str | None, condition: str | None, form: TableFormat) -> str:
+    from robogauntlet.results.api import open_run
+
+    run = open_run(folder, store)
+    tables = run.tables()
+    return render_table(success_table(run.document.suite.name, tables, _find(condition, tables.conditions)), form)
+
+
+def _find(wanted: str | None, conditions: Sequence[Condition]) -> Condition:
+    """Return the wanted one of a run's conditions, by default the first. Raises BadInput."""
+    if wanted is None:
+        return conditions[0] if conditions else Condition()
+    axis, _, severity = wanted.replace("@", ":").partition(":")
+    found = [one for one in conditions if one.axis == axis and severity in ("", str(one.severity))]
+    if len(found) == 1:
+        return found[0]
+    names = [str(one).replace("@", ":") for one in found or conditions]
+    if found:
+        raise BadInput(f"--condition: expected one severity of {axis}, got '{wanted}'; the run has {', '.join(names)}")
+    raise BadInput(f"--condition: the run has no condition '{wanted}'{did_you_mean(wanted, names)}")
