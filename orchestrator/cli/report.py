@@ -10,6 +10,7 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, newest_run, print_line
 from robogauntlet.orchestrator.cli.console_tables import print_summary
+from robogauntlet.results.report.figures import FOLDER, FigureFormat, check_matplotlib, write_figures
 from robogauntlet.results.report.success_table import TableFormat, render_table, success_table
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.plugins import did_you_mean
@@ -26,6 +27,10 @@ def report(
     table: Annotated[
         TableFormat | None, typer.Option(help="Print the success table in this format instead; nothing is written.")
     ] = None,
+    figures: Annotated[
+        FigureFormat | None,
+        typer.Option(help='Also write figures for a paper, in this format. Needs pip install "robogauntlet[figures]".'),
+    ] = None,
     condition: Annotated[
         str | None,
         typer.Option(metavar="AXIS[:SEVERITY]", help="Condition of the table; by default the first of the run."),
@@ -35,8 +40,10 @@ def report(
 
     The report consists of report.html, report.md, summary.json, cells.csv and episodes.parquet, and of
     explore.html for perturbed conditions. With --table, the success table is printed: tasks in rows, policies in
-    columns.
+    columns. With --figures, the plots are also written as files into the folder figures of the run.
     """
+    if table is not None and figures is not None:
+        raise BadInput("expected --table, which writes nothing, or --figures, got both")
     if condition is not None and table is None:
         raise BadInput("--condition: expected with --table, such as --table latex --condition clean")
     folder = folder or newest_run()
@@ -45,13 +52,18 @@ def report(
         return
     from robogauntlet.results.report import write_report
 
+    if figures is not None:
+        check_matplotlib()
     budget = {} if video_mb is None else {"video_budget": int(1e6 * video_mb)}
     try:
         written = write_report(folder, store_url=store, **budget)
+        drawn = [] if figures is None else write_figures(written, folder / FOLDER, figures)
     except OSError as error:
         raise BadInput(f"{folder}: cannot be written: {error.strerror}") from None
     print_summary(written)
     print_line(f"report: {written.paths.html}")
+    for path in drawn:
+        print_line(f"figure: {path}")
 
 
 def _success_table(folder: Path, store: str | None, condition: str | None, form: TableFormat) -> str:

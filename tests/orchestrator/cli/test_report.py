@@ -27,12 +27,20 @@ def test_the_table_is_that_of_the_first_condition(run_command, run):
     assert "condition clean" in run_command("report", run, "--table", "latex").out
 
 
+def test_figures_are_written_beside_the_report(run_command, run):
+    done = run_command("report", run, "--figures", "svg")
+    assert f"figure: {run / 'figures' / 'success-by-task.svg'}" in done.out
+    assert (run / "figures" / "success-by-severity.svg").is_file()
+    assert (run / "report.html").is_file()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--table", "csv", "--condition", "nois:4"], "the run has no condition 'nois:4'; did you mean 'noise:4'?"),
         (["--table", "csv", "--condition", "noise"], "expected one severity of noise, got 'noise'; the run has noise:2"),
         (["--condition", "clean"], "--condition: expected with --table"),
+        (["--table", "csv", "--figures", "svg"], "expected --table, which writes nothing, or --figures, got both"),
     ],
 )
 def test_a_mistake_is_one_line(run_command, run, arguments, message):

@@ -1,0 +1,254 @@
+"""Figures of a report for papers and slides: SVG, PDF or PNG, one column of a paper wide."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from enum import StrEnum
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
+from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.condition_comparison import HeatMap, condition_text, heat_maps
+from robogauntlet.results.report.explore import COLOURS
+from robogauntlet.results.report.robustness import axis_heading, known_rates, overall_curves
+from robogauntlet.results.report.summary import Report
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import Condition
+from robogauntlet.support.errors import BadInput
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FOLDER = "figures"
+COLUMN = 3.35
+"""Width of a figure (inches): one column of a two-column paper."""
+MARKERS = ("o", "s", "D", "^", "P", "v")
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+STYLE = {
+    **{"font.size": 7, "axes.titlesize": 7, "axes.labelsize": 7, "legend.fontsize": 6.5},
+    **{"xtick.labelsize": 6.5, "ytick.labelsize": 6.5, "axes.linewidth": 0.6, "lines.linewidth": 1.1},
+    **{"xtick.major.width": 0.6, "ytick.major.width": 0.6, "axes.spines.top": False, "axes.spines.right": False},
+    **{"font.family": "sans-serif", "figure.dpi": 300, "savefig.dpi": 300, "svg.hashsalt": "robogauntlet"},
+    **{"pdf.fonttype": 42, "axes.unicode_minus": False, "text.parse_math": False},
+}
+"""Sizes for print, embedded TrueType fonts, equal bytes for equal numbers, and no formulae in names."""
+GRID = {"color": "#d5dadd", "linewidth": 0.5, "zorder": 0}
+
+
+class FigureFormat(StrEnum):
+    """File format of the figures."""
+
+    SVG = "svg"
+    PDF = "pdf"
+    PNG = "png"
+
+
+def check_matplotlib() -> None:
+    """Raise BadInput if matplotlib is not installed."""
+    if find_spec("matplotlib") is None:
+        raise BadInput('--figures needs matplotlib; install it: pip install "robogauntlet[figures]"')
+
+
+def write_figures(report: Report, folder: Path, form: FigureFormat) -> list[Path]:
+    """Write the figures of a report into a folder, and return their paths.
+
+    `success-by-task` is a forest plot under the first condition. Runs with perturbations also have
+    `success-by-severity`, and a heat map of conditions and simulators per policy.
+
+    Raises:
+        BadInput: matplotlib is not installed.
+        OSError: The folder cannot be written.
+    """
+    check_matplotlib()
+    from matplotlib import rc_context
+
+    folder.mkdir(exist_ok=True)
+    written = []
+    with rc_context(STYLE):
+        for name, draw in _figures(report):
+            path = folder / f"{name}.{form}"
+            # A date in the file would make equal figures differ.
+            dates = {FigureFormat.SVG: {"Date": None}, FigureFormat.PDF: {"CreationDate": None}}
+            draw().savefig(path, format=str(form), metadata=dates.get(form, {}), bbox_inches="tight", pad_inches=0.02)
+            written.append(path)
+    return written
+
+
+def _figures(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """Name and drawing function of each figure of a run."""
+    tables, robustness = report.tables, report.robustness
+    if any(cell.tally.verdicts for cell in _shown(tables)):
+        yield "success-by-task", partial(_forest, tables)
+    if robustness is None:
+        return
+    if any(overall_curves(robustness, axis) for axis in robustness.axes):
+        yield "success-by-severity", partial(_curves, robustness, tables.policies)
+    for number, found in enumerate(heat_maps(robustness), start=1):
+        name = re.sub(r"[^\w.-]+", "-", found.policy).strip("-.")
+        yield f"heat-map-{number}-{name}", partial(_heat_map, found)
+
+
+def _new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(COLUMN, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def _shown(tables: Tables) -> list[CellRow]:
+    """Cells under the condition that the report's forest plot has: clean, or the first of the plan."""
+    shown = tables.conditions[0] if tables.conditions else Condition()
+    return [cell for cell in tables.cells if cell.condition == shown]
+
+
+def _forest(tables: Tables) -> Figure:
+    """Rates with 95 % Wilson intervals: a panel per simulator, a group of lines per task, a line per policy."""
+    cells = [cell for cell in _shown(tables) if cell.tally.verdicts]
+    policies = [policy for policy in tables.policies if any(cell.policy == policy for cell in cells)]
+    tasks: dict[str, list[str]] = {}
+    for cell in cells:
+        of_simulator = tasks.setdefault(cell.simulator, [])
+        of_simulator += [] if cell.task in of_simulator else [cell.task]
+    heights = [len(names) for names in tasks.values()]
+    height = max(0.16, 0.11 * (len(policies) + 1)) * sum(heights) + 0.3 * len(heights) + 0.5
+    figure, panels = _new_figure(height, len(heights), sharex=True, height_ratios=heights)
+    for panel, (simulator, names) in zip(panels[:, 0], tasks.items(), strict=True):
+        for place, policy in enumerate(policies):
+            lines = [
+                (names.index(cell.task) - 0.5 + (place + 1) / (len(policies) + 1), cell.tally)
+                for cell in cells
+                if cell.simulator == simulator and cell.policy == policy
+            ]
+            _draw_rates(panel, policy, place, lines)
+        panel.set_yticks(range(len(names)), [formatting.short_task(name) for name in names])
+        panel.set_ylim(len(names) - 0.5, -0.5)
+        panel.set_title(simulator, loc="left", fontweight="bold", pad=3)
+        panel.set_xlim(0, 100)
+        panel.set_xticks(range(0, 101, 25))
+        panel.grid(axis="x", **GRID)
+        for border in range(1, len(names)):
+            panel.axhline(border - 0.5, **GRID)
+        panel.tick_params(axis="y", length=0)
+    panels[-1, 0].set_xlabel("success (%), 95 % Wilson interval")
+    _legend(figure, panels[:, 0], policies)
+    return figure
+
+
+def _draw_rates(panel: Axes, policy: str, place: int, lines: Sequence[tuple[float, Tally]]) -> None:
+    colour = COLOURS[place % len(COLOURS)]
+    for y, tally in lines:
+        if tally.interval is not None:
+            panel.hlines(y, 100 * tally.interval.low, 100 * tally.interval.high, colors=colour, zorder=3)
+    panel.plot(
+        [100 * (tally.rate or 0.0) for _, tally in lines],
+        [y for y, _ in lines],
+        MARKERS[place % len(MARKERS)],
+        color=colour,
+        markersize=3.5,
+        label=policy,
+        zorder=4,
+        clip_on=False,
+    )
+
+
+def _curves(robustness: Robustness, order: Sequence[str]) -> Figure:
+    """Success by severity over all simulators: a panel per axis, a line with its 95 % band per policy."""
+    axes = [axis for axis in robustness.axes if overall_curves(robustness, axis)]
+    rows = (len(axes) + 1) // 2
+    figure, panels = _new_figure(1.3 * rows + 0.35, rows, 2, sharey=True)
+    places = {policy: place for place, policy in enumerate(order)}
+    drawn: dict[str, None] = {}
+    for axis, panel in zip(axes, panels.flat, strict=False):
+        curves = overall_curves(robustness, axis)
+        for curve in curves:
+            _draw_curve(panel, curve, places.get(curve.policy, 0))
+            drawn[curve.policy] = None
+        levels = sorted({int(level) for curve in curves for level in curve.curve.levels})
+        panel.set_xticks(levels, [_level(axis, level) for level in levels])
+        panel.set_xlabel(axis_heading(axis))
+        panel.set_ylim(0, 102)
+        panel.set_yticks(range(0, 101, 25))
+        panel.grid(axis="y", **GRID)
+    for panel in panels.flat[len(axes) :]:
+        panel.set_axis_off()
+    for row in panels:
+        row[0].set_ylabel("success (%)")
+    _legend(figure, panels.flat, [policy for policy in order if policy in drawn])
+    return figure
+
+
+def _draw_curve(panel: Axes, found: PolicyCurve, place: int) -> None:
+    points = known_rates(found.curve)
+    colour = COLOURS[place % len(COLOURS)]
+    levels = [level for level, _ in points]
+    panel.plot(
+        levels,
+        [100 * rate.value for _, rate in points],
+        marker=MARKERS[place % len(MARKERS)],
+        linestyle=LINES[place % len(LINES)],
+        markersize=3.2,
+        label=found.policy,
+        zorder=3,
+        clip_on=False,
+        color=colour,
+    )
+    ends = [rate.interval for _, rate in points]
+    low = [100 * (end.low if end else rate.value) for end, (_, rate) in zip(ends, points, strict=True)]
+    high = [100 * (end.high if end else rate.value) for end, (_, rate) in zip(ends, points, strict=True)]
+    panel.fill_between(levels, low, high, alpha=0.16, linewidth=0, zorder=2, color=colour)
+
+
+def _level(axis: str, severity: int) -> str:
+    """The label of a severity: its physical value."""
+    if not severity:
+        return "clean"
+    return f"{AXES[axis].value(severity):g}" if axis in AXES else str(severity)
+
+
+def _heat_map(found: HeatMap) -> Figure:
+    """One policy's success (%) with the number of episodes behind it: conditions in rows, simulators in columns."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    values = [[float("nan") if cell is None else 100 * cell.rate.value for cell in row.cells] for row in found.rows]
+    figure, panels = _new_figure(0.125 * len(found.rows) + 0.75)
+    panel = panels[0, 0]
+    # The darkest colour is light enough for black numbers.
+    colours = LinearSegmentedColormap.from_list("success", ("#ffffff", "#5f9fcf"))
+    colours.set_bad("#e3e6e8")
+    panel.imshow(values, cmap=colours, vmin=0, vmax=100, aspect="auto", interpolation="nearest")
+    for y, row in enumerate(found.rows):
+        for x, cell in enumerate(row.cells):
+            text = formatting.NOTHING if cell is None else formatting.percent(cell.rate.value).removesuffix(" %")
+            panel.text(x, y, text, ha="center", va="center", fontsize=6)
+    panel.set_yticks(range(len(found.rows)), [condition_text(row.axis, row.severity) for row in found.rows])
+    panel.set_xticks(range(len(found.columns)), found.columns)
+    panel.tick_params(length=0, labelsize=6)
+    panel.xaxis.tick_top()
+    panel.spines[:].set_visible(False)
+    borders = [y for y in range(1, len(found.rows)) if found.rows[y].axis != found.rows[y - 1].axis]
+    for y in {1, *borders} if len(found.rows) > 1 else ():
+        panel.axhline(y - 0.5, color="#5b6770", linewidth=0.5)
+    panel.set_title(f"{found.policy}: success (%)", loc="left", fontweight="bold")
+    return figure
+
+
+def _legend(figure: Figure, panels: Iterable[Axes], policies: Sequence[str]) -> None:
+    handles = {}
+    for panel in panels:
+        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
+    columns = 2 if len(policies) > 1 and max(map(len, policies)) <= 28 else 1
+    figure.legend(
+        [handles[policy] for policy in policies],
+        policies,
+        loc="outside upper center",
+        ncols=columns,
+        frameon=False,
+        handletextpad=0.5,
+        columnspacing=1.2,
+    )

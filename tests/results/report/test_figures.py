@@ -1,0 +1,56 @@
+"""The figures for a paper."""
+
+import sys
+
+import pytest
+from PIL import Image
+
+from robogauntlet.results.report import write_report
+from robogauntlet.results.report.figures import COLUMN, FigureFormat, check_matplotlib, write_figures
+from robogauntlet.support.errors import BadInput
+from tests.results.analysis import test_condition_comparison as perturbed
+from tests.results.synthetic import cells, document, rows, run_folder
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    plan = cells(("$oracle_1", "random"))
+    run = run_folder(tmp_path_factory.mktemp("clean") / "run", document(10, of=plan), rows(plan))
+    return write_report(run)
+
+
+@pytest.fixture(scope="module")
+def under_noise(tmp_path_factory):
+    run = document(perturbed.SEEDS, of=perturbed.PLAN, compare=perturbed.COMPARE)
+    return write_report(run_folder(tmp_path_factory.mktemp("perturbed") / "run", run, perturbed.rows()))
+
+
+@pytest.mark.parametrize(
+    ("form", "start"), [(FigureFormat.SVG, b"<?xml"), (FigureFormat.PDF, b"%PDF"), (FigureFormat.PNG, b"\x89PNG")]
+)
+def test_the_plots_are_written_in_the_format_asked_for(under_noise, tmp_path, form, start):
+    written = write_figures(under_noise, tmp_path, form)
+    names = ["success-by-task", "success-by-severity", "heat-map-1-expert", "heat-map-2-merged"]
+    assert [path.name for path in written] == [f"{name}.{form}" for name in names]
+    assert all(path.read_bytes().startswith(start) for path in written)
+
+
+def test_a_figure_is_as_wide_as_a_column(clean, tmp_path):
+    (path,) = write_figures(clean, tmp_path, FigureFormat.PNG)
+    with Image.open(path) as image:
+        assert COLUMN - 0.1 < image.width / 300 < COLUMN + 0.1  # inches
+
+
+def test_the_same_numbers_give_the_same_file(clean, tmp_path):
+    files = [write_figures(clean, tmp_path, FigureFormat.SVG)[0].read_bytes() for _ in range(2)]
+    assert files[0] == files[1]
+
+
+def test_a_run_without_results_has_no_figures(tmp_path):
+    assert write_figures(write_report(run_folder(tmp_path / "run", document(), [])), tmp_path, FigureFormat.SVG) == []
+
+
+def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(BadInput, match=r'pip install "robogauntlet\[figures\]"'):
+        check_matplotlib()
