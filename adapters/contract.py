@@ -192,6 +192,8 @@ class Simulator:
     definitions: Mapping[str, str] = field(default_factory=dict)
     """Task to the hash of the file that defines it, where users write such files. A task whose file has changed
     counts as another task when runs are continued or compared."""
+    references: tuple[str, ...] = ()
+    """BibTeX entries of the simulator, its tasks and its physics engine, for `robogauntlet cite`."""
     adjusts: frozenset[str] = frozenset()
     """Names of the scene controls of its simulations, out of `adapters.scene_control.ADJUSTABLE`."""
     renders: bool = True

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import ACTION_DIM, AdapterError, FloatArray, Image, Simulator, StepOutcome
 from robogauntlet.adapters.frames import hash_state
@@ -150,6 +151,7 @@ SIMULATOR = Simulator(
     tasks={task: load_description(path) for task, path in FILES.items()},
     modules=("gymnasium",),
     distributions=("gymnasium", "gymnasium-robotics", "panda-gym", "mujoco", "pybullet"),
+    references=(references.GYMNASIUM_ROBOTICS, references.MUJOCO),
     open=open_environment,
     definitions={task: definition(path) for task, path in FILES.items()},
     environment={"MUJOCO_GL": "egl"},

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import ActionSpec, AdapterError, FloatArray, Simulator, StepOutcome
 from robogauntlet.adapters.libero.libero_import import Libero, open_libero, silenced
 from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
@@ -265,6 +266,7 @@ SIMULATOR = Simulator(
     tasks={name: task.description for name, task in libero_tasks().items()},
     modules=("libero", "robosuite", "mujoco", "bddl"),
     distributions=("hf-libero", "robosuite", "mujoco", "numba"),
+    references=(references.LIBERO, references.ROBOSUITE, references.MUJOCO),
     open=open_simulation,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"MUJOCO_GL": "egl"},

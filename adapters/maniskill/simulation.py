@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
@@ -354,6 +355,7 @@ SIMULATOR = Simulator(
     tasks=TASKS,
     modules=("mani_skill", "sapien", "torch"),
     distributions=("mani-skill", "sapien", "torch", "fast-simplification"),
+    references=(references.MANISKILL, references.SAPIEN),
     open=open_task,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"LP_NUM_THREADS": "1"},

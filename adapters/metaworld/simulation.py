@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     ActionSpec,
@@ -129,6 +130,7 @@ SIMULATOR = Simulator(
     tasks=TASKS,
     modules=("metaworld", "mujoco"),
     distributions=("metaworld", "mujoco", "gymnasium"),
+    references=(references.METAWORLD, references.MUJOCO),
     open=MetaWorldSimulation,
     environment={"MUJOCO_GL": "egl"},
 )

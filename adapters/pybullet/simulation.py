@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters import references
 from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     ActionSpec,
@@ -273,6 +274,7 @@ SIMULATOR = Simulator(
     tasks=TASKS,
     modules=MODULES,
     distributions=("pybullet", "panda-gym", "gymnasium", "fast-simplification"),
+    references=(references.PANDA_GYM, references.PYBULLET),
     open=open,
     adjusts=ADJUSTABLE,
 )

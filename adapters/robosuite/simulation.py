@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import ActionSpec, FloatArray, Simulator, StepOutcome, TaskDescription
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
@@ -193,6 +194,7 @@ SIMULATOR = Simulator(
     tasks=TASKS,
     modules=("robosuite", "mujoco"),
     distributions=("robosuite", "mujoco", "numba", "fast-simplification"),
+    references=(references.ROBOSUITE, references.MUJOCO),
     open=RobosuiteSimulation,
     adjusts=frozenset({"cameras", "lights", "objects", "arm", "dynamics", "table"}),
     environment={"MUJOCO_GL": "egl"},

@@ -23,6 +23,7 @@ VERBS = {
         "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
     ),
     "report": ("report:report", "Write the report of a run again."),
+    "cite": ("cite:cite", "Print BibTeX of RoboGauntlet, and of the simulators of a run."),
     "replay": ("replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
     "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
     "compare": ("compare:compare", "Compare a run with a baseline run, episode by episode."),

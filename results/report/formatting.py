@@ -177,3 +177,15 @@ def escape(text: str) -> str:
     for character in "|`*_":
         text = text.replace(character, "\\" + character)
     return text.replace("](", "]\\(")
+
+
+_LATEX = {
+    **{character: "\\" + character for character in "&%$#_{}"},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
+    **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"},
+}
+
+
+def escape_latex(text: str) -> str:
+    """Escape text for LaTeX, including the characters that its default font encoding draws as others."""
+    return " ".join(text.split()).translate(str.maketrans(_LATEX))

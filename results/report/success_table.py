@@ -10,6 +10,7 @@ from robogauntlet.results.report.formatting import (
     TextTable,
     aggregate_of,
     counted,
+    escape_latex,
     markdown,
     percent,
     share,
@@ -106,7 +107,7 @@ def _latex(table: SuccessTable) -> str:
     cells = [[_latex_cell(tally) for tally in row.tallies] for row in table.rows]
     styler = pd.DataFrame(cells, index=names, columns=list(table.policies)).style
     for axis in (0, 1):
-        styler = styler.format_index(_escape, axis=axis)
+        styler = styler.format_index(escape_latex, axis=axis)
     text: str = styler.to_latex(
         hrules=True,
         clines="skip-last;data",
@@ -125,22 +126,10 @@ def _latex(table: SuccessTable) -> str:
 def _latex_cell(tally: Tally | None) -> str:
     if tally is None or tally.rate is None:
         return "--"
-    return _escape(f"{percent(tally.rate).removesuffix(' %')} {span(tally.interval)}")
+    return escape_latex(f"{percent(tally.rate).removesuffix(' %')} {span(tally.interval)}")
 
 
 def _caption(table: SuccessTable) -> str:
     episodes = counted(sum(tally.verdicts for tally in table.rows[-1].tallies if tally is not None), "episode")
-    names = f"suite {_escape(table.suite)}, condition {_escape(str(table.condition))}"
+    names = f"suite {escape_latex(table.suite)}, condition {escape_latex(str(table.condition))}"
     return f"Success rate (\\%) with 95\\,\\% Wilson interval: {names}, {episodes}."
-
-
-_SPECIAL = {
-    **{character: "\\" + character for character in "&%$#_{}"},
-    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
-    **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"},
-}
-
-
-def _escape(text: str) -> str:
-    """Escape text for LaTeX, including the characters that its default font encoding draws as others."""
-    return " ".join(text.split()).translate(str.maketrans(_SPECIAL))
