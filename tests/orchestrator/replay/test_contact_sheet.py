@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robogauntlet.orchestrator.replay.contact_sheet import LABEL_WIDTH, draw_contact_sheet, render_severities
+from robogauntlet.orchestrator.replay.contact_sheet import LABEL_WIDTH, TOP, draw_contact_sheet, render_severities
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -19,8 +19,16 @@ def test_a_sheet_has_a_column_for_each_severity_and_a_line_for_each_task():
     tasks = [("a/One", shades(0, 1, 2, 3, 4, 5)), ("b/Two", shades(10, 11, 12, 13, 14, 15))]
     page = np.asarray(draw_contact_sheet(AXES["blur"], tasks))
     columns = [LABEL_WIDTH + severity * 52 + 20 for severity in range(6)]
-    assert [page[40, column, 0] for column in columns] == [0, 1, 2, 3, 4, 5]
-    assert [page[16 + 104 + 60, column, 0] for column in columns] == [10, 11, 12, 13, 14, 15]
+    assert [page[TOP + 24, column, 0] for column in columns] == [0, 1, 2, 3, 4, 5]
+    assert [page[TOP + 104 + 60, column, 0] for column in columns] == [10, 11, 12, 13, 14, 15]
+
+
+def test_headings_stay_within_their_columns():
+    blank = np.asarray(draw_contact_sheet(AXES["illuminance"], [("a/One", shades(0, 0, 0, 0, 0, 0))]))
+    headings = blank[TOP - 20 : TOP].min(axis=(0, 2))
+    between = [LABEL_WIDTH + severity * 52 + 48 + offset for severity in range(6) for offset in range(4)]
+    assert set(headings[between]) == {255}
+    assert all(headings[LABEL_WIDTH + severity * 52 :][:48].min() < 128 for severity in range(6))
 
 
 @pytest.mark.simulator
@@ -37,7 +45,7 @@ def test_images_differ_more_with_each_severity():
 def test_a_sheet_is_written_by_one_command(run_command, tmp_path):
     options = ["--out", "orbit.png", "--task", "pybullet/PandaReach-v3", "--image-size", "48"]
     assert run_command("axes", "sheet", "camera-orbit", *options).code == 0
-    assert Image.open(tmp_path / "orbit.png").size == (LABEL_WIDTH + 6 * 52, 16 + 104)
+    assert Image.open(tmp_path / "orbit.png").size == (LABEL_WIDTH + 6 * 52, TOP + 104)
 
 
 @pytest.mark.parametrize(
