@@ -14,7 +14,6 @@ from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.condition_comparison import HeatMap, condition_text, heat_maps
-from robogauntlet.results.report.explore import COLOURS
 from robogauntlet.results.report.robustness import axis_heading, known_rates, overall_curves
 from robogauntlet.results.report.summary import Report
 from robogauntlet.suites.axes import AXES
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
 FOLDER = "figures"
 COLUMN = 3.35
 """Width of a figure (inches): one column of a two-column paper."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#b88700", "#56748c")
+"""Colours of policies, those of report.css on white; distinguishable with colour blindness."""
 MARKERS = ("o", "s", "D", "^", "P", "v")
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 STYLE = {
@@ -219,8 +220,7 @@ def _heat_map(found: HeatMap) -> Figure:
     figure, panels = _new_figure(0.125 * len(found.rows) + 0.75)
     panel = panels[0, 0]
     # The darkest colour is light enough for black numbers.
-    colours = LinearSegmentedColormap.from_list("success", ("#ffffff", "#5f9fcf"))
-    colours.set_bad("#e3e6e8")
+    colours = LinearSegmentedColormap.from_list("success", ("#ffffff", "#5f9fcf"), bad="#e3e6e8")
     panel.imshow(values, cmap=colours, vmin=0, vmax=100, aspect="auto", interpolation="nearest")
     for y, row in enumerate(found.rows):
         for x, cell in enumerate(row.cells):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -162,6 +163,11 @@ def timing_table(timing: Sequence[PhaseTiming]) -> TextTable:
 def short_task(task: str) -> str:
     """`maniskill/PushCube-v1` as `PushCube-v1`."""
     return task.partition("/")[2] or task
+
+
+def words(name: str) -> tuple[str, ...]:
+    """The words of a name, between which a line may break: `PickCube-v1` as `Pick`, `Cube-`, `v1`."""
+    return tuple(re.split(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[-_/@])", name))
 
 
 def markdown(table: TextTable) -> str:

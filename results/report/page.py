@@ -21,7 +21,7 @@ from robogauntlet.suites.episode import Condition
 
 FOLDER = Path(__file__).parent
 SERIES = 6
-"""Number of colours and marker shapes."""
+"""Number of colours (variables --s0 to --s5 of report.css) and marker shapes."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,10 @@ def test_figures_are_written_beside_the_report(run_command, run):
     ("arguments", "message"),
     [
         (["--table", "csv", "--condition", "nois:4"], "the run has no condition 'nois:4'; did you mean 'noise:4'?"),
-        (["--table", "csv", "--condition", "noise"], "expected one severity of noise, got 'noise'; the run has noise:2"),
+        (
+            ["--table", "csv", "--condition", "noise"],
+            "expected one severity of noise, got 'noise'; the run has noise:2",
+        ),
         (["--condition", "clean"], "--condition: expected with --table"),
         (["--table", "csv", "--figures", "svg"], "expected --table, which writes nothing, or --figures, got both"),
     ],

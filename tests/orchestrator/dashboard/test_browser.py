@@ -2,7 +2,6 @@
 
 import html
 import re
-import shutil
 import subprocess
 from urllib.parse import quote
 
@@ -12,11 +11,11 @@ from robogauntlet.results.live_status import LiveSimulator, LiveWorker
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts
 from robogauntlet.suites.episode import Cell, Protocol
+from tests.contrast import CHROMIUM, check_contrast
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import live_status, running
 from tests.results.synthetic import document, row, run_folder
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: sudo apt-get install chromium"),
@@ -133,14 +132,25 @@ def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
     assert re.search(r'id="note"[^>]*>The server does not answer', page)
 
 
-@pytest.mark.parametrize(
-    "path", ["/", "/runs", "/run", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures", "/schedule"]
-)
-def test_a_page_fits_a_phone(filled, tmp_path, path):
+PAGES = ("/", "/runs", "/run", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures", "/schedule")
+
+
+def page_with_style(filled, path):
     page = filled.get(f"/runs/{filled.made[-1][1].run_id}" if path == "/run" else path).text
     for link in re.findall(r'<link rel="stylesheet"[^>]*>', page):
         style = filled.get(re.search(r'href="([^"]+)"', link)[1]).text
         page = page.replace(link, f"<style>{style}</style>")
+    return page
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_text_is_readable(filled, tmp_path, dark):
+    check_contrast([page_with_style(filled, path) for path in PAGES], tmp_path, dark=dark)
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_page_fits_a_phone(filled, tmp_path, path):
+    page = page_with_style(filled, path)
     file = tmp_path / "measure.html"
     file.write_text(MEASURE.format(page=html.escape(page, quote=True)))
     found = re.search(r'<pre id="found">(\d+) (\d+)<', seen(file.as_uri(), tmp_path / "profile"))

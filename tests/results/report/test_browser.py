@@ -3,16 +3,16 @@
 import html
 import json
 import re
-import shutil
 import subprocess
 
 import pytest
 
 from robogauntlet.results.report import write_report
+from tests.contrast import CHROMIUM, check_contrast
 from tests.results.analysis.test_condition_comparison import COMPARE, PLAN, SEEDS, rows
+from tests.results.routed import routed_document, routed_rows
 from tests.results.synthetic import document, run_folder
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here: sudo apt-get install chromium"),
@@ -83,6 +83,15 @@ def test_the_interactive_page_is_drawn_without_a_network(tmp_path):
     address = write_report(folder).paths.explorer.as_uri()
     offline = ("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=8000")
     body = html_after_scripts(address, tmp_path, *offline).partition("<body>")[2]
-    assert body.count('class="updatemenu-header"') == 2  # to choose the axis, and the policy
+    assert body.count("<select") == 2  # to choose the axis, and the policy
     assert body.count('class="trace scatter') == 2  # expert and merged, over all simulators
     assert 'class="hm"' in body
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_text_of_the_report_is_readable(page, tmp_path, dark):
+    run = routed_document()
+    merging = write_report(run_folder(tmp_path / "run", run, routed_rows())).paths.html.read_text()
+    explorer = tmp_path / "perturbed"
+    explorer = write_report(run_folder(explorer, document(SEEDS, of=PLAN, compare=COMPARE), rows())).paths.explorer
+    check_contrast([page, merging, explorer.read_text()], tmp_path, dark=dark)

@@ -118,7 +118,7 @@ def test_the_page_shows_strips_and_new_failures_with_their_axis(folder):
     save_snapshot(folder, TASKS[0], BLUR2, 80)
     save_video(folder, cell_of("experts", TASKS[0], BLUR2), 1)
     page = write_report(folder).paths.html.read_text()
-    names = Pictures(page[page.index('id="axis-blur"') :]).names
+    names = Pictures(page[page.index('id="axis-blur"') : page.index('id="gallery"')]).names
     assert names[:2] == [f"{TASKS[0]}: clean", f"{TASKS[0]}: 2: 0.6 % of image width"]
     assert names[2:] == [f"failure of experts on {TASKS[0]}, seed 1"]
     assert "Recorded failures of episodes that succeed under the clean condition: 1<" in page
