@@ -10,8 +10,15 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, out, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
-from robogauntlet.results.report.formatting import TextTable, count, percent, span
-from robogauntlet.results.report.history_plot import policy_history_table, sparkline, verdict_text, when, write_plot
+from robogauntlet.results.report.formatting import TextTable, count
+from robogauntlet.results.report.history_plot import (
+    policy_history_table,
+    run_rate,
+    sparkline,
+    verdict_text,
+    when,
+    write_plot,
+)
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
@@ -53,7 +60,7 @@ def history(
 
 
 def _runs_table(entries: Sequence[RunEntry]) -> TextTable:
-    header = ("begun (UTC)", "run", "suite", "status", "verdict", "rate", "interval", "done", "planned", "errors")
+    header = ("begun (UTC)", "run", "suite", "status", "verdict", "success", "done", "planned", "errors")
     rows = tuple(
         (
             when(entry.started_at),
@@ -61,8 +68,7 @@ def _runs_table(entries: Sequence[RunEntry]) -> TextTable:
             entry.suite,
             entry.status,
             verdict_text(entry.verdict, accepted=entry.accepted),
-            percent(entry.counts.rate),
-            span(entry.counts.interval),
+            run_rate(entry.counts, entry.policies),
             count(entry.counts.done),
             count(entry.counts.planned),
             count(entry.counts.errors),

@@ -9,7 +9,8 @@ from functools import partial
 from typing import Any
 
 from robogauntlet.results.live_status import STALE_S, LiveSimulator, LiveWorker
-from robogauntlet.results.report.formatting import NOTHING, count, percent, span
+from robogauntlet.results.report.formatting import NOTHING, count
+from robogauntlet.results.report.history_plot import run_rate
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts, RunEntry
 from robogauntlet.support.durations import format_duration
@@ -52,8 +53,8 @@ def live_view(entry: RunEntry, now: float) -> dict[str, Any]:
         "done": counts.done,
         "planned": counts.planned,
         "errors": counts.errors,
-        "rate": _rate(counts),
-        "simulators": [] if live is None else [_simulator(simulator, silent) for simulator in live.simulators],
+        "rate": _rate(counts, entry.policies),
+        "simulators": [] if live is None else [_simulator(one, silent, entry.policies) for one in live.simulators],
         "workers": [] if live is None or silent else [_worker(worker, now) for worker in live.workers],
         "messages": [] if live is None else live.messages[-5:],
     }
@@ -84,8 +85,10 @@ def _counts(simulator: LiveSimulator) -> Counts:
     return Counts(simulator.planned, simulator.successes, simulator.failures, simulator.errors)
 
 
-def _rate(counts: Counts) -> str:
-    return "no result yet" if counts.rate is None else f"{percent(counts.rate)} {span(counts.interval)}"
+def _rate(counts: Counts, policies: int) -> str:
+    if counts.rate is None:
+        return "no result yet"
+    return f"no rate over {policies:,} policies" if policies > 1 else run_rate(counts, policies)
 
 
 def _worker(worker: LiveWorker, now: float) -> dict[str, Any]:
@@ -93,11 +96,11 @@ def _worker(worker: LiveWorker, now: float) -> dict[str, Any]:
     return {"worker": worker.worker, "simulator": worker.simulator, "doing": doing, "since": since}
 
 
-def _simulator(live: LiveSimulator, silent: bool) -> dict[str, Any]:
+def _simulator(live: LiveSimulator, silent: bool, policies: int) -> dict[str, Any]:
     """The progress of a simulator's episodes; a silent run has no speed and no time left."""
     pace, left_s = (None, None) if silent else (live.per_minute, live.left_s)
     whole = max(live.planned, live.done, 1)
-    rate, left = _rate(_counts(live)), NOTHING if left_s is None else brief(left_s)
+    rate, left = _rate(_counts(live), policies), NOTHING if left_s is None else brief(left_s)
     progress = f"{count(live.done)} of {count(live.planned)} episodes, success {rate}, {count(live.errors)} errors"
     return {
         "simulator": live.simulator,

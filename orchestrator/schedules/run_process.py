@@ -19,8 +19,8 @@ from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE, Sche
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.folder_lock import LOCK_FILE
-from robogauntlet.results.report.formatting import counted, percent
-from robogauntlet.results.report.history_plot import when
+from robogauntlet.results.report.formatting import counted
+from robogauntlet.results.report.history_plot import run_rate, when
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunError, RunStatus, read_run
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
@@ -168,7 +168,9 @@ def _check_regression(
 ) -> tuple[Comparison | None, str]:
     """The comparison with the baseline run, if there is one and it is wanted, and the outcome in one line."""
     entry = history.find(document.run_id)
-    rate = f"{percent(entry.counts.rate)} of {entry.counts.verdicts:,} episodes" if entry is not None else "complete"
+    rate = (
+        "complete" if entry is None else f"{run_rate(entry.counts, entry.policies)}, {entry.counts.verdicts:,} episodes"
+    )
     if not schedule.gate:
         return None, rate
     try:

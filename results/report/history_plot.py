@@ -10,7 +10,7 @@ from pathlib import Path
 
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, percent, span
-from robogauntlet.results.store.history_records import PolicyRunResult
+from robogauntlet.results.store.history_records import Counts, PolicyRunResult
 
 WIDTH, HEIGHT, LEFT, BOTTOM = 760, 260, 44, 34
 MARKS = {"regressed": "▼", "improved": "▲", "not comparable": "≠"}
@@ -25,6 +25,13 @@ def verdict_text(verdict: str | None, *, accepted: bool = False) -> str:
     """A verdict with its symbol."""
     words = NOTHING if verdict is None else f"{MARKS[verdict]} {verdict}" if verdict in MARKS else verdict
     return f"{words}, accepted" if accepted else words
+
+
+def run_rate(counts: Counts, policies: int) -> str:
+    """The rate of a run's episodes, `86 % [82, 89]`; for several policies their number, since a rate would mix them."""
+    if policies > 1:
+        return f"{policies:,} policies"
+    return NOTHING if counts.rate is None else f"{percent(counts.rate)} {span(counts.interval)}"
 
 
 def policy_history_table(results: Sequence[PolicyRunResult]) -> TextTable:

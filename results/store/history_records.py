@@ -92,6 +92,8 @@ class RunEntry:
     schedule: str | None = None
     live: LiveStatus | None = None
     """While it runs."""
+    policies: int = 1
+    """Number of policies, by content. The counts of several policies have no rate in common."""
 
     @classmethod
     def from_document(cls, document: RunDocument, folder: Path) -> RunEntry:
@@ -105,6 +107,7 @@ class RunEntry:
             counts=Counts(planned=document.planned),
             folder=str(folder.absolute()),
             rows_url=document.store_url,
+            policies=len({cell.policy_digest for cell in document.plan}),
         )
 
     @property

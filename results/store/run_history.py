@@ -124,7 +124,8 @@ class History:
         columns = [column for column in runs.c if column.name not in ("document", "planned")]
         names = ("planned", "successes", "failures", "errors")
         sums = [sa.func.coalesce(sa.func.sum(cells.c[name]), 0).label(name) for name in names]
-        query = sa.select(*columns, *sums).outerjoin(cells, cells.c.run_id == runs.c.run_id)
+        policies = sa.func.count(sa.distinct(cells.c.policy_digest)).label("policies")
+        query = sa.select(*columns, *sums, policies).outerjoin(cells, cells.c.run_id == runs.c.run_id)
         query = query.where(runs.c.run_id.in_(ids)).group_by(*columns)
         with self.database.reading() as connection:
             return list(map(_entry, connection.execute(query.order_by(runs.c.started_at.desc(), runs.c.run_id))))
@@ -255,7 +256,8 @@ def _entry(row: Any) -> RunEntry:
     values = {name: getattr(row, name) for name in ENTRY_COLUMNS}
     reasons = tuple((row.reasons or "").splitlines())
     counts, live = _counts(row), _live(row.live)
-    return RunEntry(**values, counts=counts, reasons=reasons, accepted=bool(row.accepted), live=live)
+    flags = {"accepted": bool(row.accepted), "policies": row.policies}
+    return RunEntry(**values, counts=counts, reasons=reasons, live=live, **flags)
 
 
 def _live(text: str | None) -> LiveStatus | None:

@@ -6,6 +6,7 @@ import pytest
 
 from robogauntlet.results.run_document import RunStatus
 from tests.orchestrator.cli.test_compare import bad, good, save
+from tests.results.synthetic import cells, document, row, run_folder
 
 
 @pytest.fixture
@@ -24,6 +25,15 @@ def test_run_folders_are_listed_the_newest_first(run_command, runs):
     names = [line.split()[2] for line in result.out.splitlines()[2:]]
     assert names == ["half", "other", "tuesday", "monday"]
     assert [line.split()[2] for line in run_command("history", "--suite", "another").out.splitlines()[2:]] == ["other"]
+
+
+def test_a_run_of_several_policies_has_no_rate_in_the_list(run_command, runs):
+    save_one = cells(("p",), ("maniskill/A",))
+    results = [row(cell, seed) for cell in save_one for seed in range(40)]
+    run_folder(runs / "one", document(40, save_one, run_id="5", started_at=5 * 86_400.0), results)
+    lines = run_command("history").out.splitlines()[2:]
+    assert "100 % [91, 100]" in lines[0]
+    assert all("2 policies" in line and " % [" not in line for line in lines[1:])
 
 
 def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_path):

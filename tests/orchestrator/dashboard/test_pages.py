@@ -9,6 +9,8 @@ import pytest
 from robogauntlet.orchestrator.schedules.schedule import Schedule, State
 from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
+from robogauntlet.results.run_document import RunStatus
+from robogauntlet.results.store.history_records import Counts
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import add_videos, live_status, nightly_run, running
 from tests.results.synthetic import cells, document, row, run_folder
@@ -37,9 +39,26 @@ def test_the_overview_shows_running_suites_with_progress_workers_and_intervals(s
     page = served.get("/").text
     assert page.count('role="progressbar"') == 3
     assert 'aria-valuenow="121"' in page  # robosuite, with its error
-    assert "91 % [84, 95]" in page
+    assert "no rate over 3 policies" in page
     assert "experts on maniskill/StackCube-v1" in page
     assert "worker robosuite-1 died" in page
+
+
+def test_a_running_suite_of_one_policy_has_a_rate(served):
+    plan = cells(("oracle",))
+    served.history.record(document(100, of=plan, run_id="one", status=RunStatus.RUNNING), Path("/nowhere/one"))
+    served.history.write_live_status("one", live_status(120))
+    assert "91 % [84, 95]" in served.get("/").text
+
+
+def test_the_list_of_runs_has_no_rate_of_several_policies(served):
+    for run_id, policies in (("one", ("oracle",)), ("two", ("oracle", "random"))):
+        plan = cells(policies)
+        counted = {(cell.policy_digest, cell.task, "clean", 0): Counts(10, 9, 1) for cell in plan}
+        served.history.record(document(10, of=plan, run_id=run_id), Path(f"/nowhere/{run_id}"), counted)
+    page = served.get("/runs").text
+    assert page.count("<b>90 %</b>") == 1
+    assert "2 policies" in page
 
 
 def test_a_silent_run_is_not_shown_as_running(served):
@@ -99,8 +118,6 @@ def test_an_invalid_page_number_is_one_line(served, page):
 
 
 def test_runs_are_filtered_by_suite_status_and_policy(served):
-    from tests.results.synthetic import cells
-
     served.history.record(document(run_id="one", name="a"))
     served.history.record(document(run_id="two", name="b", status="stopped"))
     served.history.record(document(run_id="three", name="b", of=cells(policies=("merged",))))
