@@ -53,7 +53,8 @@ function low(page) {{
     const background = layers.reduce((under, layer) => over(layer, under), [1, 1, 1]);
     const own = rgba(element.namespaceURI.endsWith("svg") ? style.fill : style.color);
     const ratio = contrast(over([...own.slice(0, 3), own[3] * opacity], background), background);
-    if (ratio < {least}) found.set(`${{element.tagName}}.${{element.getAttribute("class")}} '${{text.slice(0, 40)}}'`, ratio);
+    const name = `${{element.tagName}}.${{element.getAttribute("class")}}`;
+    if (ratio < {least}) found.set(`${{name}} '${{text.slice(0, 40)}}'`, ratio);
   }}
   const body = view.getComputedStyle(page.body).backgroundColor;
   return {{ texts, background: luminance(rgba(body).slice(0, 3)), low: Object.fromEntries(found) }};

@@ -239,7 +239,7 @@ def _heat_map(found: HeatMap) -> Figure:
 
 
 def _legend(figure: Figure, panels: Iterable[Axes], policies: Sequence[str]) -> None:
-    handles = {}
+    handles: dict[str, Any] = {}
     for panel in panels:
         handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     columns = 2 if len(policies) > 1 and max(map(len, policies)) <= 28 else 1

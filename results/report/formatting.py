@@ -185,7 +185,7 @@ def escape(text: str) -> str:
     return text.replace("](", "]\\(")
 
 
-_LATEX = {
+_LATEX: dict[str, str | int | None] = {
     **{character: "\\" + character for character in "&%$#_{}"},
     **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"},
     **{"<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}"},
