@@ -34,6 +34,8 @@ onload = () => {{
     policies: page.querySelectorAll(".maps thead tr:first-child th").length,
     cells: page.querySelectorAll(".maps td.right").length,
     findings: page.querySelectorAll(".findings li").length,
+    contents: [box(page.querySelector(".contents")).right, box(page.querySelector("main")).left],
+    follows: page.defaultView.getComputedStyle(page.querySelector(".contents")).position,
     colour: page.defaultView.getComputedStyle(cell).backgroundColor,
     broken: [...page.links].filter((a) => a.hash && !page.getElementById(a.hash.slice(1))).map((a) => a.hash),
     unnamed: [...page.querySelectorAll("svg[role=img]")].filter((s) => !s.getAttribute("aria-label")).length,
@@ -76,6 +78,13 @@ def test_the_robustness_section_is_drawn_and_fits_the_page(page, width, tmp_path
     assert found["colour"] != "rgba(0, 0, 0, 0)"
     assert found["broken"] == []
     assert found["unnamed"] == 0
+
+
+def test_the_contents_list_stays_beside_the_report_on_a_wide_screen(page, tmp_path):
+    found = measured(page, 1400, tmp_path)
+    assert found["scroll"] <= found["width"]
+    assert found["contents"][0] <= found["contents"][1]
+    assert found["follows"] == "sticky"
 
 
 def test_the_interactive_page_is_drawn_without_a_network(tmp_path):

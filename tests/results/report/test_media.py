@@ -129,3 +129,21 @@ def test_a_report_is_written_despite_a_broken_snapshot(folder):
     path = snapshot_path(folder, TASKS[0], BLUR2)
     path.write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     assert [x.condition for x in media(folder).strips["blur"][0].snapshots] == [CLEAN]
+
+
+def test_the_gallery_comes_after_the_findings_and_is_open_while_it_is_short(folder):
+    save_video(folder, cell_of("experts", TASKS[0], CLEAN), 0)
+    page = write_report(folder).paths.html.read_text()
+    assert page.index('class="findings"') < page.index('class="maps"') < page.index('id="gallery"')
+    assert '<details class="fold" open>' in page
+
+
+def test_a_long_gallery_is_folded(tmp_path):
+    tasks = tuple(f"maniskill/T{number}" for number in range(10))
+    plan = cells(("experts",), tasks)
+    run = run_folder(tmp_path / "run", document(1, plan), [row(cell, 0) for cell in plan])
+    for cell in plan:
+        save_video(run, cell, 0)
+    page = write_report(run).paths.html.read_text()
+    assert '<details class="fold">' in page
+    assert ">10 tasks, 10 videos<" in page

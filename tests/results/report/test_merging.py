@@ -49,6 +49,11 @@ def test_the_section_fetches_nothing_and_runs_nothing(report):
     assert_self_contained(report.paths.html.read_text())
 
 
+def test_headers_of_confusion_matrices_break_between_words(report):
+    assert text.words("PandaPickAndPlace-v3") == ("Panda", "Pick", "And", "Place-", "v3")
+    assert "Panda<wbr>Pick<wbr>And<wbr>Place-<wbr>v3<wbr></th>" in report.paths.html.read_text()
+
+
 def test_tables_are_rectangular_and_name_every_task(report):
     merging = report.merging
     tables = [words.comparison_table(merging), words.overall_table(merging), words.router_table(merging)]
