@@ -52,15 +52,17 @@ class _SimulatorProgress:
 
 
 class Progress(Display):
-    """A bar per simulator with success so far, episodes per minute and time left."""
+    """A bar per simulator with the success so far of a single policy, episodes per minute and time left."""
 
     def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(console, now=now)
         self._simulators: dict[str, _SimulatorProgress] = {}
+        self._policies = 0
 
     def begin(self, plan: Plan, counts: Mapping[tuple[str, str], int]) -> None:
         """Set up the bars, with the number of existing rows by (simulator, status)."""
         cells, seeds = Counter(cell.simulator for cell in plan.cells), plan.suite.seeds.count
+        self._policies = len({cell.policy_digest for cell in plan.cells})
         available = [name for name in plan.simulators if name not in plan.unavailable]
         self._simulators = {name: _SimulatorProgress(cells[name] * seeds) for name in available}
         for (name, status), count in counts.items():
@@ -136,7 +138,8 @@ class Progress(Display):
         valid = progress.success + progress.failure
         pace, left = progress.per_minute(now), progress.left_s(now)
         return [
-            f"success {100 * progress.success / valid:.0f} %" if valid else "",
+            # Several policies have no rate in common.
+            f"success {100 * progress.success / valid:.0f} %" if valid and self._policies == 1 else "",
             f"{pace:.0f} episodes/min" if pace and progress.done < progress.planned else "",
             f"{format_duration(left)} left" if left and progress.done < progress.planned else "",
             f"{progress.error} errors" if progress.error else "",

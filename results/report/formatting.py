@@ -165,11 +165,6 @@ def short_task(task: str) -> str:
     return task.partition("/")[2] or task
 
 
-def words(name: str) -> tuple[str, ...]:
-    """The words of a name, between which a line may break: `PickCube-v1` as `Pick`, `Cube-`, `v1`."""
-    return tuple(re.split(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[-_/@])", name))
-
-
 def markdown(table: TextTable) -> str:
     """A table in GitHub's Markdown, with its texts escaped."""
     rules = ["---"] * table.labels + ["---:"] * (len(table.header) - table.labels)
@@ -183,6 +178,11 @@ def escape(text: str) -> str:
     for character in "|`*_":
         text = text.replace(character, "\\" + character)
     return text.replace("](", "]\\(")
+
+
+def words(name: str) -> tuple[str, ...]:
+    """The words of a name, between which a line may break: `PickCube-v1` as `Pick`, `Cube-`, `v1`."""
+    return tuple(re.split(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[-_/@])", name))
 
 
 _LATEX: dict[str, str | int | None] = {

@@ -2,11 +2,14 @@
 
 from io import StringIO
 
+import pytest
 from rich.console import Console
 from rich.text import Text
 
 from robogauntlet.orchestrator.runs.live_display import PLAIN_EVERY_S, Display
-from robogauntlet.orchestrator.runs.progress import RecordingProgress
+from robogauntlet.orchestrator.runs.plan import make_plan
+from robogauntlet.orchestrator.runs.progress import Progress, RecordingProgress
+from tests.orchestrator.runs.playing import SUITE
 
 
 def shown(terminal, *, transient=False):
@@ -45,3 +48,13 @@ def test_a_recording_shows_the_time_until_its_end_or_until_all_is_recorded():
         "recording: 2/10  40 s left",
         "recording: 3/10",
     ]
+
+
+@pytest.mark.parametrize(("policies", "has_rate"), [("[oracle]", True), ("[oracle, random]", False)])
+def test_only_a_single_policy_has_a_rate(suite_file, policies, has_rate):
+    output = StringIO()
+    with Progress(Console(file=output, width=100)) as progress:
+        plan = make_plan(suite_file(SUITE.replace("[oracle, random]", policies)))
+        progress.begin(plan, {("null", "success"): 9, ("null", "failure"): 1})
+    assert ("success 90 %" in output.getvalue()) is has_rate
+    assert "null: 10/" in output.getvalue()
