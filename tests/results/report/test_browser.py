@@ -43,6 +43,23 @@ onload = () => {{
 }};
 </script></body>
 """
+CHOOSE = """
+<!doctype html><body><iframe id="page" width="1000" height="900" srcdoc="{page}"></iframe><pre id="found"></pre>
+<script>
+onload = () => {{
+  const page = document.getElementById("page").contentDocument;
+  page.querySelector("[name=axis]").value = "blur";
+  page.querySelector("[name=policy]").checked = false;
+  for (const simulator of page.querySelectorAll("[name=simulator]")) simulator.checked = true;
+  page.querySelector("[name=axis]").dispatchEvent(new Event("change", {{ bubbles: true }}));
+  setTimeout(() => {{
+    const ticks = [...page.querySelectorAll("#lines .xtick text, #lines .xtitle")].map((tick) => tick.textContent);
+    const lines = page.querySelectorAll("#lines .trace.scatter").length;
+    document.getElementById("found").textContent = JSON.stringify([lines, ticks]);
+  }}, 1000);
+}};
+</script></body>
+"""
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +112,17 @@ def test_the_interactive_page_is_drawn_without_a_network(tmp_path):
     assert body.count("<select") == 2  # to choose the axis, and the policy
     assert body.count('class="trace scatter') == 2  # expert and merged, over all simulators
     assert 'class="hm"' in body
+
+
+def test_controls_of_the_interactive_page_choose_axis_and_policies(tmp_path):
+    folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, compare=COMPARE), rows())
+    page = write_report(folder).paths.explorer.read_text()
+    file = tmp_path / "choose.html"
+    file.write_text(CHOOSE.format(page=html.escape(page, quote=True)))
+    found = html_after_scripts(file.as_uri(), tmp_path, "--virtual-time-budget=8000")
+    lines, ticks = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', found, re.DOTALL)[1]))
+    assert lines == 3  # of the policy that is left: all simulators and each of the two
+    assert ticks == ["clean", "20.6", "41.8", "severity, and its level in % of image width"]
 
 
 @pytest.mark.parametrize("dark", [False, True])
