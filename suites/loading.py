@@ -76,7 +76,7 @@ def load_config(path: Path, names: Sequence[str]) -> Config:
     """
 
     def unknown(config: Config) -> list[Mistake]:
-        wrong = [name for name in config.environments if name not in names]
+        wrong: list[Mistake] = [name for name in config.environments if name not in names]
         return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
 
     return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
@@ -100,7 +100,7 @@ def _load(path: Path, model: type[Model], check: Callable[[Model], Sequence[Mist
 
 
 def _further_mistakes(
-    data: dict[str, Any], wrong: set[Place], model: type[Model], check: Callable[[Model], Sequence[Mistake]]
+    data: dict[str, Any], wrong: set[Place], model: type[BaseModel], check: Callable[[Any], Sequence[Mistake]]
 ) -> Iterator[Mistake]:
     """Check what is left of a file's data without the entries at these places."""
     kept: dict[str | int, list[int]] = {}
@@ -114,12 +114,10 @@ def _further_mistakes(
     except ValidationError:
         return
     unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)
-    mistakes: Sequence[Mistake] = check(loaded)
-    for found, message in mistakes:
+    for found, message in check(loaded):
         key = found[0]
         if key in left and key not in unclear and (len(found) > 1 or key not in kept):
-            place: Place = (key, kept[key][int(found[1])], *found[2:]) if key in kept else found
-            yield place, message
+            yield (key, kept[key][int(found[1])], *found[2:]) if key in kept else found, message
 
 
 def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake]) -> SuiteError:
