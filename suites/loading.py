@@ -76,7 +76,7 @@ def load_config(path: Path, names: Sequence[str]) -> Config:
     """
 
     def unknown(config: Config) -> list[Mistake]:
-        wrong: list[Mistake] = [name for name in config.environments if name not in names]
+        wrong = [name for name in config.environments if name not in names]
         return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
 
     return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
