@@ -10,6 +10,7 @@ from robogauntlet.results.analysis.comparison import COLUMNS, Comparison, Differ
 from robogauntlet.results.analysis.tables import Tables, build_tables
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunDocument, RunError, read_run
+from robogauntlet.results.store.episode_frame import read_frame
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.history_records import RunEntry, rows_url
 from robogauntlet.results.store.run_history import History
@@ -36,26 +37,11 @@ class OpenRun:
             RunError: The rows are in a database whose URL was not given.
             StoreError: The rows cannot be read.
         """
-        return _frame(Store.open_begun(self.folder, self.document, self._store), fields)
+        return read_frame(Store.open_begun(self.folder, self.document, self._store), fields)
 
     def tables(self) -> Tables:
         """Return success per task, simulator and policy with intervals, as in the report."""
         return build_tables(self.document, self.episodes())
-
-
-def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
-    """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
-    return _frame(Store.open(url, run_id), fields)
-
-
-def _frame(rows: Store, fields: Sequence[str]) -> pd.DataFrame:
-    import pandas as pd
-
-    try:
-        pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in rows.batches(50_000, fields)]
-    finally:
-        rows.close()
-    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})
 
 
 def open_run(folder: Path | str, store: str | None = None) -> OpenRun:
