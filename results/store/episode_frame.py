@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
     """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
-    return read_frame(Store.open(url, run_id), fields)
+    return frame_of(Store.open(url, run_id), fields)
 
 
-def read_frame(store: Store, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+def frame_of(store: Store, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
     """Read the rows of a store, with a column per field, and close it. Raises StoreError."""
     import pandas as pd
 
