@@ -46,7 +46,6 @@ class OpenRun:
         """Return success per task, simulator and policy with intervals, as in the report."""
         return build_tables(self.document, self.episodes())
 
-
     def compare(
         self,
         *policies: str,

@@ -39,7 +39,7 @@ Alpha = Annotated[
     typer.Option(
         min=0.0001,
         max=0.4999,
-        help="Largest probability of a false alarm; for two runs by default that of the suite, 0.05; for policies 0.05.",
+        help="Largest probability of a false alarm; of runs by default that of the suite, 0.05; of policies 0.05.",
     ),
 ]
 Margin = Annotated[
@@ -100,7 +100,9 @@ def compare(
         return
     if first is None or second is None or baseline is None:
         named, bare = (run, other) if second is None else (other, run)
-        raise BadInput(f"expected two policies, RUN:A RUN:B; {named} names one{f' and {bare} names none' if bare else ''}")
+        raise BadInput(
+            f"expected two policies, RUN:A RUN:B; {named} names one{f' and {bare} names none' if bare else ''}"
+        )
     beside = None if baseline == folder else api.open_run(baseline, store)
     check_policies(folder, opened.document, [first])
     check_policies(baseline, (beside or opened).document, [second])

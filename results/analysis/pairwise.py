@@ -1,15 +1,15 @@
 """Comparison of policies with each other, in one run or in two, on the clean episodes that both played.
 
-Episodes are paired by `pair_id` (task, seed and protocol). Each comparison gives the difference of the success rates with
-Newcombe's paired interval and McNemar's exact test, over all tasks, per simulator and per task. The p-values over all
-tasks are adjusted together by Holm's method, and so are all those of simulators and tasks.
+Episodes are paired by `pair_id` (task, seed and protocol). Each comparison gives the difference of the success rates
+with Newcombe's paired interval and McNemar's exact test, over all tasks, per simulator and per task. The p-values over
+all tasks are adjusted together by Holm's method, and so are those of simulators and tasks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
-from itertools import combinations, islice
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 from robogauntlet.results.analysis import comparison
@@ -20,6 +20,7 @@ from robogauntlet.results.run_document import RunDocument, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.pairs import (
     Pairs,
+    can_reject,
     detectable_drop,
     is_no_worse,
     mcnemar,
@@ -154,7 +155,7 @@ def compare_policies(
         NotComparable: They share no episode with a verdict of both, or their runs differ in what is not allowed.
         ValueError: alpha or margin outside (0, 1).
     """
-    found = _adjusted([_compare(first, second, alpha, margin, allowed)])
+    found = _adjusted([_compare(first, second, alpha, margin, allowed)], alpha)
     return PairwiseComparisons(alpha, margin, None, 2, found)
 
 
@@ -182,7 +183,9 @@ def compare_all(
             failed.append(str(error))
     standings = leaderboard(list(map(_played, sides.values())), alpha) if baseline is None and len(sides) > 2 else []
     count = len(sides) if baseline is None else len(pairs) + 1
-    return PairwiseComparisons(alpha, margin, baseline, count, _adjusted(compared), tuple(standings), tuple(failed))
+    return PairwiseComparisons(
+        alpha, margin, baseline, count, _adjusted(compared, alpha), tuple(standings), tuple(failed)
+    )
 
 
 def _pairs(document: RunDocument, names: Sequence[str]) -> tuple[str | None, list[tuple[str, str]]]:
@@ -267,19 +270,23 @@ def _line(simulator: str | None, task: str | None, pairs: Pairs, alpha: float, m
     return Line(simulator, task, pairs, difference, mcnemar(pairs), detectable, no_worse=no_worse)
 
 
-def _adjusted(compared: Sequence[PairwiseComparison]) -> tuple[PairwiseComparison, ...]:
-    """Add adjusted p-values: one family over all tasks, one of all simulators and tasks."""
+def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[PairwiseComparison, ...]:
+    """Add adjusted p-values: one family over all tasks, one of all simulators and tasks.
+
+    Simulators and tasks whose test cannot reach alpha are not in the second family and have 1, see `pairs.can_reject`.
+    """
     overall = holm([one.overall.p for one in compared])
-    parts = iter(holm([line.p for one in compared for line in one.parts]))
+    tested = [line for one in compared for line in one.parts if can_reject(line.pairs, alpha / 2)]
+    found = dict(zip(map(id, tested), holm([line.p for line in tested]), strict=True))
+
+    def with_p(lines: Sequence[Line], otherwise: float) -> tuple[Line, ...]:
+        return tuple(replace(line, adjusted=found.get(id(line), otherwise)) for line in lines)
+
     adjusted = []
     for one, p in zip(compared, overall, strict=True):
-        found = {line: q for line, q in zip(one.parts, islice(parts, len(one.parts)), strict=True)}
-        simulators, tasks = (
-            tuple(replace(line, adjusted=found.get(line, p)) for line in lines) for lines in (one.simulators, one.tasks)
-        )
-        adjusted.append(
-            replace(one, overall=replace(one.overall, adjusted=p), simulators=simulators, tasks=tasks)
-        )
+        otherwise = 1.0 if one.parts else p  # A single task is the line over all tasks.
+        simulators, tasks = with_p(one.simulators, otherwise), with_p(one.tasks, otherwise)
+        adjusted.append(replace(one, overall=replace(one.overall, adjusted=p), simulators=simulators, tasks=tasks))
     return tuple(adjusted)
 
 

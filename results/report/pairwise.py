@@ -148,9 +148,10 @@ def summary(comparisons: PairwiseComparisons) -> list[str]:
 def method(comparisons: PairwiseComparisons) -> str:
     """How the numbers were computed."""
     return (
-        "Clean episodes, paired by task, seed and protocol. Difference: success rate of the first policy minus that of the "
-        f"second in percentage points, with Newcombe's paired interval ({100 * (1 - comparisons.alpha):g} %). p: McNemar's "
-        "exact test, two-sided; adjusted by Holm's method over all comparisons, and over all simulators and tasks."
+        "Clean episodes, paired by task, seed and protocol. Difference: success rate of the first policy minus that of "
+        f"the second in percentage points, with Newcombe's paired interval ({100 * (1 - comparisons.alpha):g} %). "
+        "p: McNemar's exact test, two-sided; adjusted by Holm's method over all comparisons, and over those simulators "
+        f"and tasks in which enough pairs disagree for the test to reach {comparisons.alpha:g}."
     )
 
 
@@ -184,7 +185,7 @@ def overview_table(comparisons: PairwiseComparisons) -> TextTable:
 
 def _header(first: str, second: str) -> tuple[str, ...]:
     tested = ("p", "adjusted p", "detectable")
-    return ("pairs", first, second, "difference", f"only {first}", f"only {second}", *tested)
+    return ("pairs", first, second, "difference", "only first", "only second", *tested)
 
 
 def _numbers(line: Line) -> tuple[str, ...]:

@@ -98,7 +98,9 @@ def test_policies_of_two_runs_of_any_suite_are_compared(run_command, runs):
 def test_a_run_alone_compares_its_policies(run_command, runs):
     done = run_command("compare", runs / "wednesday")
     assert done.out.startswith("p against q: -25.0 [")
-    assert run_command("compare", runs / "wednesday", "--policy", "q", "--policy", "p").out.startswith("q against p: +25.0")
+    assert run_command("compare", runs / "wednesday", "--policy", "q", "--policy", "p").out.startswith(
+        "q against p: +25.0"
+    )
 
 
 def test_a_comparison_of_policies_is_written_as_json_and_markdown(run_command, runs, tmp_path):
@@ -112,7 +114,9 @@ def test_a_comparison_of_policies_is_written_as_json_and_markdown(run_command, r
 def test_a_colon_in_a_path_is_no_policy(run_command, runs):
     (runs / "monday").rename(runs / "mon:day")
     assert run_command("compare", f"{runs}/mon:day", f"{runs}/tuesday").code == 0
-    assert run_command("compare", f"{runs}/mon:day:p", f"{runs}/tuesday:p").out.startswith("mon:day:p against tuesday:p: ")
+    assert run_command("compare", f"{runs}/mon:day:p", f"{runs}/tuesday:p").out.startswith(
+        "mon:day:p against tuesday:p: "
+    )
     (runs / "tuesday").rename(runs / "mon")
     refusal = run_command("compare", f"{runs}/mon:day", f"{runs}/wednesday").refusal
     assert refusal.endswith(f"it is both; write {runs}/mon:day/ for the folder, {runs}/mon/:day for the policy")

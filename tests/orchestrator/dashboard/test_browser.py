@@ -66,7 +66,14 @@ def test_a_script_in_a_name_is_shown_and_not_run(tmp_path):
             served.history.record(run, folder, counted)
         served.history.write_verdict("two", BAD, "one", [BAD])
         running(served.history, bad_live())
-        paths = ("/", "/runs/two", "/runs/running-1", "/compare?run=one&baseline=two", "/compare?policies=two", "/leaderboard?suite={}")
+        paths = (
+            "/",
+            "/runs/two",
+            "/runs/running-1",
+            "/compare?run=one&baseline=two",
+            "/compare?policies=two",
+            "/leaderboard?suite={}",
+        )
         paths += ("/history?policy={}", "/runs?suite={}", "/failures?run=one&policy={}&task={}")
         for path in paths:
             page = seen(served.address + path.replace("{}", quote(BAD, safe="")), tmp_path / "profile")
@@ -134,7 +141,8 @@ def test_old_numbers_are_marked_when_the_server_fails(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "path", [
+    "path",
+    [
         *("/", "/runs", "/run", "/history?policy=merged", "/leaderboard?suite=nightly", "/failures", "/schedule"),
         *("/compare", "/compare?policies={}", "/compare?first={}:experts&second={}:merged"),
     ],
