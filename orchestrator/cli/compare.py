@@ -56,13 +56,13 @@ OutFile = Annotated[Path | None, typer.Option("--out", help="File to write inste
 
 
 def compare(
-    run: Annotated[str, typer.Argument(help="A run folder, or a policy of it: RUN:POLICY.", metavar="RUN[:POLICY]")],
+    run: Annotated[str, typer.Argument(help="A run folder, or a policy of it: RUN:POLICY.", metavar="RUN[:A]")],
     other: Annotated[
         str | None,
         typer.Argument(
             help="The run folder to compare it with, or a policy of this or another run. Without it, the policies of "
             "the run are compared with each other.",
-            metavar="[BASELINE|RUN:POLICY]",
+            metavar="OTHER[:B]",
             show_default=False,
         ),
     ] = None,

@@ -86,7 +86,8 @@ def difference(line: Line) -> str:
 def headline(one: PairwiseComparison) -> str:
     """The result over all tasks in a line."""
     line = one.overall
-    return f"{title(one)}: {difference(line)}, p {p_value(line.adjusted)}, {counted(line.pairs.trials, 'pair')}"
+    p = "p" if line.adjusted == line.p else "adjusted p"
+    return f"{title(one)}: {difference(line)}, {p} {p_value(line.adjusted)}, {counted(line.pairs.trials, 'pair')}"
 
 
 def sentences(one: PairwiseComparison, comparisons: PairwiseComparisons) -> list[str]:
@@ -97,11 +98,9 @@ def sentences(one: PairwiseComparison, comparisons: PairwiseComparisons) -> list
 def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterator[str]:
     (first, second), line, alpha = names(one), one.overall, comparisons.alpha
     rates = [percent(rate(won, line.pairs.trials)) for won in (line.pairs.first, line.pairs.second)]
-    of_both = f"{first} succeeds in {rates[0]}, {second} in {rates[1]} of {counted(line.pairs.trials, 'episode')}"
-    if line.adjusted <= alpha:
-        yield f"{of_both}: {first} succeeds {'more' if line.difference.value > 0 else 'less'} often."
-    else:
-        yield f"{of_both}: no difference is shown. {_detectable(line)}"
+    is_shown = f"The difference is significant at {100 * alpha:g} %."
+    found = is_shown if line.adjusted <= alpha else f"No difference is shown. {_detectable(line)}"
+    yield f"Success in {counted(line.pairs.trials, 'episode')}: {first} {rates[0]}, {second} {rates[1]}. {found}"
     if one.parts:
         differ = [line for line in one.tasks if line.adjusted <= alpha]
         listed = f": {', '.join(f'{line.task} ({difference(line)})' for line in differ)}" if differ else ""
@@ -179,8 +178,15 @@ def table(one: PairwiseComparison) -> TextTable:
 
 def overview_table(comparisons: PairwiseComparisons) -> TextTable:
     """Several comparisons over all tasks, with a row each."""
-    rows = tuple((title(one), *_numbers(one.overall)) for one in comparisons.comparisons)
-    return TextTable(("all tasks", *_header("first", "second")), rows, 1)
+    baseline = comparisons.baseline
+    rows = tuple((_short_title(one, comparisons), *_numbers(one.overall)) for one in comparisons.comparisons)
+    header = ("all tasks" if baseline is None else f"against {baseline}", *_header("first", "second"))
+    return TextTable(header, rows, 1)
+
+
+def _short_title(one: PairwiseComparison, comparisons: PairwiseComparisons) -> str:
+    """The comparison among others: the first policy if all are compared with the baseline."""
+    return title(one) if comparisons.baseline is None else names(one)[0]
 
 
 def _header(first: str, second: str) -> tuple[str, ...]:
@@ -231,9 +237,10 @@ def task_forest(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Fo
 
 def overview_forest(comparisons: PairwiseComparisons) -> Forest:
     """A forest plot of several comparisons over all tasks."""
-    rows = [(title(one), one.overall) for one in comparisons.comparisons]
+    rows = [(_short_title(one, comparisons), one.overall) for one in comparisons.comparisons]
     name = ALL.capitalize() if comparisons.baseline is None else f"All tasks, against {comparisons.baseline}"
-    return _forest(name, "Right of 0, the policy named first succeeds more often.", {"": rows}, comparisons)
+    better = "the policy named first" if comparisons.baseline is None else "the policy"
+    return _forest(name, f"Right of 0, {better} succeeds more often.", {"": rows}, comparisons)
 
 
 def _forest(

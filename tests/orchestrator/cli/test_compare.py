@@ -83,7 +83,7 @@ def test_two_policies_of_a_run_are_compared(run_command, runs):
     done = run_command("compare", f"{runs}/wednesday:p", f"{runs}/wednesday:q")
     assert done.code == 0
     assert done.out.startswith("p against q: -25.0 [")
-    assert done.out.splitlines()[1] == "- p succeeds in 50 %, q in 75 % of 80 episodes: p succeeds less often."
+    assert done.out.splitlines()[1] == "- Success in 80 episodes: p 50 %, q 75 %. The difference is significant at 5 %."
     back = run_command("compare", f"{runs}/wednesday:q", f"{runs}/wednesday:p", "--margin", "0.05")
     assert back.out.startswith("q against p: +25.0 [")
     assert "It is shown that q is no worse than p by more than 5 points." in back.out

@@ -44,7 +44,7 @@ def two(first="a", second="b", **options):
 def test_the_text_says_what_was_found_and_how():
     lines = as_text(two()).splitlines()
     assert lines[0] == "a against b: +16.7 [9.9, 24.0] points, p <0.001, 120 pairs"
-    assert lines[1] == "- a succeeds in 90 %, b in 73 % of 120 episodes: a succeeds more often."
+    assert lines[1] == "- Success in 120 episodes: a 90 %, b 73 %. The difference is significant at 5 %."
     assert lines[2].startswith("- Tasks with a difference after adjustment: 1 of 3: pybullet/C (+50.0 [")
     assert lines[3] == ""
     assert re.split(r"\s{2,}", lines[4]) == [
@@ -61,7 +61,7 @@ def test_the_text_says_what_was_found_and_how():
 
 def test_without_a_difference_the_text_says_what_would_have_been_detected():
     text = as_text(two("a", "a"))
-    assert "a succeeds in 90 %, a in 90 % of 120 episodes: no difference is shown. A difference of " in text
+    assert "Success in 120 episodes: a 90 %, a 90 %. No difference is shown. A difference of " in text
     assert "Both have the same content." in text
     assert "Both executed the same actions in 120 of 120 pairs." in text
 
