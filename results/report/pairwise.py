@@ -98,8 +98,8 @@ def sentences(one: PairwiseComparison, comparisons: PairwiseComparisons) -> list
 def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterator[str]:
     (first, second), line, alpha = names(one), one.overall, comparisons.alpha
     rates = [percent(rate(won, line.pairs.trials)) for won in (line.pairs.first, line.pairs.second)]
-    is_shown = f"The difference is significant at {100 * alpha:g} %."
-    found = is_shown if line.adjusted <= alpha else f"No difference is shown. {_detectable(line)}"
+    significant = f"The difference is significant at {100 * alpha:g} %."
+    found = significant if line.adjusted <= alpha else f"No difference is shown. {_detectable(line)}"
     yield f"Success in {counted(line.pairs.trials, 'episode')}: {first} {rates[0]}, {second} {rates[1]}. {found}"
     if one.parts:
         differ = [line for line in one.tasks if line.adjusted <= alpha]
