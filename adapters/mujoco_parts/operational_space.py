@@ -33,9 +33,10 @@ from robogauntlet.adapters.contract import FloatArray
 
 (LIBRARY,) = Path(mujoco.__file__).parent.glob("libmujoco*")
 load_library_permanently(str(LIBRARY))
-if not numba.config.CACHE_DIR:
+settings: Any = numba.config
+if not settings.CACHE_DIR:
     versions = f"numba-{numba.__version__}-robosuite-{robosuite.__version__}"
-    numba.config.CACHE_DIR = str(platformdirs.user_cache_path("robogauntlet") / versions)
+    settings.CACHE_DIR = str(platformdirs.user_cache_path("robogauntlet") / versions)
 POINTER = types.int64
 STATE = (POINTER, POINTER)
 """A model and its data."""

@@ -39,7 +39,7 @@ def simplified_arm() -> Iterator[None]:
 
 @cache
 def _folder() -> Path:
-    """Return the place of a folder for all openings, since PyBullet keeps what it has read under the name of the file."""
+    """Return the place of a folder for all openings, as PyBullet keeps what it has read under the name of the file."""
     with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
         return Path(folder)
 

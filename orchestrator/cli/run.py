@@ -135,7 +135,9 @@ def _print_numbers(outcome: RunOutcome) -> None:
 def _conclude(outcome: RunOutcome, command: str, continuing: str) -> None:
     document = outcome.document
     if document.media_left_out and not outcome.media_interrupted:
-        print_line(f"{document.media_left_out} videos and snapshots were not recorded; to record all: {command} --media")
+        print_line(
+            f"{document.media_left_out} videos and snapshots were not recorded; to record all: {command} --media"
+        )
     if outcome.media_interrupted or document.status is RunStatus.INTERRUPTED:
         fail(f"interrupted; continue with: {continuing}")
         raise typer.Exit(EXIT_INTERRUPTED)

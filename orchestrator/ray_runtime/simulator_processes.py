@@ -75,9 +75,9 @@ def run_per_simulator(
                 check_alive()
                 checked = time.monotonic()
             if not ready:
-                for stream, heard in last_heard.items():
-                    if stream in streams and time.monotonic() - heard > silence_s:
-                        name = streams.pop(stream)
+                for silent, heard in last_heard.items():
+                    if silent in streams and time.monotonic() - heard > silence_s:
+                        name = streams.pop(silent)
                         ray.kill(actors.pop(name))
                         yield name, ProcessEnded(f"no result within {silence_s:g} s")
                 continue

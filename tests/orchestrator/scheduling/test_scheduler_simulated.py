@@ -150,7 +150,7 @@ def test_the_last_simulator_gets_a_second_worker_for_its_last_twenty_episodes():
     assert pool.clock() < 42.0
 
 
-def test_the_last_episode_of_a_dead_worker_starts_one_worker():
+def test_the_last_episode_of_a_dead_worker_is_left_to_the_others():
     fates = iter(["dies"])
     pool = TimelinePool(
         lambda episode: 1.0,
@@ -160,7 +160,7 @@ def test_the_last_episode_of_a_dead_worker_starts_one_worker():
     )
     rows, observer = play(work({("a/1", "p"): 40}), pool, lambda: 4)
     assert len(rows) == 40
-    assert len(observer.ready) == 4 + 1
+    assert len(observer.ready) == 4
 
 
 def test_a_run_does_not_wait_for_workers_that_have_nothing_to_play():
