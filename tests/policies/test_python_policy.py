@@ -160,7 +160,6 @@ def test_a_missing_module_or_name_is_one_line(module, package):
         ("def f(:\n", "importing '.*' raised SyntaxError"),
         ("raise RuntimeError('no GPU\\nhere')\n", "raised RuntimeError: no GPU$"),
         ("import sys; sys.exit(3)\n", "raised SystemExit: 3"),
-        ("def f():\n    return 3\n", r"expected a policy with method reset .* got a int"),
         (
             "class f:\n    reset = act = finish = print\n",
             "expected attribute spec, a robogauntlet.policies.contract.PolicySpec",
@@ -168,6 +167,26 @@ def test_a_missing_module_or_name_is_one_line(module, package):
     ],
 )
 def test_a_module_that_cannot_be_used_is_one_line(module, text, match):
+    refused(module(text)("f"), match)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("def f():\n    return 3\n", r"expected a function of images, proprioception, instruction, .* got a int without"),
+        ("class f:\n    pass\n", r"a class with __call__\(self, images, proprioception, instruction\), .* got a f without"),
+        ("def f(obs):\n    pass\n", r"expected parameters named images, .* found f\(obs\), which needs obs; write def f\("),
+        ("def f(imgs, state, text):\n    pass\n", r"found f\(imgs, state, text\), which needs imgs, state, text"),
+        ("class f:\n    def __call__(self, obs):\n        pass\n", r"found __call__\(self, obs\); use these names"),
+        ("class f:\n    def act(self, obs):\n        pass\n", r"found no reset; or write __call__\(self, images"),
+        (
+            "class f:\n    def __call__(self, images, proprioception, instruction):\n        pass\n"
+            "    def reset(self, seed):\n        pass\n",
+            r"expected reset\(self\) without further parameters, .* found reset\(self, seed\)",
+        ),
+    ],
+)
+def test_a_callable_of_another_signature_is_answered_with_what_to_write(module, text, match):
     refused(module(text)("f"), match)
 
 
