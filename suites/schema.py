@@ -51,8 +51,12 @@ def policy_entry(text: str) -> dict[str, Any]:
     if not colon or kind not in SHORT_FORMS or not rest:
         return {"name": text, "kind": text}
     value = text if rest.startswith("//") else rest
-    name = re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")[:LONGEST_NAME]
-    return {"name": name, "kind": kind, "options": {SHORT_FORMS[kind]: value}}
+    return {"name": valid_name(text), "kind": kind, "options": {SHORT_FORMS[kind]: value}}
+
+
+def valid_name(text: str) -> str:
+    """Return a text as a name, with hyphens for characters that names may not have; "" if no character is left."""
+    return re.sub(r"[^A-Za-z0-9._]+", "-", text)[:LONGEST_NAME].strip("-._")
 
 
 class _Model(BaseModel):

@@ -12,12 +12,9 @@ import typer
 import yaml
 
 from robogauntlet.orchestrator.cli.common import TOKEN, Host, Port, out, print_line
-from robogauntlet.policies import catalog, zoo
-from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
-from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
-from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
+from robogauntlet.policies import catalog
+from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.suites.schema import policy_entry
 from robogauntlet.support.errors import BadInput
 
 if TYPE_CHECKING:
@@ -93,11 +90,8 @@ def kind_and_options(text: str, options: Sequence[str]) -> tuple[str, Mapping[st
         BadInput: There is no such policy, or an option is not NAME=VALUE or unknown to its kind.
         PolicyError: The zoo has no such checkpoint.
     """
-    entry = policy_entry(text)
-    if entry["kind"] in catalog.kinds():
-        kind, values = entry["kind"], entry.get("options", {})
-    else:
-        kind, values = _checkpoint(text)
+    entry = read_reference(text)
+    kind, values = entry.kind, entry.options
     known = catalog.find(kind).options
     for given in options:
         name, sign, value = given.partition("=")
@@ -109,16 +103,3 @@ def kind_and_options(text: str, options: Sequence[str]) -> tuple[str, Mapping[st
         except yaml.YAMLError:
             raise BadInput(f"--option {name}: expected YAML, got '{value}'") from None
     return kind, values
-
-
-def _checkpoint(reference: str) -> tuple[str, Mapping[str, Any]]:
-    folder = zoo.shipped(reference)
-    if (folder / METADATA_FILE).is_file():
-        merged = read_metadata_file(folder).get("kind") == MERGED
-        return (MERGED_NAME if merged else "mergevla"), {"checkpoint": reference}
-    if any(folder.glob(f"*/{METADATA_FILE}")):
-        return EXPERTS_NAME, {"folder": reference}
-    raise BadInput(
-        f"expected the folder of a checkpoint, zoo:NAME or a kind of policy, got '{reference}'"
-        f"{did_you_mean(reference, catalog.kinds())}"
-    )

@@ -80,7 +80,7 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
     for arguments, match in (
         (
             ("untraned",),
-            "expected the folder of a checkpoint, zoo:NAME or a kind of policy, got 'untraned'; did you mean",
+            "the folder of a checkpoint or a kind of policy; got 'untraned'; did you mean 'untrained'?",
         ),
         (("zoo:mergd",), "expected the name of a shipped checkpoint after 'zoo:'"),
         (("zero", "--host", "0.0.0.0"), "--host 0.0.0.0: expected a token in ROBOGAUNTLET_TOKEN"),
