@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
@@ -26,7 +27,6 @@ from robogauntlet.suites.schema import (
     PolicyEntry,
     Seeds,
     Suite,
-    check_names,
 )
 from robogauntlet.support.errors import first_line
 
