@@ -54,13 +54,19 @@ class SuiteError(Exception):
         super().__init__("\n".join(map(str, self.problems)))
 
 
-def load_suite(path: Path, names: Registry) -> Suite:
+def load_suite(path: Path, names: Registry, text: str | None = None) -> Suite:
     """Read and validate a suite file, with names of the registry only, and expand its task patterns.
+
+    Args:
+        path: The file.
+        names: The names that exist.
+        text: Its text, if it is not written yet.
 
     Raises:
         SuiteError: Holds every problem found.
     """
-    suite = _load(path, Suite, partial(check_names, names=names), "a suite file", "name, policies, tasks and seeds")
+    text = _read(path, "a suite file") if text is None else text
+    suite = _load(path, text, Suite, partial(check_names, names=names), "name, policies, tasks and seeds")
     return suite.with_names(names)
 
 
@@ -75,11 +81,10 @@ def load_config(path: Path, names: Sequence[str]) -> Config:
         wrong = [name for name in config.environments if name not in names]
         return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
 
-    return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
+    return _load(path, _read(path, "a configuration file"), Config, unknown, ", ".join(Config.model_fields))
 
 
-def _load(path: Path, model: type[Model], check: Callable[[Model], Sequence[Mistake]], what: str, keys: str) -> Model:
-    text = _read(path, what)
+def _load(path: Path, text: str, model: type[Model], check: Callable[[Model], Sequence[Mistake]], keys: str) -> Model:
     is_empty = all(not line.strip() or line.lstrip().startswith("#") for line in text.splitlines())
     data, lines = _parse(path, "{}" if is_empty and model is Config else text, keys)
     try:

@@ -7,7 +7,18 @@ from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticKnownError
 
 from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import (
@@ -166,7 +177,9 @@ class Suite(_Model):
 
     name: Name
     description: str = ""
-    policies: tuple[PolicyEntry, ...] = Field(min_length=1)
+    needs: Literal["policy"] | None = None
+    """`policy` for a suite without policies of its own, which is run with `--policy`."""
+    policies: tuple[PolicyEntry, ...] = Field(default=(), validate_default=True)
     tasks: tuple[str, ...] = Field(min_length=1)
     """`simulator/task`, or a pattern such as `maniskill/*`."""
     conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
@@ -210,6 +223,18 @@ class Suite(_Model):
     """Stops conditions in which `compare` is decided."""
     regression: RegressionEntry = RegressionEntry()
     """Settings of `robogauntlet compare` and `robogauntlet gate`; do not affect the episodes."""
+
+    @field_validator("policies", mode="before")
+    @classmethod
+    def _present_or_needed(cls, value: Any, info: ValidationInfo) -> Any:
+        if info.data.get("needs") is None:
+            if value == ():
+                raise PydanticKnownError("missing")
+            if value == []:
+                raise PydanticKnownError("too_short", {"field_type": "Tuple", "min_length": 1, "actual_length": 0})
+        elif value != ():
+            raise ValueError("expected none beside needs: policy")
+        return value
 
     @property
     def comparison(self) -> CompareEntry | None:

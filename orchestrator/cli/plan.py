@@ -11,7 +11,7 @@ from rich.table import Table
 
 from robogauntlet.orchestrator.cli.common import Policies, SeedCount, StoreUrl, SuiteArgument, Tasks, fail, out
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
-from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, remaining_work
+from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, needs_policy, remaining_work
 from robogauntlet.results.run_document import RUN_FILE, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.selection import SuiteSelection
@@ -34,6 +34,8 @@ def plan(
     """
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
     planned = make_plan(find_suite(suite), part=part, require_installed=False)
+    if not planned.suite.policies:
+        raise BadInput(needs_policy(planned.path))
     done: Outcomes = {}
     if out_folder is not None and out_folder.is_file():
         raise BadInput(f"{out_folder}: expected a run folder, this is a file")

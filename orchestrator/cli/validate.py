@@ -24,6 +24,9 @@ def validate(suites: Annotated[list[str], typer.Argument(help="Suite files, or n
             valid = False
             fail(str(error))
             continue
+        if not plan.suite.policies:
+            print_line(f"{plan.path}: valid, {len(plan.suite.tasks)} tasks for the policy named by --policy")
+            continue
         print_line(f"{plan.path}: valid, {plan.episodes} episodes, hash {plan.suite_hash}")
         for simulator, reason in plan.unavailable.items():
             print_line(f"  note: simulator {simulator}: {reason}")
