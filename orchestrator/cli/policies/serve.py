@@ -45,16 +45,13 @@ def serve(
     Clients are suites (policy kind openpi), openpi's own clients, and robots.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    try:
-        from robogauntlet.orchestrator.inference.websocket_server import (
-            IdentifiedPolicy,
-            PolicyServer,
-            ServeError,
-            ServerOptions,
-        )
-    except ModuleNotFoundError as error:
-        remedy = 'install it: pip install "robogauntlet[remote]"'
-        raise BadInput(f"not installed (no module {error.name}); {remedy}") from None
+    from robogauntlet.orchestrator.inference.websocket_server import (
+        IdentifiedPolicy,
+        PolicyServer,
+        ServeError,
+        ServerOptions,
+    )
+
     place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
     try:
         place.check()
