@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -32,13 +32,14 @@ class EvaluationStopped(Exception):
 
 
 def evaluate(
-    policy: str | Policy | Callable[..., FloatArray],
+    policy: str | Path | Policy | Callable[..., FloatArray],
     tasks: str | Sequence[str],
     seeds: int = SEEDS,
     conditions: str | Sequence[str] = "clean",
     out: Path | str | None = None,
     *,
     name: str | None = None,
+    options: Mapping[str, Any] | None = None,
     identity: str | None = None,
     media: bool | None = False,
     quiet: bool = False,
@@ -64,7 +65,8 @@ def evaluate(
             always included; or several.
         out: Run folder; by default a new one below `runs/`. A run of the same policy and tasks that is in it is
             continued.
-        name: Name of a policy that is an object; by default that of the function or class.
+        name: The policy's name in the run; by default made of the text, or that of the function or class.
+        options: Options of a policy that is named by a text, such as `{"convention": "libero"}`.
         identity: What identifies the content of an object, such as the name or hash of its checkpoint. By default it is
             the source of a function that uses nothing but its parameters and modules. Any other object counts as a new
             policy at each call, so that its run cannot be continued.
@@ -82,11 +84,14 @@ def evaluate(
     shifts = [conditions] if isinstance(conditions, str) else list(conditions)
     with ExitStack() as stack:
         served: ServedObject | None = None
-        if isinstance(policy, str):
-            if name is not None or identity is not None:
-                raise BadInput("name and identity: expected for functions and objects only, got a policy's name")
-            entry = read_reference(policy)
+        if isinstance(policy, str | Path):
+            if identity is not None:
+                raise BadInput("identity: expected with a function or object only; give it as an option")
+            entry = read_reference(str(policy), options or {})
+            entry = entry.model_copy(update={"name": name or entry.name})
         else:
+            if options:
+                raise BadInput("options: expected with the name of a policy only, got a function or object")
             served = stack.enter_context(ServedObject(policy, name=name, identity=identity))
             entry = served.entry
             settings = {"workers": 1, **settings} if served.is_sequential else settings

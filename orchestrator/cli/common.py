@@ -62,6 +62,10 @@ Tasks = Annotated[
     typer.Option("--task", help="Only this task (simulator/task), or tasks that match a pattern. Repeatable."),
 ]
 SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N seeds of the suite.")]
+PolicyOptions = Annotated[
+    list[str] | None,
+    typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
+]
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]

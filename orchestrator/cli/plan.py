@@ -9,9 +9,19 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from robogauntlet.orchestrator.cli.common import Policies, SeedCount, StoreUrl, SuiteArgument, Tasks, fail, out
+from robogauntlet.orchestrator.cli.common import (
+    Policies,
+    PolicyOptions,
+    SeedCount,
+    StoreUrl,
+    SuiteArgument,
+    Tasks,
+    fail,
+    out,
+)
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
 from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, needs_policy, remaining_work
+from robogauntlet.policies.references import read_options
 from robogauntlet.results.run_document import RUN_FILE, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.selection import SuiteSelection
@@ -21,6 +31,7 @@ from robogauntlet.support.errors import BadInput
 def plan(
     suite: SuiteArgument,
     policy: Policies = None,
+    option: PolicyOptions = None,
     task: Tasks = None,
     seeds: SeedCount = None,
     out_folder: Annotated[
@@ -32,7 +43,7 @@ def plan(
 
     Episodes of simulators that are not installed on this machine are shown as skipped.
     """
-    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
+    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()))
     planned = make_plan(find_suite(suite), part=part, require_installed=False)
     if not planned.suite.policies:
         raise BadInput(needs_policy(planned.path))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +14,7 @@ from robogauntlet.orchestrator.cli.common import (
     EXIT_STOPPED,
     HistoryUrl,
     Policies,
+    PolicyOptions,
     SeedCount,
     Tasks,
     fail,
@@ -26,11 +26,11 @@ from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.ray_runtime.session import NoCluster, check_address
 from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_run_folder
-from robogauntlet.orchestrator.runs.plan import Plan, find_suite, make_plan
+from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
-from robogauntlet.policies.references import read_reference
+from robogauntlet.policies.references import option_text, read_options, read_reference
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.database import without_password
 from robogauntlet.suites.selection import SuiteSelection
@@ -46,6 +46,7 @@ def run(
         typer.Argument(help="A suite file, or the name of a shipped suite; without one, --policy plays each --task."),
     ] = None,
     policy: Policies = None,
+    option: PolicyOptions = None,
     task: Tasks = None,
     seeds: SeedCount = None,
     condition: Annotated[
@@ -90,13 +91,23 @@ def run(
     --policy, --task, --seeds (20 by default) and --condition, and written into the run folder.
     """
     required = tuple(require or ())
-    part = SuiteSelection()
+    options, part = read_options(option or ()), SuiteSelection()
     if suite is None:
-        plan, folder = _composed(policy or (), task or (), seeds, condition or (), out_folder, required)
+        missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]
+        if missing:
+            raise BadInput(f"expected a suite, or --policy and --task; got no {' and no '.join(missing)}")
+        plan, folder = compose_plan(
+            [read_reference(text, options) for text in policy or ()],
+            task or (),
+            seeds=SEEDS if seeds is None else seeds,
+            conditions=condition or (),
+            folder=out_folder,
+            only=required,
+        )
     elif condition:
         raise BadInput("--condition: expected no suite beside it; the conditions of a suite are in its file")
     else:
-        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
+        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, options)
         plan = make_plan(find_suite(suite), part=part, only=required)
         folder = out_folder or new_run_folder(plan.suite.name)
     broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.environments) if f.problem]
@@ -127,27 +138,11 @@ def run(
     _conclude(outcome, command)
 
 
-def _composed(
-    policies: Sequence[str],
-    tasks: Sequence[str],
-    seeds: int | None,
-    conditions: Sequence[str],
-    folder: Path | None,
-    required: Sequence[str],
-) -> tuple[Plan, Path]:
-    """The plan of a run without a suite, and its folder."""
-    missing = [option for option, given in (("--policy", policies), ("--task", tasks)) if not given]
-    if missing:
-        raise BadInput(f"expected a suite, or --policy and --task; got no {' and no '.join(missing)}")
-    entries = [read_reference(text) for text in policies]
-    count = SEEDS if seeds is None else seeds
-    return compose_plan(entries, tasks, seeds=count, conditions=conditions, folder=folder, only=required)
-
-
 def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, address: str | None) -> str:
     """The command that continues a run, with the same part of the suite."""
     arguments = ["robogauntlet", "run", str(path)]
     arguments += [argument for name in part.policies for argument in ("--policy", name)]
+    arguments += [argument for name, value in part.options.items() for argument in ("--option", option_text(name, value))]
     arguments += [argument for name in part.tasks for argument in ("--task", name)]
     arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
     arguments += ["--out", str(folder)]

@@ -205,7 +205,7 @@ def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite
             chosen.append(text)
             continue
         try:
-            entry = read_reference(text)
+            entry = read_reference(text, part.options)
         except BadInput:
             if entries and not set(text) & set(":/"):
                 raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
@@ -214,6 +214,8 @@ def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite
         chosen.append(entry.name)
     if len(entries) > len(suite.policies):
         suite = suite.model_copy(update={"policies": tuple(entries.values()), "needs": None})
+    elif part.options:
+        raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
     return suite, replace(part, policies=tuple(chosen))
 
 
