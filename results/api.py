@@ -34,18 +34,9 @@ class OpenRun:
         document = self.document
         return f"{self.folder}: suite {document.suite.name}, {document.planned:,} episodes planned, {document.status}"
 
-    def episodes(self, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
-        """Return a table with a row per episode and a column per field of `robogauntlet.EpisodeResult`.
-
-        Raises:
-            RunError: The rows are in a database whose URL was not given.
-            StoreError: The rows cannot be read.
-        """
-        return _frame(Store.open_begun(self.folder, self.document, self._store), fields)
-
-    def tables(self) -> Tables:
-        """Return success per task, simulator and policy with intervals, as in the report."""
-        return build_tables(self.document, self.episodes())
+    def __str__(self) -> str:
+        numbers = self.table().to_string(index=False, float_format="{:.2f}".format, na_rep="-")
+        return f"{self!r}\n{numbers}"
 
     def table(self) -> pd.DataFrame:
         """Return success per policy, task and condition.
@@ -68,6 +59,19 @@ class OpenRun:
     def _repr_html_(self) -> str:
         numbers = self.table().to_html(index=False, border=0, float_format="{:.2f}".format, na_rep="-")
         return f"<p>{html.escape(repr(self))}</p>{numbers}"
+
+    def episodes(self, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+        """Return a table with a row per episode and a column per field of `robogauntlet.EpisodeResult`.
+
+        Raises:
+            RunError: The rows are in a database whose URL was not given.
+            StoreError: The rows cannot be read.
+        """
+        return _frame(Store.open_begun(self.folder, self.document, self._store), fields)
+
+    def tables(self) -> Tables:
+        """Return success per task, simulator and policy with intervals, as in the report."""
+        return build_tables(self.document, self.episodes())
 
 
 def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:

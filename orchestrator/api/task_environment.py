@@ -20,7 +20,7 @@ from robogauntlet.adapters.contract import (
 )
 from robogauntlet.suites.episode import SUCCESS_HOLD
 
-MAX_INSTRUCTION = 1000
+MAX_INSTRUCTION = 200
 
 
 class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
@@ -44,12 +44,13 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         spec, view = simulation.action_spec, simulation.observation_spec
         self.metadata = {**self.metadata, "render_fps": spec.control_hz}
         image = spaces.Box(0, 255, (view.image_size, view.image_size, 3), np.uint8)
-        characters = frozenset(string.printable + description.instruction)
+        words = description.instruction
+        longest, characters = max(MAX_INSTRUCTION, len(words)), frozenset(string.printable + words)
         self.observation_space = spaces.Dict(
             {
                 "images": spaces.Dict(dict.fromkeys(view.cameras, image)),
                 "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_DIM,), np.float64),
-                "instruction": spaces.Text(MAX_INSTRUCTION, min_length=0, charset=characters),
+                "instruction": spaces.Text(longest, min_length=0, charset=characters),
             }
         )
         self.action_space = spaces.Box(spec.low, spec.high, dtype=np.float64)
