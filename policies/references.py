@@ -17,7 +17,9 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, policy_entry, valid_name
 from robogauntlet.support.errors import BadInput
 
-FORMS = "openpi://HOST:PORT, python:MODULE:NAME, lerobot:FOLDER, zoo:NAME, the folder of a checkpoint or a kind of policy"
+FORMS = (
+    "openpi://HOST:PORT, python:MODULE:NAME, lerobot:FOLDER, zoo:NAME, the folder of a checkpoint or a kind of policy"
+)
 
 
 def read_reference(text: str, options: Mapping[str, Any] = MappingProxyType({})) -> PolicyEntry:

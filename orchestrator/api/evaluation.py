@@ -107,8 +107,8 @@ def _check(served: ServedObject, plan: Plan) -> None:
     suite = plan.suite
     if served.is_sequential and (suite.workers != 1 or len(plan.simulators) > 1):
         raise BadInput(
-            f"policy '{served.name}': an object with reset plays one episode at a time, expected tasks of one simulator "
-            "and no other workers than 1; give its class instead, of which each episode gets an object"
+            f"policy '{served.name}': an object with reset plays one episode at a time, expected tasks of one "
+            "simulator and no other workers than 1; give its class instead, of which each episode gets an object"
         )
     served.check_answer(suite.cameras, suite.image_size, task_descriptions()[suite.tasks[0]].instruction)
 

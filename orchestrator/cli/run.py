@@ -142,7 +142,8 @@ def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, 
     """The command that continues a run, with the same part of the suite."""
     arguments = ["robogauntlet", "run", str(path)]
     arguments += [argument for name in part.policies for argument in ("--policy", name)]
-    arguments += [argument for name, value in part.options.items() for argument in ("--option", option_text(name, value))]
+    for name, value in part.options.items():
+        arguments += ["--option", option_text(name, value)]
     arguments += [argument for name in part.tasks for argument in ("--task", name)]
     arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
     arguments += ["--out", str(folder)]

@@ -84,7 +84,7 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
         (("zoo:mergd",), "expected the name of a shipped checkpoint after 'zoo:'"),
         (("zero", "--host", "0.0.0.0"), "--host 0.0.0.0: expected a token in ROBOGAUNTLET_TOKEN"),
         (("zero", "--port", port), f"cannot listen on 127.0.0.1:{port}: "),
-        (("mergevla", "--option", "checkpont=x"), "policy 'mergevla' has no option 'checkpont'; did you mean 'checkpoint'?"),
+        (("mergevla", "--option", "checkpont=x"), "policy 'mergevla' has no option 'checkpont'; did you mean"),
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),
     ):
