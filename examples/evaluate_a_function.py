@@ -12,7 +12,8 @@ TASK = "pybullet/PandaReach-v3"
 
 
 # %% A policy: eight actions towards the middle of the table. Metres, radians, gripper from -1 (open) to +1 (closed).
-def towards_the_middle(images, proprioception, instruction):
+def towards_the_middle(images: dict[str, np.ndarray], proprioception: np.ndarray, instruction: str) -> np.ndarray:
+    """Return eight actions, (8, 7)."""
     way = np.array([0.6, 0.0, 0.15]) - proprioception[:3]
     return np.tile([*np.clip(way / 8, -0.03, 0.03), 0.0, 0.0, 0.0, 1.0], (8, 1))
 

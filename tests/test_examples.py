@@ -109,7 +109,7 @@ def test_a_policys_history_is_printed_and_plotted(two_nights):
 @pytest.mark.ray
 def test_a_function_is_evaluated_and_stepped(tmp_path):
     output = example("evaluate_a_function.py", cwd=tmp_path)
-    assert re.search(r"towards_the_middle pybullet/PandaReach-v3\s+noise@2 [01].\d\d", output)
+    assert re.search(r"towards_the_middle pybullet/PandaReach-v3\s+noise@2\s+[01].\d\d", output)
     assert output.count("failure") + output.count("success ") >= 8
     assert "reach" in output
     assert "(256, 256, 3)" in output

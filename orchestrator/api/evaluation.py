@@ -115,8 +115,6 @@ def _check(served: ServedObject, plan: Plan) -> None:
 
 def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool) -> OpenRun:
     history = os.environ.get("ROBOGAUNTLET_HISTORY") or file_url((folder.parent / HISTORY_FILE).absolute())
-    for simulator, reason in plan.unavailable.items():
-        warnings.warn(f"{simulator} is skipped: {reason}", stacklevel=3)
     outcome = run_plan(plan, folder, RunOptions(media=media, history=history), Progress(Console(quiet=quiet)))
     for warning in outcome.warnings:
         warnings.warn(warning, stacklevel=3)

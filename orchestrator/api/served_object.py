@@ -39,8 +39,8 @@ class ServedObject(ServerThread):
         Raises:
             PolicyError: It is no policy; the message says what to write.
         """
-        given = name or getattr(target, "__name__", type(target).__name__)
-        self.name, self._target = valid_name(given) or "policy", target
+        own: str = getattr(target, "__name__", type(target).__name__)
+        self.name, self._target = valid_name(name or own) or "policy", target
         itself = inspect.isroutine(target) or inspect.isclass(target)
         policy = as_policy(target if itself else lambda: target, {}, self.name)
         super().__init__(IdentifiedPolicy(policy, self.name, _digest(target, identity)))

@@ -34,7 +34,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         simulation: The simulation, with the true state.
     """
 
-    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (gymnasium declares it so)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (gymnasium declares it so)
 
     def __init__(
         self, simulation: Simulation, description: TaskDescription, horizon: int, render_mode: str | None = None

@@ -91,13 +91,13 @@ def run(
     --policy, --task, --seeds (20 by default) and --condition, and written into the run folder.
     """
     required = tuple(require or ())
-    options, part = read_options(option or ()), SuiteSelection()
+    policy_options, part = read_options(option or ()), SuiteSelection()
     if suite is None:
         missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]
         if missing:
             raise BadInput(f"expected a suite, or --policy and --task; got no {' and no '.join(missing)}")
         plan, folder = compose_plan(
-            [read_reference(text, options) for text in policy or ()],
+            [read_reference(text, policy_options) for text in policy or ()],
             task or (),
             seeds=SEEDS if seeds is None else seeds,
             conditions=condition or (),
@@ -107,7 +107,7 @@ def run(
     elif condition:
         raise BadInput("--condition: expected no suite beside it; the conditions of a suite are in its file")
     else:
-        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, options)
+        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options)
         plan = make_plan(find_suite(suite), part=part, only=required)
         folder = out_folder or new_run_folder(plan.suite.name)
     broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.environments) if f.problem]

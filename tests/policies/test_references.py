@@ -18,13 +18,18 @@ from tests.errors import one_line_error
         ("zoo:merged", "zoo-merged", "mergevla-merged", {"checkpoint": "zoo:merged"}),
         ("zoo:experts", "zoo-experts", "mergevla-experts", {"folder": "zoo:experts"}),
         ("zoo:base", "zoo-base", "mergevla", {"checkpoint": "zoo:base"}),
-        ("zoo:experts/robosuite__Lift", "zoo-experts-robosuite__Lift", "mergevla", None),
+        (
+            "zoo:experts/robosuite__Lift",
+            "zoo-experts-robosuite__Lift",
+            "mergevla",
+            {"checkpoint": "zoo:experts/robosuite__Lift"},
+        ),
     ],
 )
 def test_a_text_is_a_kind_with_its_options_and_a_name(text, name, kind, options):
     entry = read_reference(text)
     assert (entry.name, entry.kind) == (name, kind)
-    assert entry.options == (options or {"checkpoint": text})
+    assert entry.options == options
 
 
 def test_a_folder_of_a_checkpoint_is_a_policy(tmp_path):

@@ -8,6 +8,7 @@ import signal
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
 from robogauntlet.orchestrator.cli.common import TOKEN, Host, PolicyOptions, Port, out, print_line
 from robogauntlet.policies import catalog
 from robogauntlet.policies.references import FORMS, read_options, read_reference

@@ -57,14 +57,14 @@ def actions(run):
 
 @pytest.mark.ray
 def test_a_function_acts_as_the_same_function_in_the_workers(play, here):
-    (here / "mine.py").write_text(
+    (here / "drifting.py").write_text(
         "def act(images, proprioception, instruction):\n    import numpy as np\n\n"
         '    return np.full((4, 7), 0.01 + 0.01 * images["wrist"].mean() / 255)\n'
     )
     run = play(drift)
     assert isinstance(run, robogauntlet.OpenRun)
     assert len(run.episodes()) == 4
-    assert actions(run) == actions(play("python:mine:act"))
+    assert actions(run) == actions(play("python:drifting:act", options={"folder": str(here)}))
 
 
 @pytest.mark.ray

@@ -1,5 +1,8 @@
 """Runs without a suite file, and runs of a suite with a policy that it lacks."""
 
+import shlex
+import sys
+
 import pytest
 import yaml
 
@@ -15,11 +18,19 @@ SCRIPTED = "compare: {baseline: oracle, others: [random]}\noracle_gate: oracle\n
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(ACT)
     (tmp_path / "s.yaml").write_text(SUITE + SCRIPTED)
     (tmp_path / "free.yaml").write_text(FREE)
-    return tmp_path
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield tmp_path
+    sys.modules.pop("mine", None)
+
+
+@pytest.fixture
+def own(folder):
+    """The policy, wherever the workers run."""
+    return (*OWN, "--option", f"folder={folder}")
 
 
 @pytest.mark.parametrize(
@@ -30,7 +41,7 @@ def folder(tmp_path):
         (TASK, "expected a suite, or --policy and --task; got no --policy"),
         ((*OWN, *TASK, "--seeds", "0"), "seeds: expected 1 or more, got 0"),
         ((*OWN, "--task", "null/Rech"), "unknown task 'null/Rech'; did you mean 'null/Reach'?"),
-        ((*OWN, "--task", "pybullet/Foo*"), "unknown task 'pybullet/Foo*'; known: "),
+        ((*OWN, "--task", "pybullet/Foo*"), "unknown task 'pybullet/Foo*'; did you mean 'pybullet/Panda"),
         ((*OWN, "--task", "nul/*"), "unknown simulator 'nul' in 'nul/*'"),
         ((*OWN, "--task", "Reach"), "expected simulator/task, got 'Reach'"),
         ((*OWN, *TASK, "--condition", "noize:2"), "unknown condition 'noize'; did you mean 'noise'?"),
@@ -72,34 +83,34 @@ def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_comman
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folder):
-    line = ("run", *OWN, *TASK, "--seeds", "2", "--condition", "noise:2,4", "--out", "run", "--no-media")
+def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folder, own):
+    line = ("run", *own, *TASK, "--seeds", "2", "--condition", "noise:2,4", "--out", "run", "--no-media")
     first = run_command(*line)
     assert (first.code, first.err) == (0, "")
     assert "null-Reach: 6 episodes into run" in first.out
     written = yaml.safe_load((folder / "run" / "suite.yaml").read_text())
     assert written["policies"] == [
-        {"name": "python-mine-act", "kind": "python", "options": {"callable": "mine:act"}},
+        {"name": "python-mine-act", "kind": "python", "options": {"callable": "mine:act", "folder": str(folder)}},
     ]
     assert written["conditions"] == ["clean", {"axis": "noise", "severities": [2, 4]}]
     assert {(row.axis, row.severity) for row in rows_of(folder / "run")} == {("clean", 0), ("noise", 2), ("noise", 4)}
     again = run_command(*line)
     assert "continuing: 6 of 6 episodes are done already" in again.out
-    resume = read_run(folder / "run").command.split()
+    resume = shlex.split(read_run(folder / "run").command)
     assert "6 of 6 episodes" in run_command(*resume[1:]).out
-    other = run_command(*line[:-4], "--seeds", "3", "--out", "run")
+    other = run_command(*line[:-3], "--seeds", "3", "--out", "run")
     assert "plans other episodes than when the run was begun" in other.refusal
 
 
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
-def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_command, folder):
-    done = run_command("run", "s.yaml", *OWN, "--option", "files=[s.yaml]", *TASK, "--out", "run", "--no-media")
+def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_command, folder, own):
+    done = run_command("run", "s.yaml", *own, "--option", "files=[s.yaml]", *TASK, "--out", "run", "--no-media")
     assert done.code == 0, done.err
     suite = read_run(folder / "run").suite
     assert [(policy.name, policy.kind) for policy in suite.policies] == [("python-mine-act", "python")]
     assert suite.policies[0].options["files"] == ["s.yaml"]
     assert (suite.compare, suite.oracle_gate, suite.no_skill_baselines) == (None, None, ())
-    resume = read_run(folder / "run").command.split()
+    resume = shlex.split(read_run(folder / "run").command)
     assert resume[1:3] == ["run", "s.yaml"]
     assert "continuing: 3 of 3 episodes are done already" in run_command(*resume[1:]).out
