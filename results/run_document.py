@@ -138,7 +138,7 @@ class RunDocument(_Model):
     media_s: float = 0.0
     """Time spent afterwards on videos and snapshots, over all sessions (s)."""
     media_left_out: int = 0
-    """Videos and snapshots for which there was no time."""
+    """Videos and snapshots that were not recorded, for lack of time or because of an error."""
     command: str | None = None
     """The command that continues the run."""
     status: RunStatus = RunStatus.RUNNING

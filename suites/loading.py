@@ -31,6 +31,10 @@ from robogauntlet.suites.schema import (
 from robogauntlet.support.errors import first_line
 
 MAX_BYTES = 1_000_000
+REQUIRED: dict[str, Any] = {"name": "suite", "policies": ["oracle"], "tasks": ["null/Reach"], "seeds": {"count": 1}}
+"""Stand in for required keys that are missing or wrong, while the other keys are checked."""
+ROLES = ("oracle_gate", "no_skill_baselines", "merging", "compare", "adaptive")
+"""Keys that name policies of the suite."""
 Model = TypeVar("Model", Suite, Config)
 
 
@@ -91,11 +95,35 @@ def _load(path: Path, text: str, model: type[Model], check: Callable[[Model], Se
         loaded = model.model_validate(data)
     except ValidationError as error:
         # A list with wrong entries is also called too short.
-        errors = (e for e in error.errors() if e["type"] != "too_short" or not e["input"])
-        raise _refusal(path, lines, ((_place(e["loc"]), _message(e, model)) for e in errors)) from None
+        errors = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
+        wrong: list[Mistake] = [(_place(e["loc"]), _message(e, model)) for e in errors]
+        further: Iterator[Mistake] = _further_mistakes(data, {place for place, _ in wrong}, model, check)
+        raise _refusal(path, lines, (*wrong, *further)) from None
     if mistakes := check(loaded):
         raise _refusal(path, lines, mistakes)
     return loaded
+
+
+def _further_mistakes(
+    data: dict[str, Any], wrong: set[Place], model: type[BaseModel], check: Callable[[Any], Sequence[Mistake]]
+) -> Iterator[Mistake]:
+    """Check what is left of a file's data without the entries at these places."""
+    kept: dict[str | int, list[int]] = {}
+    left = {key: value for key, value in data.items() if all(place[0] != key for place in wrong)}
+    for key in {place[0] for place in wrong if len(place) > 1} - {place[0] for place in wrong if len(place) == 1}:
+        if isinstance(data[str(key)], list):
+            kept[key] = [i for i in range(len(data[str(key)])) if all(place[:2] != (key, i) for place in wrong)]
+            left |= {str(key): [data[str(key)][i] for i in kept[key]]} if kept[key] else {}
+    required = {key: value for key, value in REQUIRED.items() if key != "policies" or "needs" not in left}
+    try:
+        loaded = model.model_validate({**(required if model is Suite else {}), **left})
+    except ValidationError:
+        return
+    unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)
+    for found, message in check(loaded):
+        key = found[0]
+        if key in left and key not in unclear and (len(found) > 1 or key not in kept):
+            yield (key, kept[key][int(found[1])], *found[2:]) if key in kept else found, message
 
 
 def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake]) -> SuiteError:

@@ -16,6 +16,7 @@ import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
+from robogauntlet.support.errors import describe
 
 TRIALS = 50
 """Random states in which robosuite's torques and those of the compiled code are compared."""
@@ -39,8 +40,8 @@ class ControlLoop:
     """Runs control steps of a robosuite environment with one arm on a fixed base.
 
     Resets, `update_initial_joints` and robosuite's own `step` may come in between. The compiled law is tried out: where
-    it is not that of the configured controller, or another build of BLAS rounds otherwise, robosuite's own `step` is
-    used.
+    it is not that of the configured controller, another build of BLAS rounds otherwise, or it cannot be compiled,
+    robosuite's own `step` is used.
     """
 
     def __init__(self, physics: MujocoPhysics, env: Any, version: Version) -> None:
@@ -48,16 +49,20 @@ class ControlLoop:
         self._mujoco, self._model, self._data = physics.mujoco, physics.model, physics.data
         self._env, self._version = env, version
         self._steps = int(env.control_timestep / env.model_timestep)
-        self._law = importlib.import_module("robogauntlet.adapters.mujoco_parts.operational_space")
-        self._arm = self._bind(version.controller(), *map(consecutive, version.actuators))
         low, high = self._model.actuator_ctrlrange[version.actuators[1]].T
         self._grip_middle, self._grip_half = 0.5 * (high + low), 0.5 * (high - low)
-        self.exact = self._agrees()
+        try:
+            self._law = importlib.import_module("robogauntlet.adapters.mujoco_parts.operational_space")
+            self._arm = self._bind(version.controller(), *map(consecutive, version.actuators))
+            problem = "" if self._agrees() else "gives other torques than robosuite's controller on this machine"
+        except Exception as error:  # numba raises many kinds, by its version and settings
+            problem = f"cannot be compiled ({describe(error)})"
+        self.exact = not problem
         """Whether steps are those of the compiled code."""
-        if not self.exact:
+        if problem:
             logging.getLogger(__name__).warning(
-                "the compiled control law gives other torques than robosuite's controller on this machine; robosuite's "
-                "own control step is used, which takes several times as long"
+                "the compiled control law %s; robosuite's own control step is used, which takes several times as long",
+                problem,
             )
 
     def step(self, action: FloatArray) -> None:
@@ -139,5 +144,6 @@ class ControlLoop:
 def consecutive(numbers: Sequence[int]) -> slice:
     """Return the slice of consecutive numbers, with which arrays give views."""
     start, end = numbers[0], numbers[0] + len(numbers)
-    assert list(numbers) == list(range(start, end)), f"expected consecutive numbers, found {numbers}"
+    if list(numbers) != list(range(start, end)):
+        raise ValueError(f"expected consecutive numbers, found {numbers}")
     return slice(start, end)

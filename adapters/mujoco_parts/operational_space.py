@@ -10,7 +10,8 @@ the arm's joints q, its mass matrix M, the projector N to its null space, and th
 Equal bits need more than an equal formula. BLAS rounds differently for rows and columns, so arrays have the memory
 layout of robosuite's, and what robosuite compiles is called, not written again.
 
-Importing this module imports MuJoCo, numba and robosuite. numba keeps what it compiles beside the file, as robosuite's.
+Importing this module imports MuJoCo, numba and robosuite. numba keeps what it compiles in the user's cache, apart for
+each pair of versions, as the environments of several simulators share this file.
 An error inside MuJoCo, such as a full stack, ends the process: no Python is in between that could raise it.
 """
 
@@ -22,6 +23,8 @@ from typing import Any, NamedTuple
 import mujoco
 import numba
 import numpy as np
+import platformdirs
+import robosuite
 from llvmlite.binding import load_library_permanently
 from numba import types
 from robosuite.utils.control_utils import nullspace_torques, opspace_matrices, orientation_error
@@ -30,6 +33,10 @@ from robogauntlet.adapters.contract import FloatArray
 
 (LIBRARY,) = Path(mujoco.__file__).parent.glob("libmujoco*")
 load_library_permanently(str(LIBRARY))
+settings: Any = numba.config
+if not settings.CACHE_DIR:
+    versions = f"numba-{numba.__version__}-robosuite-{robosuite.__version__}"
+    settings.CACHE_DIR = str(platformdirs.user_cache_path("robogauntlet") / versions)
 POINTER = types.int64
 STATE = (POINTER, POINTER)
 """A model and its data."""

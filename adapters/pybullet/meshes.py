@@ -24,21 +24,24 @@ def simplified_arm() -> Iterator[None]:
     """Make panda-gym load an arm that is drawn with fewer triangles. What physics reads are copies of the originals."""
     import pybullet_data
 
-    original, arm = Path(pybullet_data.getDataPath()) / ARM, Path(_folder().name) / ARM
+    original, folder = Path(pybullet_data.getDataPath()) / ARM, _folder()
+    arm = folder / ARM
     try:
+        folder.mkdir(mode=0o700)
         shutil.copytree(original, arm)
         for file in original.glob("meshes/visual/*.obj"):
             (arm / file.relative_to(original)).write_text(_simplified(file), encoding="utf-8")
-        with patch("pybullet_data.getDataPath", return_value=_folder().name):
+        with patch("pybullet_data.getDataPath", return_value=str(folder)):
             yield
     finally:
-        shutil.rmtree(arm, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @cache
-def _folder() -> tempfile.TemporaryDirectory[str]:
-    """Return a folder for all openings, since PyBullet keeps what it has read under the name of the file."""
-    return tempfile.TemporaryDirectory()
+def _folder() -> Path:
+    """Return the place of a folder for all openings, as PyBullet keeps what it has read under the name of the file."""
+    with tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
+        return Path(folder)
 
 
 @cache

@@ -272,7 +272,7 @@ SIMULATOR = Simulator(
     title="PyBullet (panda-gym)",
     tasks=TASKS,
     modules=MODULES,
-    distributions=("pybullet", "panda-gym", "gymnasium"),
+    distributions=("pybullet", "panda-gym", "gymnasium", "fast-simplification"),
     open=open,
     adjusts=ADJUSTABLE,
 )

@@ -17,7 +17,7 @@ VERBS = {
     "plan": ("plan:plan", "Show the episodes that a suite plans, without starting anything."),
     "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
     "list": ("list:list_names", "List simulators, tasks, policies and shipped suites."),
-    "doctor": ("doctor:doctor", "Check that every simulator opens and renders on this machine."),
+    "doctor": ("doctor:doctor", "Check that the installed simulators open and render on this machine."),
     "profile": (
         "profile:profile",
         "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
@@ -91,10 +91,15 @@ def _print_version(requested: bool) -> None:
 
 @app.callback()
 def _options(
+    ctx: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
-) -> None: ...
+) -> None:
+    if ctx.invoked_subcommand is not None:
+        from robogauntlet.orchestrator.cli.defaults import configured_defaults
+
+        ctx.default_map = configured_defaults(ctx.command, ctx.invoked_subcommand)
 
 
 def main() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -69,6 +71,7 @@ PolicyOptions = Annotated[
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 TOKEN = "ROBOGAUNTLET_TOKEN"
 Host = Annotated[
     str, typer.Option(help=f"Address to listen on. Addresses other than loopback need a token in {TOKEN}.")
@@ -94,6 +97,11 @@ def fail(message: str) -> None:
 def print_line(line: str) -> None:
     """Print a line as it is to standard output: no markup, no wrapping."""
     out.print(line, markup=False, soft_wrap=True)
+
+
+def print_json(value: Any) -> None:
+    """Print plain values and dataclasses as JSON to standard output."""
+    print_line(json.dumps(value, indent=1, default=lambda it: dataclasses.asdict(it)))
 
 
 def newest_run(root: Path = RUNS) -> Path:

@@ -6,14 +6,16 @@ import os
 import platform
 import shutil
 import tempfile
+from collections.abc import Sequence
+from contextlib import nullcontext
 from importlib import metadata
 
 import typer
 from rich.table import Table
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.cli.common import fail, out
-from robogauntlet.orchestrator.environments.probe import probe
+from robogauntlet.orchestrator.cli.common import AsJson, fail, out, print_json, print_line
+from robogauntlet.orchestrator.environments.probe import Finding, probe
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies import oracles
@@ -21,33 +23,50 @@ from robogauntlet.policies import oracles
 MIN_DISK_GB = 2.0
 
 
-def doctor() -> None:
-    """Check that every simulator opens and renders on this machine.
+def doctor(as_json: AsJson = False) -> None:
+    """Check that the installed simulators open and render on this machine.
 
-    Each simulator is opened in a separate process and renders one frame. Exit code 1 if something does not work.
+    Each simulator is opened in a separate process and renders one frame. Exit code 1 if something that is installed
+    does not work, or if no simulator is installed.
     """
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    ray = metadata.version("ray")
-    out.print(f"Python {platform.python_version()}, Ray {ray}, {os.cpu_count()} cores, {memory:.0f} GiB memory")
+    machine = {"python": platform.python_version(), "ray": metadata.version("ray"), "cores": os.cpu_count()}
+    if not as_json:
+        out.print("Python {python}, Ray {ray}, {cores} cores".format(**machine) + f", {memory:.0f} GiB memory")
     names = [name for name, simulator in catalog.simulators().items() if not simulator.internal]
     environments = EnvironmentResolver()
-    with out.status("opening the simulators"):
+    with out.status("opening the simulators") if not as_json else nullcontext():
         findings = probe(names, environments)
+    installed = [finding for finding in findings if finding.installed]
+    problems = [f"{finding.simulator}: {finding.problem}" for finding in installed if finding.problem]
+    if not installed:
+        problems.append("no simulator is installed; install one: pip install 'robogauntlet[pybullet]'")
+    problems += broken_plugins()
+    problems += _machine_problems()
+    notes = [f"{finding.simulator}: {finding.problem}" for finding in findings if not finding.installed]
+    if as_json:
+        print_json({**machine, "memory_gib": memory, "simulators": findings, "problems": problems, "notes": notes})
+    else:
+        _print(findings, problems, notes)
+    if problems:
+        raise typer.Exit(1)
+
+
+def _print(findings: Sequence[Finding], problems: Sequence[str], notes: Sequence[str]) -> None:
     table = Table("simulator", "version", "renders on", "one frame", box=None, pad_edge=False)
     for finding in findings:
         versions = ", ".join(f"{name} {version}" for name, version in finding.versions.items())
         frame = f"{finding.frame_ms:.0f} ms" if finding.frame_ms else ""
         device = "does not work" if finding.problem else finding.render_device
+        device = device if finding.installed else "not installed"
         table.add_row(finding.simulator, versions, device, frame)
     out.print(table)
-    problems = [f"{finding.simulator}: {finding.problem}" for finding in findings if finding.problem]
-    problems += broken_plugins()
-    problems += _machine_problems()
+    for note in notes:
+        print_line(f"note: {note}")
     for problem in problems:
         fail(problem)
-    if problems:
-        raise typer.Exit(1)
-    out.print("everything works")
+    if not problems:
+        out.print("everything that is installed works" if notes else "everything works")
 
 
 def broken_plugins() -> list[str]:

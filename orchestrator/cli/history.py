@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, out, print_line
+from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_history, out, print_json, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.report.formatting import TextTable, count, percent, span
 from robogauntlet.results.report.history_plot import policy_history_table, sparkline, verdict_text, when, write_plot
@@ -23,6 +23,7 @@ def history(
     task: Annotated[str | None, typer.Option(help="Only this task.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="Largest number of runs; the newest are shown.")] = 30,
     file: Annotated[Path | None, typer.Option("--out", help="Plot to write: FILE.svg, or FILE.html.")] = None,
+    as_json: AsJson = False,
     url: HistoryUrl = None,
 ) -> None:
     """List runs, or show the success of a policy over its runs."""
@@ -34,13 +35,20 @@ def history(
         if suite is not None and suite not in history.suites():
             raise BadInput(f"no run of a suite '{suite}'{did_you_mean(suite, history.suites())}")
         if policy is None:
-            out.print(rich_table(_runs_table(history.runs(suite=suite, limit=limit)), title="Runs, newest first"))
+            runs = history.runs(suite=suite, limit=limit)
+            if as_json:
+                print_json(runs)
+            else:
+                out.print(rich_table(_runs_table(runs), title="Runs, newest first"))
             return
         results = history.policy_history(policy, suite=suite, task=task, limit=limit)
         if not results:
             known = history.policies(suite)
             hint = f" on '{task}'" if task and policy in known else did_you_mean(policy, known)
             raise BadInput(f"no run with a policy '{policy}'{hint}")
+    if as_json:
+        print_json(results)
+        return
     title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
     out.print(rich_table(policy_history_table(results), title=title))
     out.print(f"\n{sparkline(results)}  success, 0 to 100 %, newest on the right", markup=False)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import HistoryUrl, fail, open_history, out, print_line
+from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, fail, open_history, out, print_json, print_line
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.analysis import leaderboard as analysis
 from robogauntlet.results.report.history_plot import leaderboard_table
@@ -17,6 +17,7 @@ from robogauntlet.support.errors import BadInput
 def leaderboard(
     suite: Annotated[str, typer.Argument(help="Name of a suite that was run.")],
     alpha: Annotated[float, typer.Option(min=0.0001, max=0.4999, help="Family-wise error rate.")] = 0.05,
+    as_json: AsJson = False,
     url: HistoryUrl = None,
 ) -> None:
     """Compare the policies of a suite by their newest complete runs.
@@ -29,6 +30,9 @@ def leaderboard(
         results = list(analysis.latest_results_per_policy(history, suite, fail))
     if not results:
         raise BadInput(f"expected a complete run of suite '{suite}', found none")
-    table = leaderboard_table(analysis.leaderboard(results, alpha))
-    out.print(rich_table(table, title=f"{suite}, clean episodes"))
+    rows = analysis.leaderboard(results, alpha)
+    if as_json:
+        print_json(rows)
+        return
+    out.print(rich_table(leaderboard_table(rows), title=f"{suite}, clean episodes"))
     print_line(f"\nPolicies that share a letter do not differ significantly (McNemar, Holm, alpha {alpha:g}).")

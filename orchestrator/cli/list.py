@@ -2,37 +2,73 @@
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
+from typing import Annotated
+
+import typer
 from rich.table import Table
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.orchestrator.cli.common import fail, out
+from robogauntlet.orchestrator.cli.common import AsJson, fail, out, print_json
 from robogauntlet.orchestrator.cli.doctor import broken_plugins
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.runs.plan import SHIPPED
 from robogauntlet.policies import catalog as policies
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.errors import BadInput
+
+Row = dict[str, str | int | bool]
 
 
-def list_names() -> None:
+def list_names(
+    task: Annotated[str | None, typer.Option(help="Only tasks that match this pattern, such as 'robosuite/*'.")] = None,
+    as_json: AsJson = False,
+) -> None:
     """List simulators, tasks, policies and shipped suites."""
-    import yaml
+    found = {"tasks": _tasks(task)}
+    if task is None:
+        found |= {"policies": _policies(), "suites": _suites()}
+    if as_json:
+        print_json(found)
+    else:
+        for rows in found.values():
+            out.print(_table(rows), "", sep="\n")
+    for problem in broken_plugins():
+        fail(problem)
 
-    tasks = Table(box=None, pad_edge=False)
-    tasks.add_column("task", no_wrap=True)
-    for column in ("instruction", "horizon", "simulator"):
-        tasks.add_column(column)
-    environments = EnvironmentResolver()
+
+def _tasks(pattern: str | None) -> list[Row]:
+    environments, rows = EnvironmentResolver(), list[Row]()
     for simulator in simulators.simulators().values():
         if simulator.internal:
             continue
-        state = "not installed" if environments.missing_reason(simulator) else simulator.title
+        installed = not environments.missing_reason(simulator)
         for name, task in simulator.tasks.items():
-            tasks.add_row(f"{simulator.name}/{name}", task.instruction, str(task.horizon), state)
-    kinds = Table("policy", "description", box=None, pad_edge=False)
-    for kind in policies.kinds().values():
-        kinds.add_row(kind.name, kind.summary)
-    suites = Table("suite", "description", box=None, pad_edge=False)
-    for path in sorted(SHIPPED.glob("*.yaml")):
-        suites.add_row(path.stem, yaml.safe_load(path.read_text(encoding="utf-8")).get("description", "").strip())
-    out.print(tasks, "", kinds, "", suites, sep="\n")
-    for problem in broken_plugins():
-        fail(problem)
+            row: Row = {"task": f"{simulator.name}/{name}", "instruction": task.instruction, "horizon": task.horizon}
+            rows.append(row | {"simulator": simulator.title, "installed": installed})
+    matching = [row for row in rows if pattern is None or fnmatchcase(str(row["task"]), pattern)]
+    if not matching:
+        raise BadInput(f"no task matches '{pattern}'{did_you_mean(str(pattern), [str(row['task']) for row in rows])}")
+    return matching
+
+
+def _policies() -> list[Row]:
+    return [{"policy": kind.name, "description": kind.summary} for kind in policies.kinds().values()]
+
+
+def _suites() -> list[Row]:
+    import yaml
+
+    documents = {path.stem: yaml.safe_load(path.read_text(encoding="utf-8")) for path in sorted(SHIPPED.glob("*.yaml"))}
+    return [
+        {"suite": name, "description": document.get("description", "").strip()} for name, document in documents.items()
+    ]
+
+
+def _table(rows: list[Row]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in rows[0]:
+        table.add_column(column, no_wrap=column == "task")
+    for row in rows:
+        table.add_row(*(("no", "yes")[value] if isinstance(value, bool) else str(value) for value in row.values()))
+    return table

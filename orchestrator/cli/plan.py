@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from robogauntlet.orchestrator.cli.common import (
+    AsJson,
     Policies,
     PolicyOptions,
     SeedCount,
@@ -18,6 +19,7 @@ from robogauntlet.orchestrator.cli.common import (
     Tasks,
     fail,
     out,
+    print_json,
 )
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
 from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, needs_policy, remaining_work
@@ -38,6 +40,7 @@ def plan(
         Path | None, typer.Option("--out", help="Folder of a run of the suite: show the episodes that it lacks.")
     ] = None,
     store: StoreUrl = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show the episodes that a suite plans, without starting anything.
 
@@ -53,21 +56,34 @@ def plan(
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         document = read_run(out_folder)
         check_same(planned, document, out_folder)
-        with closing(Store.open_begun(out_folder, document, store)) as rows:
-            done = rows.outcomes()
+        with closing(Store.open_begun(out_folder, document, store)) as opened:
+            done = opened.outcomes()
     missing = {cell: len(seeds) for cell, seeds in remaining_work(planned, done).work}
-    table = Table("task", "policy", "condition", "horizon", "episodes", "missing", box=None, pad_edge=False)
-    for cell in planned.cells:
-        table.add_row(
-            cell.task,
-            cell.policy,
-            str(cell.condition),
-            str(cell.protocol.horizon),
-            str(planned.suite.seeds.count),
-            "skipped" if cell.simulator in planned.unavailable else str(missing.get(cell, 0)),
-        )
-    out.print(table)
+    rows = [
+        {
+            "task": cell.task,
+            "policy": cell.policy,
+            "condition": str(cell.condition),
+            "horizon": cell.protocol.horizon,
+            "episodes": planned.suite.seeds.count,
+            "missing": "skipped" if cell.simulator in planned.unavailable else missing.get(cell, 0),
+        }
+        for cell in planned.cells
+    ]
     total = sum(missing.values())
+    if as_json:
+        found = {
+            "suite": planned.suite.name,
+            "hash": planned.suite_hash,
+            "episodes": planned.episodes,
+            "to_play": total,
+        }
+        print_json(found | {"cells": rows, "skipped": planned.unavailable, "not_installed": planned.not_installed})
+        return
+    table = Table(*rows[0], box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*map(str, row.values()))
+    out.print(table)
     play = "to play" if planned.suite.adaptive is None else "to play in the current round"
     out.print(f"{planned.suite.name}: {planned.episodes} episodes, {total} {play}, hash {planned.suite_hash}")
     for name, reason in planned.unavailable.items():

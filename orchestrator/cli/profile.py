@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from robogauntlet.orchestrator.cli.common import Policies, SeedCount, Tasks, fail, out, print_line
+from robogauntlet.orchestrator.cli.common import AsJson, Policies, SeedCount, Tasks, fail, out, print_json
 from robogauntlet.orchestrator.episodes.profile import Profile, profile_cells
 from robogauntlet.orchestrator.runs.plan import SHIPPED, find_suite, make_plan
 from robogauntlet.policies.zoo import NotShipped, zoo_folder
@@ -29,7 +28,7 @@ def profile(
     policy: Policies = None,
     task: Tasks = None,
     seeds: SeedCount = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show how far an episode in each simulator is from its bound: physics, frames and answers.
 
@@ -52,10 +51,10 @@ def profile(
     broken = False
     with out.status("playing"), ray_session(address=None, workers=1):
         for simulator in plan.simulators:  # one at a time, so that they do not slow each other down
-            cells = [cell for cell in first.values() if cell.simulator == simulator]
-            arguments = (cells, dict(plan.sources), list(plan.suite.seeds)[: seeds or EPISODES])
             if simulator in plan.unavailable:
                 continue
+            cells = [cell for cell in first.values() if cell.simulator == simulator]
+            arguments = (cells, dict(plan.sources), list(plan.suite.seeds)[: seeds or EPISODES])
             for _, found in run_per_simulator(profile_cells, {simulator: arguments}, plan.environments):
                 if isinstance(found, ProcessEnded):
                     problems.append(f"{simulator}: {found.reason}")
@@ -64,7 +63,7 @@ def profile(
                     profiles.append(found)
     if as_json:
         derived = ("total", "bound", "ratio")
-        print_line(json.dumps([asdict(row) | {name: getattr(row, name) for name in derived} for row in profiles]))
+        print_json([asdict(row) | {name: getattr(row, name) for name in derived} for row in profiles])
     else:
         out.print(_table(profiles))
     for problem in problems:

@@ -135,7 +135,7 @@ def run(
     for warning in outcome.warnings:
         if warning not in printed:
             fail(warning)
-    _conclude(outcome, command)
+    _conclude(outcome, command, command + {None: "", True: " --media", False: " --no-media"}[media])
 
 
 def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, address: str | None) -> str:
@@ -163,14 +163,16 @@ def _print_numbers(outcome: RunOutcome) -> None:
     print_line(f"report: {outcome.folder / 'report.html'}")
 
 
-def _conclude(outcome: RunOutcome, command: str) -> None:
+def _conclude(outcome: RunOutcome, command: str, continuing: str) -> None:
     document = outcome.document
     if document.media_left_out and not outcome.media_interrupted:
-        print_line(f"{document.media_left_out} videos and snapshots were left out; to record all: {command} --media")
+        print_line(
+            f"{document.media_left_out} videos and snapshots were not recorded; to record all: {command} --media"
+        )
     if outcome.media_interrupted or document.status is RunStatus.INTERRUPTED:
-        fail(f"interrupted; continue with: {command}")
+        fail(f"interrupted; continue with: {continuing}")
         raise typer.Exit(EXIT_INTERRUPTED)
     if document.status is RunStatus.STOPPED:
         fail(f"stopped: {document.reason}")
-        fail(f"continue with: {command}")
+        fail(f"continue with: {continuing}")
         raise typer.Exit(EXIT_STOPPED)

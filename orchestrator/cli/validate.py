@@ -2,37 +2,53 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, fail, print_line
-from robogauntlet.orchestrator.runs.plan import PlanError, find_suite, make_plan
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, AsJson, fail, print_json, print_line
+from robogauntlet.orchestrator.runs.plan import Plan, PlanError, find_suite, make_plan
 from robogauntlet.suites.loading import SuiteError
 
 
-def validate(suites: Annotated[list[str], typer.Argument(help="Suite files, or names of shipped suites.")]) -> None:
+def validate(
+    suites: Annotated[list[str], typer.Argument(help="Suite files, or names of shipped suites.")],
+    as_json: AsJson = False,
+) -> None:
     """Check suite files and report every mistake with its line.
 
     Neither simulators nor the packages of policies need to be installed; what is missing on this machine is listed.
     """
-    valid = True
+    found: list[dict[str, Any]] = []
     for suite in suites:
         try:
             plan = make_plan(find_suite(suite), require_installed=False)
         except (SuiteError, PlanError) as error:
-            valid = False
-            fail(str(error))
-            continue
-        if not plan.suite.policies:
-            print_line(f"{plan.path}: valid, {len(plan.suite.tasks)} tasks for the policy named by --policy")
-            continue
-        print_line(f"{plan.path}: valid, {plan.episodes} episodes, hash {plan.suite_hash}")
-        for simulator, reason in plan.unavailable.items():
-            print_line(f"  note: simulator {simulator}: {reason}")
-        if plan.not_installed:
-            names = ", ".join(list(plan.not_installed)[:3]) + (", ..." if len(plan.not_installed) > 3 else "")
-            reasons = "; ".join(dict.fromkeys(plan.not_installed.values()))
-            print_line(f"  note: not checked whether the policies {names} fit the suite: {reasons}")
-    if not valid:
+            found.append({"suite": suite, "mistakes": str(error).splitlines()})
+        else:
+            numbers = {"episodes": plan.episodes, "hash": plan.suite_hash}
+            found.append({"suite": str(plan.path), "mistakes": [], **numbers, "notes": list(_notes(plan))})
+    if as_json:
+        print_json(found)
+    for row in [] if as_json else found:
+        for mistake in row["mistakes"]:
+            fail(mistake)
+        if not row["mistakes"]:
+            print_line(f"{row['suite']}: valid, {row['episodes']} episodes, hash {row['hash']}")
+            for note in row["notes"]:
+                print_line(f"  note: {note}")
+    if any(row["mistakes"] for row in found):
         raise typer.Exit(EXIT_BAD_INPUT)
+
+
+def _notes(plan: Plan) -> Iterator[str]:
+    """What is missing in the suite or on this machine."""
+    if not plan.suite.policies:
+        yield f"needs a policy, to play {len(plan.suite.tasks)} tasks; add --policy to robogauntlet run"
+    for simulator, reason in plan.unavailable.items():
+        yield f"simulator {simulator}: {reason}"
+    if plan.not_installed:
+        names = ", ".join(list(plan.not_installed)[:3]) + (", ..." if len(plan.not_installed) > 3 else "")
+        reasons = "; ".join(dict.fromkeys(plan.not_installed.values()))
+        yield f"not checked whether the policies {names} fit the suite: {reasons}"

@@ -25,6 +25,8 @@ class Finding:
     versions: dict[str, str]
     problem: str | None
     """Why it does not work, with the remedy, or None."""
+    installed: bool = True
+    """Whether it is installed, or an environment is configured for it."""
     render_device: str = ""
     frame_ms: float | None = None
     """Time of one warm observation by one camera (ms)."""
@@ -41,7 +43,9 @@ def _probe_one(name: str, environments: EnvironmentResolver) -> Finding:
     simulator = catalog.find(name)
     versions = environments.versions(simulator)
     if missing := environments.missing_reason(simulator):
-        return Finding(name, versions, missing)
+        own = environments.resolve(simulator)
+        wanted = own is not None and not (own.origin == "its adapter" and own.manifest is None)
+        return Finding(name, versions, missing, installed=wanted)
     python, environment = environments.subprocess_env(simulator)
     command = [python, "-m", "robogauntlet.orchestrator.environments.probe"]
     try:

@@ -45,7 +45,7 @@ def run_per_simulator(
         generator: Importable on every node.
         arguments: Simulator to the arguments of its generator.
         environments: The environment of each simulator.
-        silence_s: Time without a result after which a process is killed, including its start (s).
+        silence_s: Time without a result after which a process is killed, counted from its start (s).
         time_s: Time after which all processes are killed and no more results are yielded (s).
 
     Yields:
@@ -68,26 +68,33 @@ def run_per_simulator(
                 continue
             actors[name] = process.options(runtime_env=environments.ray_runtime_env(simulator), **room).remote()
             streams[actors[name].run.remote(generator, its_arguments)] = name
-        last_result = dict.fromkeys(streams, time.monotonic())
+        last_heard: dict[Any, float] = {}
         while streams and (left_s := began + time_s - time.monotonic()) > 0:
             ready, _ = ray.wait(list(streams), num_returns=1, timeout=min(CHECK_S, left_s), fetch_local=False)
             if time.monotonic() - checked >= CHECK_S:  # workers may still answer for some time after Ray has died
                 check_alive()
                 checked = time.monotonic()
             if not ready:
-                for stalled in [stream for stream in streams if time.monotonic() - last_result[stream] > silence_s]:
-                    ray.kill(actors.pop(streams[stalled]))
-                    yield streams.pop(stalled), ProcessEnded(f"no result within {silence_s:g} s")
+                for silent, heard in last_heard.items():
+                    if silent in streams and time.monotonic() - heard > silence_s:
+                        name = streams.pop(silent)
+                        ray.kill(actors.pop(name))
+                        yield name, ProcessEnded(f"no result within {silence_s:g} s")
                 continue
             stream: Any = ready[0]
-            last_result[stream] = time.monotonic()
+            name, has_started = streams[stream], stream in last_heard
+            last_heard[stream] = time.monotonic()
             try:
-                yield streams[stream], ray.get(next(stream))
-            except StopIteration:
-                ray.kill(actors.pop(streams.pop(stream)))  # another process may wait for its core
-            except RayError as error:
-                check_alive()
-                yield streams.pop(stream), ProcessEnded(last_line(error))
+                item = ray.get(next(stream))
+            except (StopIteration, RayError) as ended:
+                del streams[stream]
+                ray.kill(actors.pop(name))  # another process may wait for its room
+                if isinstance(ended, RayError):
+                    check_alive()
+                    yield name, ProcessEnded(last_line(ended))
+            else:
+                if has_started:
+                    yield name, item
     except RayLost:
         actors.clear()  # a dead Ray would not answer
         raise
@@ -140,4 +147,5 @@ class _Process:
 
     @ray.method(num_returns="streaming")
     def run(self, generator: Callable[..., Iterator[Any]], arguments: tuple[Any, ...]) -> Iterator[Any]:
+        yield "started"
         yield from generator(*arguments)

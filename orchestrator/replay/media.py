@@ -103,8 +103,7 @@ def _record_snapshot(item: Snapshot, runner: EpisodeRunner) -> MediaResult:
 
 def _record_video(row: EpisodeResult, runner: EpisodeRunner, scratch: Path) -> MediaResult:
     files, warning = {}, None
-    scratch.mkdir(exist_ok=True)  # another node has not got it
-    with tempfile.TemporaryDirectory(dir=scratch) as folder:
+    with tempfile.TemporaryDirectory(dir=scratch if scratch.exists() else None) as folder:  # not on other nodes
         video = Path(folder) / "video.mp4"
         with VideoRecorder(video, steps=row.steps or row.horizon) as recorder:
             replayed = replay(row, runner, recorder)

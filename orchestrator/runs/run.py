@@ -193,9 +193,8 @@ class RunSession:
             while work:
                 pool = RayWorkerPool(sources, suite.resources, servers, self._plan.environments)
                 queues = work_queues(work, suite.max_attempts)
-                scheduler = Scheduler(queues, pool, scheduling, sink=self._store.add, observer=self._observer)
-                scheduler.run()
-                self._start_s |= scheduler.start_s
+                sink, start_s = self._store.add, self._start_s
+                Scheduler(queues, pool, scheduling, sink=sink, observer=self._observer, start_s=start_s).run()
                 before, work = work, self._remaining_work() if suite.adaptive else []
                 if work == before:  # the remaining episodes cannot be played here
                     break
@@ -273,7 +272,7 @@ class RunSession:
         with self._progress.recording(len(pending), end) as bar:
 
             def on_recorded(warning: str | None) -> None:
-                self._left_out -= 1
+                self._left_out -= warning is None
                 if warning is not None and warning not in self._observer.warnings:
                     self._observer.warnings.append(warning)
                 bar.advance()

@@ -76,12 +76,12 @@ def is_running(folder: Path) -> bool:
 
 def has_ended(folder: Path) -> bool:
     """Whether a run is complete or stopped early, and has its report. Its process may still record videos."""
-    if not (folder / "report.html").exists():
-        return False
     try:
-        return read_run(folder).status in (RunStatus.COMPLETE, RunStatus.STOPPED)
-    except RunError:
+        document, written_at = read_run(folder), (folder / "report.html").stat().st_mtime
+    except (RunError, OSError):
         return False
+    ended = document.status in (RunStatus.COMPLETE, RunStatus.STOPPED)
+    return ended and document.finished_at is not None and written_at >= document.finished_at
 
 
 def conclude(

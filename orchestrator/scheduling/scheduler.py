@@ -122,8 +122,8 @@ class Scheduler(Generic[Result]):
     """Stores results, or raises."""
     observer: Observer[Result]
     now: Callable[[], float] = time.monotonic
-    start_s: dict[str, float] = field(default_factory=dict, init=False)
-    """Simulator to the time that its latest worker took from its start to its first result."""
+    start_s: dict[str, float] = field(default_factory=dict)
+    """Simulator to the time that its latest worker took from the start of its process to its first result."""
 
     _slots: list[_Slot] = field(default_factory=list, init=False)
     _idle: list[_Slot] = field(default_factory=list, init=False)
@@ -151,7 +151,7 @@ class Scheduler(Generic[Result]):
         """
         try:
             self._prepare()
-            while self._busy or self._waiting:
+            while self._waiting or any(slot.lease for slot in self._slots):
                 self.pool.check()
                 self._grow()
                 self._assign_idle_slots()
@@ -222,8 +222,7 @@ class Scheduler(Generic[Result]):
             self._discard(slot)
         slot.last_event_at = slot.activity_began = self.now()
         if slot.worker is None:
-            first, slot.started_at = source.first, self.now()
-            slot.worker, slot.opening = self.pool.start(slot.name, slot.simulator, first), first.task
+            slot.worker, slot.opening = self.pool.start(slot.name, slot.simulator, source.first), source.first.task
             self._mark_busy(slot, slot.worker)
             return
         slot.lease, slot.finished = source.lease(slot.open_task), 0
@@ -246,10 +245,10 @@ class Scheduler(Generic[Result]):
 
     def _simulator_for(self, slot: _Slot) -> str:
         """The simulator that an idle slot should serve: the same as before while it has episodes waiting."""
-        if slot.bound or (slot.simulator and self.work[slot.simulator].waiting) or not self._waiting:
+        if slot.bound or (slot.worker and self.work[slot.simulator].waiting) or not self._waiting:
             return slot.simulator
         backlogs = {name: (source.waiting_s, self._busy_counts[name]) for name, source in self.work.items()}
-        return next_simulator(backlogs, self.start_s) or slot.simulator
+        return next_simulator(backlogs, self.start_s) or ""
 
     def _process_events(self) -> None:
         """Wait briefly for events and handle them."""
@@ -269,7 +268,7 @@ class Scheduler(Generic[Result]):
         source = self.work[slot.simulator]
         match event:
             case worker_pool.Started():
-                slot.running = True
+                slot.running, slot.started_at = True, self.now()
             case Readiness():
                 self._mark_idle(slot)
                 slot.open_task = slot.opening

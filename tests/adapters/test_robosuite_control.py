@@ -29,6 +29,15 @@ def test_robosuites_own_steps_may_be_taken_in_between(simulation):
     assert np.array_equal(own, played(simulation, 3, alternating()))
 
 
+def test_a_law_that_cannot_be_compiled_is_left_to_robosuite(simulation, monkeypatch, caplog):
+    simulation.reset(0)
+    controller = simulation._env.robots[0].part_controllers["right"]
+    monkeypatch.setattr(controller, "qvel_index", controller.qvel_index[::-1])
+    loop = control_loop(simulation._physics, simulation._env)
+    assert not loop.exact
+    assert "cannot be compiled (ValueError: expected consecutive numbers" in caplog.text
+
+
 def test_a_law_that_is_not_the_compiled_one_is_left_to_robosuite(simulation, monkeypatch):
     assert simulation._control.exact
     simulation.reset(0)

@@ -112,6 +112,49 @@ def test_every_mistake_is_reported_at_once_with_its_line(problems):
     ]
 
 
+def test_mistakes_of_form_hide_no_mistakes_in_names(problems):
+    assert problems(
+        """
+        nmae: a-suite
+        policies:
+          - {name: "not ok", kind: oracle}
+          - oracel
+        tasks: [5, robosuite/Lfit]
+        conditions: [{axis: light, severities: [9]}, {axis: lihgt, severities: [1]}]
+        image_size: large
+        compare: {baseline: oracle, others: [random]}
+        """
+    ) == [
+        "1: missing key 'name'",
+        "1: missing key 'seeds'",
+        "1: unknown key 'nmae'; did you mean 'name'?",
+        "3: policies.1.name: expected letters, digits, '.', '_' or '-', starting with a letter or digit; found 'not ok'",
+        "4: unknown policy 'oracel'; did you mean 'oracle'?",
+        "5: tasks.1: expected a valid string, found a whole number (5)",
+        "5: unknown task 'robosuite/Lfit'; did you mean 'robosuite/Lift'?",
+        "6: conditions.1.severities.1: expected a value less than or equal to 5, found 9",
+        "6: unknown condition 'lihgt'; did you mean 'light'?",
+        "7: image_size: expected a valid integer, found text ('large')",
+    ]
+
+
+def test_a_suite_lists_policies_or_needs_one(problems, tmp_path):
+    free = SOUND.replace("policies: [oracle]", "needs: policy")
+    assert load(tmp_path, free).policies == ()
+    assert problems(free.replace("robosuite/Lift", "robosuite/Lfit") + "horizon: long\n") == [
+        "3: unknown task 'robosuite/Lfit'; did you mean 'robosuite/Lift'?",
+        "5: horizon: expected a valid integer, found text ('long')",
+    ]
+    assert problems(SOUND + "needs: policy\n") == [
+        "2: policies: expected none beside needs: policy, found a list",
+    ]
+    assert problems(SOUND.replace("policies: [oracle]\n", "")) == ["1: missing key 'policies'"]
+    assert problems(SOUND.replace("policies: [oracle]", "needs: policies")) == [
+        "1: missing key 'policies'",
+        "2: needs: expected 'policy', found 'policies'",
+    ]
+
+
 def test_the_message_for_an_unknown_task_names_those_of_its_simulator(problems):
     assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
         "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"

@@ -158,7 +158,7 @@ def test_run_replay_and_report(tmp_path, suite):
     slow = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(slow | {"media_s": 1000.0}))
     output = run_gauntlet("run", suite, "--out", folder).stdout
-    assert f"2 videos and snapshots were left out; to record all: {command} --media" in output
+    assert f"2 videos and snapshots were not recorded; to record all: {command} --media" in output
     done = run_gauntlet("run", suite, "--out", folder, "--media")
     assert done.stdout.index("10 of 10 episodes") < done.stdout.index("recorded 2 videos and snapshots in")
     assert "left out" not in done.stdout

@@ -76,7 +76,9 @@ def test_a_policy_is_played_in_a_suite_instead_of_its_own(run_command, folder):
 
 
 def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_command, folder):
-    assert "free.yaml: valid, 1 tasks for the policy named by --policy" in run_command("validate", "free.yaml").out
+    validated = run_command("validate", "free.yaml")
+    assert "free.yaml: valid, 0 episodes" in validated.out
+    assert "note: needs a policy, to play 1 tasks; add --policy to robogauntlet run" in validated.out
     assert "s: 3 episodes, 3 to play" in run_command("plan", "free.yaml", *OWN).out
     assert "needs a policy" in run_command("plan", "free.yaml").refusal
 

@@ -57,6 +57,13 @@ def test_mistakes_are_reported_without_simulators(suite):
     assert done.stderr.count("did you mean") == 2
 
 
+def test_the_doctor_fails_where_no_simulator_is_installed():
+    done = run_without_simulators("doctor")
+    assert done.returncode == 1
+    assert "note: maniskill: not installed" in done.stdout
+    assert "robogauntlet: no simulator is installed; install one: pip install" in done.stderr
+
+
 def test_a_plan_lists_episodes_and_names_the_missing_simulators(suite):
     done = run_without_simulators("plan", suite)
     assert done.returncode == 0

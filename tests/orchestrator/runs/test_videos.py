@@ -54,12 +54,12 @@ def test_videos_take_a_share_of_the_playing_time_and_those_left_out_are_counted(
     document = run(path, media=None, command=command).document
     assert (document.media_left_out, videos_of(run)) == (2, set())
     page = (run.folder / "report.html").read_text()
-    assert "Left out for lack of time: 2" in page
+    assert "Not recorded: 2" in page
     assert f"<code>{command} --media</code>" in page
     monkeypatch.setattr("robogauntlet.orchestrator.runs.run.MEDIA_SHARE", 100.0)
     document = run(path, media=None).document
     assert (document.media_left_out, len(videos_of(run))) == (0, 2)
-    assert "Left out" not in (run.folder / "report.html").read_text()
+    assert "Not recorded" not in (run.folder / "report.html").read_text()
     assert "for at most" in run.output.getvalue()
 
 

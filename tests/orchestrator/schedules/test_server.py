@@ -1,16 +1,18 @@
 """The schedule server, with real runs on the null simulator."""
 
+import os
 import subprocess
 import sys
 import time
 
 import pytest
 
-from robogauntlet.orchestrator.schedules.run_process import RunProcess, conclude, is_running, remove_old
+from robogauntlet.orchestrator.schedules.run_process import RunProcess, conclude, has_ended, is_running, remove_old
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.folder_lock import lock_folder
+from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.run_history import History
 from tests import ROOT
@@ -138,10 +140,20 @@ from pathlib import Path
 from robogauntlet.results.run_document import RunStatus
 from tests.results.synthetic import document, run_folder
 folder = Path(sys.argv[1])
-run_folder(folder, document(4, run_id="run-1", status=RunStatus.STOPPED, reason="a test", name="nights"), [])
+ended = {"status": RunStatus.STOPPED, "reason": "a test", "finished_at": time.time() - 1.0}
+run_folder(folder, document(4, run_id="run-1", name="nights", **ended), [])
 (folder / "report.html").touch()
 time.sleep(600)
 """
+
+
+def test_a_continued_run_has_not_ended_before_its_report_is_renewed(tmp_path):
+    run_folder(tmp_path, document(status=RunStatus.COMPLETE, finished_at=time.time() - 10.0), [])
+    report = tmp_path / "report.html"
+    report.touch()
+    assert has_ended(tmp_path)
+    os.utime(report, (time.time() - 20.0,) * 2)
+    assert not has_ended(tmp_path)
 
 
 @pytest.mark.parametrize("by_server", [True, False])

@@ -150,6 +150,31 @@ def test_the_last_simulator_gets_a_second_worker_for_its_last_twenty_episodes():
     assert pool.clock() < 42.0
 
 
+def test_the_last_episode_of_a_dead_worker_is_left_to_the_others():
+    fates = iter(["dies"])
+    pool = TimelinePool(
+        lambda episode: 1.0,
+        Clock(),
+        start_s=20.0,
+        fate=lambda episode: next(fates, "plays") if episode.seed == 39 else "plays",
+    )
+    rows, observer = play(work({("a/1", "p"): 40}), pool, lambda: 4)
+    assert len(rows) == 40
+    assert len(observer.ready) == 4
+
+
+def test_a_run_does_not_wait_for_workers_that_have_nothing_to_play():
+    class SlowSecondStart(SimulatedWorkerPool):
+        def start(self, name, simulator, first):
+            self._start_s = 1000.0 if self.alive else 8.0
+            return super().start(name, simulator, first)
+
+    pool = SlowSecondStart(lambda episode: 1.0, Clock())
+    rows, _ = play(work({("a/1", "p"): 10}), pool, {"a": 2}, episode_time_limit_s=5000.0)
+    assert len(rows) == 10
+    assert pool.clock() < 100.0
+
+
 def test_no_more_workers_run_than_memory_allows():
     pool = timeline(lambda: 1, episodes=30)
     assert max(workers.total() for _, workers, _ in pool.timeline) == 1

@@ -1,0 +1,65 @@
+"""Verbs with `--json` print for programs what they show to people."""
+
+import json
+
+import pytest
+
+from tests.orchestrator.cli.test_cli import suite  # noqa: F401
+from tests.orchestrator.cli.test_history import runs  # noqa: F401
+
+
+@pytest.fixture
+def printed(run_command):
+    """The exit code and the JSON that a command prints."""
+
+    def run(*arguments):
+        result = run_command(*arguments, "--json")
+        return result.code, json.loads(result.out)
+
+    return run
+
+
+def test_the_list_has_tasks_policies_and_suites(printed):
+    code, found = printed("list")
+    assert code == 0
+    (lift,) = [row for row in found["tasks"] if row["task"] == "robosuite/Lift"]
+    assert lift.keys() == {"task", "instruction", "horizon", "simulator", "installed"}
+    assert "oracle" in [row["policy"] for row in found["policies"]]
+    assert "tabletop" in [row["suite"] for row in found["suites"]]
+
+
+def test_a_pattern_lists_its_tasks_alone(printed, run_command):
+    _, found = printed("list", "--task", "pybullet/Panda*")
+    assert found.keys() == {"tasks"}
+    assert {row["task"].partition("/")[0] for row in found["tasks"]} == {"pybullet"}
+    assert "no task matches 'pybulet/*'" in run_command("list", "--task", "pybulet/*").refusal
+
+
+def test_a_plan_has_its_cells(printed, suite):  # noqa: F811
+    _, found = printed("plan", suite, "--seeds", "3")
+    assert (found["suite"], found["episodes"]) == ("nulls", found["to_play"])
+    assert sum(cell["missing"] for cell in found["cells"]) == found["to_play"]
+    assert found["skipped"] == {}
+
+
+def test_a_validation_has_the_mistakes_of_each_file(printed, suite, tmp_path):  # noqa: F811
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(suite.read_text().replace("oracle", "oracel"))
+    code, found = printed("validate", suite, wrong)
+    assert code == 2
+    assert [len(row["mistakes"]) for row in found] == [0, 1]
+    assert found[0]["episodes"] == 120
+    assert found[1]["mistakes"][0].endswith("unknown policy 'oracel'; did you mean 'oracle'?")
+
+
+def test_a_history_has_runs_or_the_results_of_a_policy(printed, runs):  # noqa: F811
+    _, found = printed("history")
+    assert (found[0]["folder"].rpartition("/")[2], found[0]["status"]) == ("half", "interrupted")
+    _, found = printed("history", "p", "--suite", "synthetic")
+    assert found[0]["counts"]["successes"] > 0
+
+
+def test_a_leaderboard_has_rates_and_letters(printed, runs):  # noqa: F811
+    _, found = printed("leaderboard", "synthetic")
+    assert {row["policy"] for row in found} >= {"p"}
+    assert all(0 <= row["rate"] <= 1 and row["letters"] for row in found)
