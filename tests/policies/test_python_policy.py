@@ -218,3 +218,18 @@ def test_another_module_of_the_same_name_is_refused(package, tmp_path):
     for file in package.glob("*.py"):
         (other / file.name).write_text(file.read_text())
     refused({**options, "folder": str(other.parent)}, "got another of that name from .*; rename 'robot_brains'")
+
+
+def test_an_object_is_free_again_after_an_episode_that_ended_with_an_error(module):
+    text = """
+class Broken:
+    def reset(self):
+        pass
+
+    def __call__(self, images, proprioception, instruction):
+        return [[float("nan")] * 7]
+
+broken = Broken()
+"""
+    rows = play(module(text)("broken"))
+    assert all("expected finite actions" in row.error for row in rows), [row.error for row in rows]
