@@ -5,6 +5,7 @@ import shlex
 import sys
 
 import pytest
+from PIL import Image
 
 from tests.processes import run_gauntlet, run_process
 from tests.tutorials import blocks
@@ -31,6 +32,8 @@ def test_every_command_of_the_page_works(tmp_path):
             assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
             printed.append(done.stdout)
     assert "3 passed" in printed[1]
+    assert " 0 failed, " in printed[2]
+    assert Image.open(folder / "runs" / "policy-check.png").width > 500
     assert "10 of 10 episodes" in printed[3]
     assert re.search(r"dx .* moves the tool forward \(\+x\)", printed[4])
     assert "ok       state        the same episode after another one: the same actions" in printed[5]

@@ -55,7 +55,9 @@ def _translation(plays: Sequence[Play], moves: FloatArray, limit: float) -> Iter
         yield Finding("translation", Level.WARNING, "all translations are 0: the tool is only turned", numbers)
         return
     if share > 0.5 and _are_positions(plays):
-        text = "translations are close to the tool's own position: expected displacements per step, not target positions"
+        text = (
+            "translations are close to the tool's own position: expected displacements per step, not target positions"
+        )
         yield Finding("translation", Level.WARNING, text, numbers)
         return
     outside = f"{percent(share)} of the actions are beyond the limit of {limit:g} m per step, and are clipped"
@@ -63,8 +65,8 @@ def _translation(plays: Sequence[Play], moves: FloatArray, limit: float) -> Iter
         yield Finding(
             "translation",
             Level.WARNING,
-            f"{outside}; numbers of about {typical:.2g} up to {largest:.2g} look normalised to [-1, 1], expected metres: "
-            "multiply by the metres that 1 stands for (translation_scale)",
+            f"{outside}; numbers of about {typical:.2g} up to {largest:.2g} look normalised to [-1, 1], expected "
+            "metres: multiply by the metres that 1 stands for (translation_scale)",
             numbers,
         )
     elif largest > NORMALISED:

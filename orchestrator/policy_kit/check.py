@@ -135,4 +135,6 @@ class _Check:
 def _sent(images: Mapping[str, Image]) -> Finding:
     sizes = ", ".join(f"{name} {image.shape[0]} x {image.shape[1]}" for name, image in images.items())
     numbers = {f"{name}_height_px": float(image.shape[0]) for name, image in images.items()}
-    return Finding("images", Level.NOTE, f"{sizes}, as in the picture: compare them with those of the training", numbers)
+    return Finding(
+        "images", Level.NOTE, f"{sizes}, as in the picture: compare them with those of the training", numbers
+    )

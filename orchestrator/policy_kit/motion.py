@@ -87,7 +87,9 @@ def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Move
             text = "always 0"
         else:
             text = f"{size}; {found[name].value:+.3g} alone {describe(found[name])}"
-            key, effect = ("m_per_step", found[name].translation) if index < 3 else ("rad_per_step", found[name].rotation)
+            key, effect = (
+                ("m_per_step", found[name].translation) if index < 3 else ("rad_per_step", found[name].rotation)
+            )
             numbers |= {f"{axis}_{key}": float(value) for axis, value in zip("xyz", effect, strict=True)}
         yield Finding(name, Level.NOTE, text, numbers)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level, percent
-from robogauntlet.orchestrator.policy_kit.recording import Answer, ask_again
+from robogauntlet.orchestrator.policy_kit.recording import Answer, InvalidAnswer, ask_again
 from robogauntlet.policies.contract import Policy
 
 QUERIES = 3
@@ -51,32 +51,36 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
     """Ask the first queries of an episode again, with changed observations.
 
     Raises:
-        InvalidAnswer: The policy raised, or its answer is not an action chunk.
+        InvalidAnswer: The policy raised, or its answer is not an action chunk, although nothing was changed.
     """
     asked = answers[:QUERIES]
     assert asked[0].query.observation is not None
     same = ask_again(policy, asked, lambda seen: seen)
     noise = difference(same, ask_again(policy, asked, lambda seen: seen))
     cameras = list(asked[0].query.observation.images)
-    effects = {
-        name: difference(same, ask_again(policy, asked, change)) for name, change in changes(cameras).items()
-    }
-    blind = effects["all images black"] <= MARGIN * noise
+    effects: dict[str, float] = {}
+    for name, change in changes(cameras).items():
+        try:
+            effects[name] = difference(same, ask_again(policy, asked, change))
+        except InvalidAnswer as error:
+            yield Finding("input", Level.WARNING, f"{name}: {error}")
+    blind = effects.get("all images black", np.inf) <= MARGIN * noise
+    usual = f"no other actions than the {percent(noise)} without a change" if noise else "the same actions"
     for name, effect in effects.items():
         numbers = {"relative_change": effect, "relative_change_unchanged": noise}
         if effect > MARGIN * noise:
-            text, level = f"{name}: the actions change by {percent(effect)} of their size", Level.NOTE
+            text, level = f"the actions change by {percent(effect)} of their size", Level.NOTE
         elif name == "all images black":
-            text, level = f"{name}: the same actions; the policy does not look at the images", Level.WARNING
-        elif "image" in name or name.endswith(" black"):
-            if blind:
-                continue
-            text, level = f"{name}: the same actions; the policy does not tell the difference", Level.WARNING
+            text, level = f"{usual}; the policy does not look at the images", Level.WARNING
+        elif name.startswith("other"):
+            text, level = f"{usual}; the policy does not use it", Level.NOTE
+        elif blind:
+            continue
+        elif name.endswith(" black"):
+            text, level = f"{usual}; the policy does not use this camera", Level.NOTE
         else:
-            text, level = f"{name}: the same actions; the policy does not use it", Level.NOTE
-        if noise:
-            text += f" (they change by {percent(noise)} if nothing is changed)"
-        yield Finding("input", level, text, numbers)
+            text, level = f"{usual}; the policy does not tell the difference", Level.WARNING
+        yield Finding("input", level, f"{name}: {text}", numbers)
 
 
 def difference(chunks: Sequence[FloatArray], others: Sequence[FloatArray]) -> float:

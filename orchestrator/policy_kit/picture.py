@@ -68,7 +68,7 @@ def _enlarged(image: Pixels) -> Pixels:
 
 
 def _draw_charts(page: Image.Image, actions: FloatArray, spec: ActionSpec, moves: Sequence[Movement]) -> None:
-    draw, words = ImageDraw.Draw(page), {move.name: describe(move) for move in moves}
+    draw, words = ImageDraw.Draw(page), {move.name: f"{move.value:+.2g} {describe(move)}" for move in moves}
     for index, name in enumerate(ACTION_NAMES):
         values, limit = actions[:, index], float(spec.high[index])
         top = MARGIN + index * CHART_HEIGHT
@@ -77,7 +77,9 @@ def _draw_charts(page: Image.Image, actions: FloatArray, spec: ActionSpec, moves
         draw.text((2, middle - 8), f"{name}  {values.min():.3g} to {values.max():.3g}", fill=INK, font=_font(11))
         draw.line([(LABEL_WIDTH, middle), (LABEL_WIDTH + CHART_WIDTH, middle)], fill=ZERO)
         for bound in (-limit, limit):
-            draw.line([(LABEL_WIDTH, middle - bound * scale), (LABEL_WIDTH + CHART_WIDTH, middle - bound * scale)], BOUND)
+            draw.line(
+                [(LABEL_WIDTH, middle - bound * scale), (LABEL_WIDTH + CHART_WIDTH, middle - bound * scale)], BOUND
+            )
         points = [
             (LABEL_WIDTH + CHART_WIDTH * (step + side) / len(values), middle - float(value) * scale)
             for step, value in enumerate(values)

@@ -1,4 +1,4 @@
-"""Findings about repeated episodes: whether a policy keeps state from one to the next, and whether it is deterministic."""
+"""Findings about repeated episodes: state that is kept from one to the next, and determinism."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ CLOSE = 1e-4
 REMEDY = "write reset(self), which sets back all that an episode leaves behind"
 
 
-def repeated(
-    simulation: Simulation, first: Play, again: Play, load: Callable[[], Policy]
-) -> Iterator[Finding]:
+def repeated(simulation: Simulation, first: Play, again: Play, load: Callable[[], Policy]) -> Iterator[Finding]:
     """Compare an episode with its repetition by the same policy, after another episode.
 
     Args:

@@ -89,7 +89,9 @@ def draw() -> str:
     sheet.image(column, top, SMALL, jpeg(seen.images["wrist"], SMALL))
     Frame(sheet, column, top, SMALL, wrist).axes(tool, LENGTH / 4)
     beside = column + SMALL + 12
-    x, y = (round((value - offset) * RENDERED / LARGE) for value, offset in zip(third.place(tool), (0, top), strict=True))
+    x, y = (
+        round((value - offset) * RENDERED / LARGE) for value, offset in zip(third.place(tool), (0, top), strict=True)
+    )
     for number, (name, image) in enumerate((("gripper -1, open", opened), ("gripper +1, closed", closed))):
         upper = top + number * (FINGERS + 8)
         sheet.image(beside, upper, FINGERS, jpeg(around(image, x, y), FINGERS))

@@ -82,7 +82,9 @@ def test_an_episode_that_is_begun_again_starts_afresh():
 def test_one_object_refuses_a_second_simultaneous_episode():
     policy = as_policy(Counter(), {}, "m:counter")
     policy.reset([episode(0)])
-    with one_line_error(PolicyError, "expected an object for each simultaneous episode, .* the same one twice; name its"):
+    with one_line_error(
+        PolicyError, "expected an object for each simultaneous episode, .* the same one twice; name its"
+    ):
         policy.reset([episode(1)])
     policy.finish([episode(0)])
     policy.reset([episode(1)])

@@ -173,9 +173,18 @@ def test_a_module_that_cannot_be_used_is_one_line(module, text, match):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("def f():\n    return 3\n", r"expected a function of images, proprioception, instruction, .* got a int without"),
-        ("class f:\n    pass\n", r"a class with __call__\(self, images, proprioception, instruction\), .* got a f without"),
-        ("def f(obs):\n    pass\n", r"expected parameters named images, .* found f\(obs\), which needs obs; write def f\("),
+        (
+            "def f():\n    return 3\n",
+            r"expected a function of images, proprioception, instruction, .* got a int without",
+        ),
+        (
+            "class f:\n    pass\n",
+            r"a class with __call__\(self, images, proprioception, instruction\), .* got a f without",
+        ),
+        (
+            "def f(obs):\n    pass\n",
+            r"expected parameters named images, .* found f\(obs\), which needs obs; write def f\(",
+        ),
         ("def f(imgs, state, text):\n    pass\n", r"found f\(imgs, state, text\), which needs imgs, state, text"),
         ("class f:\n    def __call__(self, obs):\n        pass\n", r"found __call__\(self, obs\); use these names"),
         ("class f:\n    def act(self, obs):\n        pass\n", r"found no reset; or write __call__\(self, images"),

@@ -118,7 +118,7 @@ def test_constant_actions_are_told(check, value, text):
         ("-1.0", Level.NOTE, "always -1: it never closes"),
         ("1.0", Level.NOTE, "always 1: it never opens"),
         ("float(proprioception[0] > 0) ", Level.WARNING, "two values, 0 and 1: expected -1 (open) to 1 (closed); if"),
-        ("1.0 if proprioception[0] > 0 else -1.0", Level.OK, "two values, -1 and 1: it opens and closes (1 changes)"),
+        ("1.0 if proprioception[0] > 0 else -1.0", Level.OK, "two values, -1 and 1: it opens and closes ("),
         ("2.0 * proprioception[0]", Level.OK, "continuous, from "),
         ("50.0 * proprioception[0]", Level.WARNING, "expected -1 (open) to 1 (closed)"),
     ],
@@ -155,7 +155,18 @@ def test_a_policy_that_looks_with_one_camera_is_told_which(check):
     findings = found(check(function("0.01 * images['wrist'].mean() / 255")), "input")
     texts = [finding.text for finding in findings]
     assert any(text.startswith("wrist black: the actions change by 100 %") for text in texts)
-    assert "third_person black: the same actions; the policy does not tell the difference" in texts
+    assert "third_person black: the same actions; the policy does not use this camera" in texts
+
+
+def test_a_policy_that_refuses_a_changed_observation_is_told_so_and_checked_further(check):
+    results = check(
+        "def f(images, proprioception, instruction):\n    assert images['wrist'].any(), 'it is dark'\n"
+        "    return chunk(0.01 * images['wrist'].mean() / 255)\n"
+    )
+    finding = next(finding for finding in found(results, "input") if finding.text.startswith("all images black"))
+    assert finding.level is Level.WARNING
+    assert "AssertionError: it is dark" in finding.text
+    assert only(results, "state").level is Level.OK
 
 
 def test_a_policy_without_images_has_no_findings_about_them():
@@ -176,7 +187,7 @@ def test_each_number_is_told_by_what_it_moves_in_the_simulation(check):
     fingers = only(results, "fingers").numbers
     assert fingers["open_m"] > 0.07
     assert fingers["closed_m"] < 0.02
-    assert "0.020 m" not in only(results, "way").text
+    assert "forward" in only(results, "way").text
     picture = results[-1]
     assert picture.dtype == np.uint8
     assert picture.shape[2] == 3
