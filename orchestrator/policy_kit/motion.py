@@ -127,26 +127,26 @@ def fingers(simulation: Simulation, seed: int) -> Iterator[Finding]:
     yield Finding("fingers", Level.NOTE, text, {"open_m": gaps[0], "closed_m": gaps[1]})
 
 
-def whole(play: Play) -> Iterator[Finding]:
+def whole(played: Play) -> Iterator[Finding]:
     """Where the tool went in an episode, and what it came closer to."""
-    way = play.tool[-1] - play.tool[0]
+    way = played.tool[-1] - played.tool[0]
     parts = [
         f"{100 * abs(amount):.1f} cm {DIRECTIONS[axis][amount < 0]}"
         for axis, amount in enumerate(way)
         if abs(amount) >= 1e-3
     ]
-    steps = len(play.tool) - 1
-    text = f"in {steps} steps the tool moved {', '.join(parts) or 'nowhere'}"
+    steps = len(played.tool) - 1
+    text = f"in {steps} steps the tool moved {', '.join(parts) or 'nowhere'}{'; success' * played.success}"
     yield Finding("way", Level.NOTE, text, dict(zip(("x_m", "y_m", "z_m"), way.tolist(), strict=True)))
-    if not play.distances:
+    if not played.distances:
         return
     changes = [
         f"{name} {100 * values[0]:.0f} to {100 * values.min():.0f} cm at the closest"
-        for name, values in play.distances.items()
+        for name, values in played.distances.items()
     ]
-    closer = any(values.min() < values[0] - 0.01 for values in play.distances.values())
+    closer = any(values.min() < values[0] - 0.01 for values in played.distances.values())
     text = f"distance of the tool: {', '.join(changes)}"
     if not closer:
         text += "; it comes closer to nothing: wrong frame or signs, or another task than it was trained on?"
-    numbers = {f"{name}_closest_m": float(values.min()) for name, values in play.distances.items()}
+    numbers = {f"{name}_closest_m": float(values.min()) for name, values in played.distances.items()}
     yield Finding("approach", Level.OK if closer else Level.WARNING, text, numbers)

@@ -14,6 +14,7 @@ import numpy as np
 from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, Query, check_chunk
+from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import describe
 
@@ -44,6 +45,7 @@ class Play:
     """Positions of the tool after each step, beginning with the reset, shape (steps + 1, 3), m."""
     distances: dict[str, FloatArray]
     """Name of an object or goal to its distance from the tool, shape (steps + 1,), m."""
+    success: bool
 
     def actions(self) -> FloatArray:
         """Return the actions that were executed, unclipped, shape (steps, 7)."""
@@ -110,12 +112,12 @@ def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
                 )
 
     try:
-        rollout(simulation, recording, episode, watcher=watch)
+        result = rollout(simulation, recording, episode, watcher=watch)
     except InvalidAnswer:
         policy.finish([episode])
         raise
     found = {name: np.array(values) for name, values in distances.items()}
-    return Play(episode, tuple(recording.answers), np.array(tool), found)
+    return Play(episode, tuple(recording.answers), np.array(tool), found, result.status == Status.SUCCESS)
 
 
 def ask_again(
