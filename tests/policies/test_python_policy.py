@@ -97,6 +97,22 @@ def test_a_plain_function_or_one_that_a_class_makes_acts(module, name, args):
     assert [row.status for row in play(options)] == ["failure"] * 3
 
 
+def test_rows_of_a_class_with_reset_do_not_depend_on_their_order(module):
+    text = """
+class Counter:
+    queries = 0
+
+    def reset(self):
+        self.queries = 0
+
+    def __call__(self, images, proprioception, instruction):
+        self.queries += 1
+        return [[1e-3 * self.queries] * 7]
+"""
+    first, _, again = play(module(text)("Counter"), (0, 1, 0))
+    assert first.actions_hash == again.actions_hash
+
+
 @pytest.mark.parametrize("name", ["Still", "make"])
 def test_a_class_or_a_factory_of_a_package_acts(package, name):
     options = {"callable": f"robot_brains.still:{name}", "folder": str(package.parent), "options": {"value": 0.5}}
