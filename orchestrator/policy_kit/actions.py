@@ -60,7 +60,7 @@ def _translation(plays: Sequence[Play], moves: FloatArray, limit: float) -> Iter
         )
         yield Finding("translation", Level.WARNING, text, numbers)
         return
-    outside = f"{percent(share)} of the actions are beyond the limit of {limit:g} m per step, and are clipped"
+    outside = f"{percent(share)} of the actions are beyond the limit of {limit:.3g} m per step, and are clipped"
     if typical > 3 * limit and largest <= NORMALISED:
         yield Finding(
             "translation",
@@ -79,7 +79,7 @@ def _translation(plays: Sequence[Play], moves: FloatArray, limit: float) -> Iter
         text = f"at most {1000 * largest:.2g} mm per step, the limit is {1000 * limit:.0f} mm: the tool hardly moves"
         yield Finding("translation", Level.WARNING, text, numbers)
     else:
-        text = f"up to {largest:.3g} m per step, within the limit of {limit:g} m"
+        text = f"up to {largest:.3g} m per step, within the limit of {limit:.3g} m"
         yield Finding("translation", Level.OK, text, numbers)
 
 
@@ -95,12 +95,12 @@ def _rotation(turns: FloatArray, limit: float) -> Finding:
     share, largest = float((sizes > limit + 1e-9).mean()), float(sizes.max())
     numbers = {"share_outside": share, "largest_rad": largest, "limit_rad": limit}
     if share == 0:
-        text = f"up to {largest:.3g} rad per step, within the limit of {limit:g} rad"
+        text = f"up to {largest:.3g} rad per step, within the limit of {limit:.3g} rad"
         return Finding("rotation", Level.OK, text, numbers)
-    text = f"{percent(share)} of the actions are beyond the limit of {limit:g} rad per step, and are clipped"
+    text = f"{percent(share)} of the actions are beyond the limit of {limit:.3g} rad per step, and are clipped"
     if largest > np.pi:
         text += f"; the largest number is {largest:.3g}: degrees, or absolute angles?"
-    elif share > 0.5:
+    elif largest > 3 * limit:
         text += f"; the largest is {largest:.3g}: normalised to [-1, 1] (rotation_scale), or absolute angles?"
     return Finding("rotation", Level.WARNING if share > 0.5 or largest > np.pi else Level.NOTE, text, numbers)
 

@@ -6,6 +6,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -68,11 +69,12 @@ class RecordingPolicy:
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """Ask the policy. Raises InvalidAnswer if it raises or its answer is not a chunk."""
+        asked = deepcopy(list(queries))  # a policy may change what it is given
         start = time.perf_counter()
         decisions = _called("the policy", lambda: self._policy.act(queries))
         seconds = time.perf_counter() - start
         chunks = _called("the answer", lambda: [check_chunk(decision.actions) for decision in decisions])
-        self.answers += [Answer(*pair, seconds) for pair in zip(queries, chunks, strict=False)]
+        self.answers += [Answer(*pair, seconds) for pair in zip(asked, chunks, strict=False)]
         return decisions
 
     def finish(self, episodes: Sequence[Episode]) -> None:
@@ -134,7 +136,7 @@ def ask_again(
     try:
         for answer in answers:
             assert answer.query.observation is not None
-            recording.act([replace(answer.query, observation=change(answer.query.observation))])
+            recording.act([replace(answer.query, observation=change(deepcopy(answer.query.observation)))])
     finally:
         recording.finish(episodes)
     return [answer.chunk for answer in recording.answers]

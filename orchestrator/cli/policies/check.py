@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -67,7 +69,8 @@ def check(
     began = time.perf_counter()
     probe = Probe(policy, PolicySource(kind, options, catalog.digest(kind, options)), task, seed, image_size)
     simulator = simulators.find(task.partition("/")[0])
-    results = run_in_simulator_environment(check_policy, simulator, (probe,), environments)
+    with redirect_stdout(sys.stderr):  # a policy may print
+        results = run_in_simulator_environment(check_policy, simulator, (probe,), environments)
     findings = [result for result in results if isinstance(result, Finding)]
     images = [result for result in results if not isinstance(result, Finding)]
     try:

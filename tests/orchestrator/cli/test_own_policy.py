@@ -60,7 +60,10 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
     assert done.code == 1
     assert "FAILED   answer       act: expected finite actions, got nan" in done.out
     assert not (tmp_path / "runs").exists(), "no picture without an episode"
-    (tmp_path / "moving.py").write_text(FUNCTION.format("0.01 * images['wrist'].mean() / 255"))
+    moving = FUNCTION.format("0.01 * images['wrist'].mean() / 255").replace(
+        "    return", "    print('seen')\n    return"
+    )
+    (tmp_path / "moving.py").write_text(moving)
     done = run_command("policies", "check", "python:moving:act", *NULL, "--json", "--picture", "out/seen.png")
     document = json.loads(done.out)
     assert done.code == 0
