@@ -55,16 +55,16 @@ def test_a_folder_that_exists_or_cannot_be_written_is_one_line(run_command, tmp_
 
 @pytest.mark.usefixtures("imports")
 def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp_path):
-    (tmp_path / "broken.py").write_text(FUNCTION.format("np.nan"))
-    done = run_command("policies", "check", "python:broken:act", *NULL)
+    (tmp_path / "checked_broken.py").write_text(FUNCTION.format("np.nan"))
+    done = run_command("policies", "check", "python:checked_broken:act", *NULL)
     assert done.code == 1
     assert "FAILED   answer       act: expected finite actions, got nan" in done.out
     assert not (tmp_path / "runs").exists(), "no picture without an episode"
     moving = FUNCTION.format("0.01 * images['wrist'].mean() / 255").replace(
         "    return", "    print('seen')\n    return"
     )
-    (tmp_path / "moving.py").write_text(moving)
-    done = run_command("policies", "check", "python:moving:act", *NULL, "--json", "--picture", "out/seen.png")
+    (tmp_path / "checked_moving.py").write_text(moving)
+    done = run_command("policies", "check", "python:checked_moving:act", *NULL, "--json", "--picture", "out/seen.png")
     document = json.loads(done.out)
     assert done.code == 0
     assert {"translation", "dx", "gripper", "input", "state", "latency"} <= {f["topic"] for f in document["findings"]}
@@ -76,10 +76,10 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["python:brains:nothing"], "expected 'nothing', found none"),
+        (["python:checked_brains:nothing"], "expected 'nothing', found none"),
         (["python:no_such_module:act"], "expected a module 'no_such_module'"),
-        (["python:brains:Silent"], "got a Silent without __call__"),
-        (["python:brains:other"], "write def other(images, proprioception, instruction)"),
+        (["python:checked_brains:Silent"], "got a Silent without __call__"),
+        (["python:checked_brains:other"], "write def other(images, proprioception, instruction)"),
         (["openpi://127.0.0.1:1", "--option", "retries=0"], "no connection"),
         (["untraned"], "did you mean 'untrained'?"),
         (["untrained", "--task", "null/Rech"], "unknown task 'null/Rech'; did you mean 'null/Reach'?"),
@@ -88,7 +88,7 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
     ],
 )
 def test_a_policy_that_cannot_be_checked_is_one_line(run_command, tmp_path, arguments, message):
-    (tmp_path / "brains.py").write_text("class Silent:\n    pass\n\ndef other(observation):\n    pass\n")
+    (tmp_path / "checked_brains.py").write_text("class Silent:\n    pass\n\ndef other(observation):\n    pass\n")
     task = [] if "--task" in arguments else NULL
     assert message in run_command("policies", "check", *arguments, *task).refusal
-    assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["brains.py"]
+    assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["checked_brains.py"]
