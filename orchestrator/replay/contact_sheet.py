@@ -43,18 +43,24 @@ def _first_images(task: str, axis: Axis, view: View, seed: int) -> Iterator[list
 
 def draw_contact_sheet(axis: Axis, rows: Sequence[tuple[str, Sequence[Sequence[Pixels]]]]) -> Image.Image:
     """Draw a row per task, from `render_severities`, and a column per severity, with the cameras below each other."""
-    size, cameras = rows[0][1][0][0].shape[0], len(rows[0][1][0])
-    width = LABEL_WIDTH + (SEVERITIES + 1) * (size + GAP)
-    height = LABEL_HEIGHT + len(rows) * (cameras * size + 2 * GAP)
-    page = Image.new("RGB", (width, height), PAPER)
+    headings = ["clean"]
+    headings += [f"{severity}: {axis.value(severity):g} {axis.unit}" for severity in range(1, SEVERITIES + 1)]
+    stacked = [(task, [np.concatenate(list(images), axis=0) for images in columns]) for task, columns in rows]
+    return draw_grid(headings, stacked)
+
+
+def draw_grid(headings: Sequence[str], rows: Sequence[tuple[str, Sequence[Pixels]]]) -> Image.Image:
+    """Draw labelled rows of images, a column per heading. A slash in a label breaks the line."""
+    images = [image for _, columns in rows for image in columns]
+    width, height = max(image.shape[1] for image in images), max(image.shape[0] for image in images)
+    size = LABEL_WIDTH + len(headings) * (width + GAP), LABEL_HEIGHT + len(rows) * (height + 2 * GAP)
+    page = Image.new("RGB", size, PAPER)
     draw = ImageDraw.Draw(page)
-    for severity in range(SEVERITIES + 1):
-        heading = f"{severity}: {axis.value(severity):g} {axis.unit}" if severity else "clean"
-        draw.text((LABEL_WIDTH + severity * (size + GAP), 2), heading[: size // 6], fill=INK)
-    for line, (task, columns) in enumerate(rows):
-        top = LABEL_HEIGHT + line * (cameras * size + 2 * GAP)
-        draw.text((2, top + 2), "\n".join(task.split("/")), fill=INK)
-        for severity, images in enumerate(columns):
-            stacked = Image.fromarray(np.concatenate(list(images), axis=0))
-            page.paste(stacked, (LABEL_WIDTH + severity * (size + GAP), top))
+    for column, heading in enumerate(headings):
+        draw.text((LABEL_WIDTH + column * (width + GAP), 2), heading[: width // 6], fill=INK)
+    for line, (label, columns) in enumerate(rows):
+        top = LABEL_HEIGHT + line * (height + 2 * GAP)
+        draw.text((2, top + 2), "\n".join(label.split("/")), fill=INK)
+        for column, image in enumerate(columns):
+            page.paste(Image.fromarray(image), (LABEL_WIDTH + column * (width + GAP), top))
     return page

@@ -1,12 +1,12 @@
 """Functions and callable objects as policies: an object with `reset` plays one episode at a time, from its reset on."""
 
 import numpy as np
-import pytest
 
+from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.policies.contract import Query
-from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy, as_policy
+from robogauntlet.policies.contract import PolicyError, Query
+from robogauntlet.policies.function_policy import as_policy
 from robogauntlet.policies.remote.protocol import greeting_of
 from robogauntlet.suites.episode import Episode, Protocol, View
 from tests.errors import one_line_error
@@ -48,8 +48,6 @@ def test_reset_is_called_at_the_start_of_each_episode():
 
 
 def test_rows_do_not_depend_on_what_was_played_before():
-    from robogauntlet.adapters import catalog
-
     simulation = catalog.open_simulation("null/Reach", View(image_size=16))
     policy = as_policy(Counter, {"scale": 0.001}, "m:Counter")
     rows = [rollout(simulation, policy, episode(seed)) for seed in (0, 1, 0)]
@@ -84,21 +82,19 @@ def test_an_episode_that_is_begun_again_starts_afresh():
 def test_one_object_refuses_a_second_simultaneous_episode():
     policy = as_policy(Counter(), {}, "m:counter")
     policy.reset([episode(0)])
-    with one_line_error(Exception, "expected an object for each simultaneous episode, .* got the same one twice; name its"):
+    with one_line_error(
+        PolicyError, "expected an object for each simultaneous episode, .* the same one twice; name its"
+    ):
         policy.reset([episode(1)])
     policy.finish([episode(0)])
     policy.reset([episode(1)])
     assert answers(policy, 1) == [1.0]
 
 
-@pytest.mark.parametrize(("target", "remembers"), [(Counter, True), (lambda: np.zeros, None)])
-def test_servers_know_that_it_keeps_state(target, remembers):
-    if remembers is None:
-        policy = FunctionPolicy(lambda **observation: np.zeros((1, 7)), "f")
-    else:
-        policy = as_policy(target, {}, "m:f")
-        assert isinstance(policy, StatefulFunctionPolicy)
-    assert greeting_of(policy, "0").remembers is bool(remembers)
+def test_servers_know_which_policy_keeps_state():
+    function = as_policy(lambda images, proprioception, instruction: np.zeros((1, 7)), {}, "m:f")
+    assert not greeting_of(function, "0").remembers
+    assert greeting_of(as_policy(Counter, {}, "m:Counter"), "0").remembers
 
 
 def test_a_module_whose_call_takes_anything_is_called_with_the_three_names():
