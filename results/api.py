@@ -1,4 +1,4 @@
-"""Public API for notebooks and scripts: open a run, read its episodes as a table, compare two runs."""
+"""Public API for notebooks and scripts: open a run, read its episodes as a table, compare policies and runs."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robogauntlet.results.analysis import pairwise
 from robogauntlet.results.analysis.comparison import COLUMNS, Comparison, Difference, Run, compare_runs
+from robogauntlet.results.analysis.pairwise import PairwiseComparisons, PolicyRows
 from robogauntlet.results.analysis.tables import Tables, build_tables
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunDocument, RunError, read_run
+from robogauntlet.results.statistics.multiplicity import ALPHA
+from robogauntlet.results.store.episode_frame import frame_of
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.history_records import RunEntry, rows_url
 from robogauntlet.results.store.run_history import History
@@ -67,26 +71,52 @@ class OpenRun:
             RunError: The rows are in a database whose URL was not given.
             StoreError: The rows cannot be read.
         """
-        return _frame(Store.open_begun(self.folder, self.document, self._store), fields)
+        return frame_of(Store.open_begun(self.folder, self.document, self._store), fields)
 
     def tables(self) -> Tables:
         """Return success per task, simulator and policy with intervals, as in the report."""
         return build_tables(self.document, self.episodes())
 
+    def compare(
+        self,
+        *policies: str,
+        other: OpenRun | Path | str | None = None,
+        alpha: float = ALPHA,
+        margin: float | None = None,
+        allowed: Set[Difference] = frozenset(),
+    ) -> PrintablePairwise:
+        """Compare policies with each other on the clean episodes that they share: `run.compare("a", "b")`.
 
-def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
-    """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
-    return _frame(Store.open(url, run_id), fields)
+        `print` shows the result as text; notebooks show it as tables.
 
+        Args:
+            policies: Two names: the first is compared with the second. Without a name, or with three or more: these
+                policies of the run, each with the baseline of the suite's `compare`, or all pairs without one.
+            other: The run that has the second policy, or its folder; by default this run.
+            alpha: Significance level of the adjusted p-values; the confidence of intervals is 1 - alpha.
+            margin: Largest decrease of a rate, a share between 0 and 1, that counts as no worse; None to test none.
+            allowed: Differences of the two runs that do not prevent the comparison.
 
-def _frame(rows: Store, fields: Sequence[str]) -> pd.DataFrame:
-    import pandas as pd
+        Raises:
+            RunError: A policy that the run does not have, or a single policy.
+            NotComparable: The two share no episode, or their runs differ in what is not allowed.
+            StoreError: Rows cannot be read.
+            ValueError: alpha or margin outside (0, 1).
+        """
+        if len(policies) == 1 or (other is not None and len(policies) != 2):
+            raise RunError(f"{self.folder}: expected two policies to compare, got {', '.join(policies) or 'none'}")
+        run = self._for_comparison()
+        if len(policies) != 2:
+            found = pairwise.compare_all(run, only=policies, alpha=alpha, margin=margin)
+        else:
+            opened = other if other is None or isinstance(other, OpenRun) else open_run(other)
+            runs = (run, run if opened is None else opened._for_comparison())
+            sides = [PolicyRows.of_run(one, name) for one, name in zip(runs, policies, strict=True)]
+            found = pairwise.compare_policies(*sides, alpha=alpha, margin=margin, allowed=allowed)
+        return PrintablePairwise(**vars(found))
 
-    try:
-        pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in rows.batches(50_000, fields)]
-    finally:
-        rows.close()
-    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})
+    def _for_comparison(self) -> Run:
+        return Run(self.folder.absolute().name, self.document, self.episodes(pairwise.COLUMNS))
 
 
 def open_run(folder: Path | str, store: str | None = None) -> OpenRun:
@@ -121,6 +151,20 @@ class PrintableComparison(Comparison):
 
     def _repr_markdown_(self) -> str:
         from robogauntlet.results.report.comparison import as_markdown
+
+        return as_markdown(self)
+
+
+class PrintablePairwise(PairwiseComparisons):
+    """Comparisons of policies that print themselves: as text, and in notebooks as Markdown."""
+
+    def __str__(self) -> str:
+        from robogauntlet.results.report.pairwise import as_text
+
+        return as_text(self)
+
+    def _repr_markdown_(self) -> str:
+        from robogauntlet.results.report.pairwise import as_markdown
 
         return as_markdown(self)
 

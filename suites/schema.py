@@ -145,7 +145,7 @@ class MergingEntry(_Sides):
 
 
 class CompareEntry(_Sides):
-    """Policies that are compared under perturbations."""
+    """Policies that are compared with a baseline, on clean episodes and under perturbations."""
 
     key = "compare"
     baseline: Name
@@ -217,7 +217,7 @@ class Suite(_Model):
     merging: MergingEntry | None = None
     """Adds the cost of merging and routing to the report; does not affect the episodes."""
     compare: CompareEntry | None = None
-    """Adds a comparison under perturbations to the report; by default experts with the other policies of `merging`."""
+    """Which policies the report compares with which; by default experts with the other policies of `merging`."""
 
     adaptive: AdaptiveEntry | None = None
     """Stops conditions in which `compare` is decided."""
@@ -238,7 +238,7 @@ class Suite(_Model):
 
     @property
     def comparison(self) -> CompareEntry | None:
-        """The comparison under perturbations: `compare`, or the policies of `merging`."""
+        """The comparison with a baseline: `compare`, or the policies of `merging`."""
         if self.compare is not None or self.merging is None:
             return self.compare
         others = (self.merging.oracle_routed, *self.merging.routed)

@@ -25,7 +25,10 @@ VERBS = {
     "report": ("report:report", "Write the report of a run again."),
     "replay": ("replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
     "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
-    "compare": ("compare:compare", "Compare a run with a baseline run, episode by episode."),
+    "compare": (
+        "compare:compare",
+        "Compare two policies, all policies of a run, or a run with a baseline run, episode by episode.",
+    ),
     "gate": ("gate:gate", "Check a run for regressions against its baseline run."),
     "history": ("history:history", "List runs, or show the success of a policy over its runs."),
     "leaderboard": ("leaderboard:leaderboard", "Compare the policies of a suite by their newest complete runs."),

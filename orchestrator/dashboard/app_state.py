@@ -23,6 +23,7 @@ from robogauntlet.orchestrator.dashboard.security import Sessions
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
+from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
 from robogauntlet.results.store.database import StoreError
@@ -103,6 +104,7 @@ class AppState:
         self.history, self.schedule_store, self.settings = history, schedule_store, settings
         self.sessions = Sessions()
         self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
+        self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
         self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(32)
         self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
@@ -111,7 +113,7 @@ class AppState:
         """Held while runs are written under the root or imported from it."""
         self._stopped = threading.Event()
         self._templates = Environment(
-            loader=FileSystemLoader(FOLDER / "templates"),
+            loader=FileSystemLoader([FOLDER / "templates", page.FOLDER]),
             autoescape=True,
             undefined=StrictUndefined,
             trim_blocks=True,

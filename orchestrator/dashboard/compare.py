@@ -1,41 +1,106 @@
-"""The page that compares two runs."""
+"""The page that compares two policies, the policies of a run, or a run with a baseline run."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from fastapi import APIRouter
 from starlette.responses import Response
 
-from robogauntlet.orchestrator.dashboard.app_state import CurrentAppState
+from robogauntlet.orchestrator.dashboard import queries
+from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
 from robogauntlet.results.analysis.comparison import Comparison
+from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.api import compare, open_entry
 from robogauntlet.results.report import comparison as report
+from robogauntlet.results.report import pairwise as words
 from robogauntlet.results.run_document import RunError
+from robogauntlet.results.store.history_records import RunEntry
 
+RECENT = 60
+"""Number of runs to choose from, the newest."""
 router = APIRouter()
 
 
+@dataclass(frozen=True)
+class ChosenPolicy:
+    """A policy of a run that was chosen on the page."""
+
+    entry: RunEntry
+    policy: str
+
+    @property
+    def value(self) -> str:
+        """The choice in the address."""
+        return f"{self.entry.run_id}:{self.policy}"
+
+
 @router.get("/compare")
-def compare_runs(app_state: CurrentAppState, run: str = "", baseline: str = "") -> Response:
-    """Compare a run with a baseline run. The comparison is computed at the first request."""
-    history = app_state.history
-    first, second = (app_state.run_named(name) if name else None for name in (run, baseline))
+def show_comparison(
+    app_state: CurrentAppState, first: str = "", second: str = "", policies: str = "", run: str = "", baseline: str = ""
+) -> Response:
+    """Compare `first` with `second` (ID:POLICY each), the `policies` of a run, or a `run` with a `baseline`.
+
+    Each comparison is computed at its first request.
+    """
+    chosen = [_chosen(app_state, text) for text in (first, second)]
+    entries = [app_state.run_named(name) if name else None for name in (policies, run, baseline)]
+    pairwise: PairwiseComparisons | None = None
     comparison: Comparison | None = None
     problem = ""
-    if first is not None and second is not None:
-        try:
-            key = tuple((entry.run_id, entry.status, entry.finished_at, entry.counts) for entry in (first, second))
-            comparison = app_state.comparisons.get(
-                key, lambda: compare(open_entry(history, first), open_entry(history, second))
-            )
-        except RunError as error:
-            problem = str(error)
+    try:
+        if chosen[0] is not None and chosen[1] is not None:
+            pairwise = _compare_policies(app_state, chosen[0], chosen[1])
+        elif entries[0] is not None:
+            pairwise = _compare_all(app_state, entries[0])
+        elif entries[1] is not None and entries[2] is not None:
+            comparison = _compare_runs(app_state, entries[1], entries[2])
+    except RunError as error:
+        problem = str(error)
+    recent = app_state.history.runs(limit=RECENT)
+    listed = list({entry.run_id: entry for entry in (*recent, *(one.entry for one in chosen if one))}.values())
     return app_state.page(
         "compare.html.jinja",
-        here="/runs",
-        entries=[first, second],
-        selected={"run": run, "baseline": baseline},
+        here="/compare",
+        chosen=chosen,
+        entries=entries,
+        pairwise=pairwise,
+        words=words,
         comparison=comparison,
         report=report,
         problem=problem,
-        recent=history.runs(limit=60),
+        recent=recent,
+        listed=listed,
+        policies=queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed]),
+    )
+
+
+def _chosen(app_state: AppState, text: str) -> ChosenPolicy | None:
+    """Return the choice of `ID:POLICY`. Raises HTTPException if there is no such run, StoreError."""
+    run_id, _, policy = text.partition(":")
+    return ChosenPolicy(app_state.run_named(run_id), policy) if run_id else None
+
+
+def _key(*parts: RunEntry | str) -> tuple[object, ...]:
+    """A key that changes when one of the runs does."""
+    return tuple(p if isinstance(p, str) else (p.run_id, p.status, p.finished_at, p.counts) for p in parts)
+
+
+def _compare_policies(app_state: AppState, one: ChosenPolicy, other: ChosenPolicy) -> PairwiseComparisons:
+    def compute() -> PairwiseComparisons:
+        opened = open_entry(app_state.history, one.entry)
+        beside = None if one.entry.run_id == other.entry.run_id else open_entry(app_state.history, other.entry)
+        return opened.compare(one.policy, other.policy, other=beside)
+
+    return app_state.pairwise.get(_key(one.entry, one.policy, other.entry, other.policy), compute)
+
+
+def _compare_all(app_state: AppState, entry: RunEntry) -> PairwiseComparisons:
+    return app_state.pairwise.get(_key(entry), lambda: open_entry(app_state.history, entry).compare())
+
+
+def _compare_runs(app_state: AppState, run: RunEntry, baseline: RunEntry) -> Comparison:
+    history = app_state.history
+    return app_state.comparisons.get(
+        _key(run, baseline), lambda: compare(open_entry(history, run), open_entry(history, baseline))
     )

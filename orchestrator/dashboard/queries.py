@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,6 +84,16 @@ def tasks(history: History, policy: str | None = None, suite: str | None = None)
     query = sa.select(cells.c.task).distinct().where(cells.c.run_id.in_(newest)).order_by(cells.c.task)
     with history.database.reading() as connection:
         return list(connection.scalars(query))
+
+
+def policies_of_runs(history: History, run_ids: Sequence[str]) -> dict[str, list[str]]:
+    """Return the policies of each of these runs. Raises StoreError."""
+    query = sa.select(cells.c.run_id, cells.c.policy).distinct().where(cells.c.run_id.in_(run_ids))
+    found: dict[str, list[str]] = {}
+    with history.database.reading() as connection:
+        for run_id, policy in connection.execute(query.order_by(cells.c.policy)):
+            found.setdefault(run_id, []).append(policy)
+    return found
 
 
 def check_readable(history: History) -> None:

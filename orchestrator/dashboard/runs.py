@@ -87,6 +87,7 @@ def show_run(app_state: CurrentAppState, run_id: str) -> Response:
         tasks=_sum_counts(cells, lambda cell: (cell.simulator, cell.task)),
         baseline=None if entry.baseline is None else queries.run_of(app_state.history, entry.baseline),
         reports=[(file, label) for file, label in REPORTS if entry.folder and known_file(Path(entry.folder), file)],
+        several=len({cell.policy for cell in cells}) > 1,
         live=live,
         shape=shape_of(live),
         poll=f"/api/live{query(run=run_id)}" if live else "",

@@ -229,7 +229,17 @@ def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Differenc
         new, gone = len(lines - others), len(others - lines)
         text = f"the suite plans other episodes: {new} cells are new, {gone} are gone or have another number of seeds"
         found[Difference.SUITE] = text
-    if versions := _versions(now.provenance, before.provenance):
+    return found | setting_differences(now, before, pairs)
+
+
+def setting_differences(now: RunDocument, before: RunDocument, pairs: pd.DataFrame) -> dict[Difference, str]:
+    """Return what differs in simulators, renderers and initial states, in words.
+
+    `pairs` has the initial states of both sides in `state_hash` and `state_hash_before`.
+    """
+    found: dict[Difference, str] = {}
+    one_side = {cell.simulator for cell in now.plan} ^ {cell.simulator for cell in before.plan}
+    if versions := _versions(now.provenance, before.provenance, one_side):
         found[Difference.SIMULATOR] = ", ".join(versions)
     devices = [
         f"{name} rendered on {before.render_devices[name]}, now on {device}"
@@ -252,8 +262,11 @@ def _plan(document: RunDocument) -> set[tuple[str, str, str, int, int]]:
     return {(cell.policy, cell.task, cell.axis, cell.severity, seeds(cell)) for cell in document.plan}
 
 
-def _versions(now: Provenance, before: Provenance) -> list[str]:
-    """Packages of simulators that have different versions in both runs, and simulators in other environments."""
+def _versions(now: Provenance, before: Provenance, one_side: Set[str]) -> list[str]:
+    """Packages of simulators that have different versions in both runs, and simulators in other environments.
+
+    `one_side` are the simulators that only one of the runs has.
+    """
     then = before.versions
     changed = [
         f"{name} {then[name]}, now {version}"
@@ -263,7 +276,7 @@ def _versions(now: Provenance, before: Provenance) -> list[str]:
     was, new = ({name: f"environment {one.hash}" for name, one in run.environments.items()} for run in (before, now))
     moved = [
         f"{name} in {was.get(name, OWN)}, now in {new.get(name, OWN)}"
-        for name in sorted(was.keys() | new.keys())
+        for name in sorted((was.keys() | new.keys()) - one_side)
         if was.get(name) != new.get(name)
     ]
     return changed + moved

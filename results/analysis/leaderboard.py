@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robogauntlet.results.api import read_episodes
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.episode_frame import read_episodes
 from robogauntlet.results.store.history_records import rows_url
 from robogauntlet.results.store.run_history import History
 

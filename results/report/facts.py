@@ -70,6 +70,17 @@ DEFINITIONS = {
     "Intervals by a bootstrap of seeds within tasks, for each axis (95 %) and simultaneous for all axes (Bonferroni).",
     "failed first": "At the first level with success significantly below the clean rate (disjoint intervals): the "
     "router if more than half of the loss is on misrouted episodes, else the policy.",
+    "difference": "Success rate of the first policy minus that of the second on the same clean episodes (task, seed "
+    "and protocol), in percentage points, with Newcombe's paired interval (95 %, not adjusted). Episodes without a "
+    "verdict of both are left out.",
+    "only": "Pairs in which only the first, or only the second, policy succeeded. The others do not tell them apart.",
+    "p": "McNemar's exact test, two-sided: the probability of so one-sided a count of these pairs for equal rates. "
+    "Adjusted by Holm's method: over all comparisons, and over the simulators and tasks in which enough pairs disagree "
+    "for the test to reach 0.05; the others have 1.",
+    "detectable": "The smallest difference, in percentage points, that as many pairs show with a probability of 80 % "
+    "(p at most 0.05, not adjusted), if as large a share of them disagrees.",
+    "letters": "Policies that share a letter do not differ significantly (McNemar's exact test on the episodes of "
+    "both, adjusted by Holm's method).",
     "control": "A condition in which a policy that uses images and instruction should fail: remaining success does not "
     "depend on them. Lost: clean rate minus rate, on the same seeds.",
     "oracle gate": "A seed counts along an axis only if the oracle solves it under the clean condition and at every "
@@ -83,6 +94,7 @@ DEFINITIONS = {
 MERGING_TERMS = ("expert", "oracle-routed", "routed", "loss", "pairs", "retention")
 ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
+PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "letters")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {

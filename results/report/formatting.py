@@ -164,6 +164,17 @@ def short_task(task: str) -> str:
     return task.partition("/")[2] or task
 
 
+def aligned(table: TextTable) -> str:
+    """A table as lines of text with aligned columns."""
+    widths = [max(map(len, column)) for column in zip(table.header, *table.rows, strict=True)]
+
+    def line(row: Sequence[str]) -> str:
+        sides = [str.ljust] * table.labels + [str.rjust] * (len(row) - table.labels)
+        return "  ".join(pad(cell, width) for pad, cell, width in zip(sides, row, widths, strict=True)).rstrip()
+
+    return "\n".join(map(line, (table.header, *table.rows)))
+
+
 def markdown(table: TextTable) -> str:
     """A table in GitHub's Markdown, with its texts escaped."""
     rules = ["---"] * table.labels + ["---:"] * (len(table.header) - table.labels)

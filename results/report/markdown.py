@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 from robogauntlet.results.analysis.condition_comparison import ConditionComparison
 from robogauntlet.results.analysis.merging_cost import Merging
+from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.analysis.timing import PHASES
 from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import merging_cost as merging_text
+from robogauntlet.results.report import pairwise as pairwise_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.facts import DEFINITIONS
 from robogauntlet.results.report.formatting import TextTable, escape, markdown
@@ -34,6 +36,7 @@ def render_markdown(report: Report) -> str:
     for simulator in tables.simulators:
         parts += [f"### {escape(simulator)}", markdown(formatting.task_table(tables, simulator))]
     parts.append(_define("done", "error", "bounds"))
+    parts += _pairwise(report.pairwise) if report.pairwise else []
     parts += _robustness(report.robustness, report.findings) if report.robustness else []
     parts += _merging(report.merging) if report.merging else []
     parts += _not_run(tables) + _errors(tables) + _timing(tables)
@@ -47,6 +50,11 @@ def render_markdown(report: Report) -> str:
 
 def _define(*terms: str) -> str:
     return "\n".join(f"- {term}: {escape(DEFINITIONS[term])}" for term in terms)
+
+
+def _pairwise(found: PairwiseComparisons) -> list[str]:
+    notes = "\n".join(f"- {term}: {escape(definition)}" for term, definition in pairwise_text.terms(found))
+    return ["## A against B", notes, pairwise_text.markdown_section(found)]
 
 
 def _merging(merging: Merging) -> list[str]:

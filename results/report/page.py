@@ -13,6 +13,7 @@ from robogauntlet.results.record import Status
 from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import merging_cost as merging_text
+from robogauntlet.results.report import pairwise as pairwise_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.media import Media, Video, task_picture
 from robogauntlet.results.report.summary import ERROR_GROUPS, Report
@@ -90,6 +91,8 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
         cards=_cards(folder, document, tables, media.representative),
         media=media,
         phases=PHASES,
+        pairwise=report.pairwise,
+        pairwise_text=pairwise_text,
         merging=report.merging,
         merging_text=merging_text,
         robustness=report.robustness,

@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from robogauntlet.results.analysis.merging_cost import Merging
+from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
 from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
@@ -69,6 +70,8 @@ class Report:
     """Success lost by merging and routing, if the suite asks for it."""
     robustness: Robustness | None
     """Results under perturbations, if there are any."""
+    pairwise: PairwiseComparisons | None = None
+    """The policies compared with each other, if there are several."""
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -129,6 +132,8 @@ class Summary(BaseModel):
     """Success lost by merging and routing, if the suite asks for it."""
     robustness: Robustness | None = None
     """Results under perturbations, if there are any. Severities beyond the last level are "Infinity"."""
+    pairwise: PairwiseComparisons | None = None
+    """The policies compared with each other on clean episodes, if there are several."""
     findings: tuple[str, ...] = ()
     """Sentences derived from the tests of `robustness`."""
 
@@ -153,6 +158,7 @@ def build_summary(report: Report) -> Summary:
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
         merging=report.merging,
         robustness=report.robustness,
+        pairwise=report.pairwise,
         findings=report.findings,
     )
 

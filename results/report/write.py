@@ -5,7 +5,8 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from robogauntlet.results.analysis import merging_cost, robustness
+from robogauntlet.results.analysis import merging_cost, pairwise, robustness
+from robogauntlet.results.analysis.comparison import Run
 from robogauntlet.results.analysis.merging_cost import build_merging
 from robogauntlet.results.analysis.tables import build_tables
 from robogauntlet.results.report.explore import render_explorer
@@ -16,6 +17,7 @@ from robogauntlet.results.report.parquet import read_frame, write_parquet
 from robogauntlet.results.report.summary import Report, ReportPaths, build_summary, render_csv
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.files import replacing, write_whole
 
 
@@ -44,12 +46,15 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
     tables = build_tables(document, frame)
     media = collect_media(folder, document, frame, video_budget)
     del frame
-    merging = perturbed = None
+    merging = perturbed = compared = None
     if document.suite.merging is not None:
         merging = build_merging(document, read_frame(paths.episodes, merging_cost.COLUMNS))
     if robustness.is_perturbed(document):
         perturbed = robustness.build_robustness(document, read_frame(paths.episodes, robustness.COLUMNS))
-    report = Report(paths, document, tables, merging, perturbed)
+    if tables.total.done and len({cell.policy for cell in document.plan}) > 1:
+        clean = read_frame(paths.episodes, pairwise.COLUMNS, where=("axis", [CLEAN]))
+        compared = pairwise.compare_all(Run(folder.absolute().name, document, clean))
+    report = Report(paths, document, tables, merging, perturbed, compared)
     write_whole(paths.summary, build_summary(report).model_dump_json(indent=1) + "\n")
     write_whole(paths.cells, render_csv(tables))
     write_whole(paths.markdown, render_markdown(report))

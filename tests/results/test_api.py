@@ -72,6 +72,34 @@ def test_a_comparison_prints_itself(folders):
     assert back.verdict is Verdict.IMPROVED
 
 
+@pytest.fixture
+def two_policies(tmp_path):
+    own = cells(("p", "q"))
+    rows = rows_where(lambda cell, seed: seed % (5 if cell.policy == "p" else 2), own, 30)
+    return run_folder(tmp_path / "both", document(30, own, run_id="both"), rows)
+
+
+def test_policies_of_a_run_are_compared_and_printed(two_policies):
+    found = robogauntlet.open_run(two_policies).compare("p", "q", margin=0.05)
+    assert found.comparisons[0].overall.difference.value == pytest.approx(0.3)
+    assert str(found).startswith("p against q: +30.0 [")
+    assert found._repr_markdown_().startswith("### p against q: +30.0 [")
+    assert str(robogauntlet.open_run(two_policies).compare()).startswith("p against q: +30.0 [")
+
+
+def test_policies_of_two_runs_are_compared(two_policies, folders):
+    found = robogauntlet.open_run(two_policies).compare("q", "p", other=folders[1])
+    assert str(found).startswith("both:q against before:p: -30.0 [")
+
+
+def test_a_comparison_needs_two_policies_that_the_run_has(two_policies):
+    run = robogauntlet.open_run(two_policies)
+    with pytest.raises(RunError, match="expected two policies to compare, got p"):
+        run.compare("p")
+    with pytest.raises(RunError, match="both: the run has no policy 'x'; known: p, q"):
+        run.compare("p", "x")
+
+
 def test_opening_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(RunError, match="expected a run folder"):
         robogauntlet.open_run(tmp_path)

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from robogauntlet.results.run_document import RunStatus
+from robogauntlet.suites.episode import Cell, Protocol
 from tests.results.synthetic import cells, document, row, run_folder
 
 TASKS = ("maniskill/A", "pybullet/B")
@@ -78,9 +79,68 @@ def test_it_is_written_as_json_markdown_and_junit(run_command, runs, tmp_path):
         assert printed.out == file.read_text()
 
 
+def test_two_policies_of_a_run_are_compared(run_command, runs):
+    done = run_command("compare", f"{runs}/wednesday:p", f"{runs}/wednesday:q")
+    assert done.code == 0
+    assert done.out.startswith("p against q: -25.0 [")
+    assert done.out.splitlines()[1] == "- Success in 80 episodes: p 50 %, q 75 %. The difference is significant at 5 %."
+    back = run_command("compare", f"{runs}/wednesday:q", f"{runs}/wednesday:p", "--margin", "0.05")
+    assert back.out.startswith("q against p: +25.0 [")
+    assert "It is shown that q is no worse than p by more than 5 points." in back.out
+
+
+def test_policies_of_two_runs_of_any_suite_are_compared(run_command, runs):
+    done = run_command("compare", f"{runs}/other:p", f"{runs}/monday:q")
+    assert done.code == 0
+    assert done.out.startswith("other:p against monday:q: -25.0 [")
+
+
+def test_a_run_alone_compares_its_policies(run_command, runs):
+    done = run_command("compare", runs / "wednesday")
+    assert done.out.startswith("p against q: -25.0 [")
+    assert run_command("compare", runs / "wednesday", "--policy", "q", "--policy", "p").out.startswith(
+        "q against p: +25.0"
+    )
+
+
+def test_a_comparison_of_policies_is_written_as_json_and_markdown(run_command, runs, tmp_path):
+    for form, read in (("json", json.loads), ("markdown", str), ("text", str)):
+        done = run_command("compare", runs / "wednesday", "--format", form, "--out", tmp_path / form)
+        assert (done.code, done.out) == (0, "")
+        assert read((tmp_path / form).read_text())
+        assert run_command("compare", runs / "wednesday", "--format", form).out == (tmp_path / form).read_text()
+
+
+def test_a_colon_in_a_path_is_no_policy(run_command, runs):
+    (runs / "monday").rename(runs / "mon:day")
+    assert run_command("compare", f"{runs}/mon:day", f"{runs}/tuesday").code == 0
+    assert run_command("compare", f"{runs}/mon:day:p", f"{runs}/tuesday:p").out.startswith(
+        "mon:day:p against tuesday:p: "
+    )
+    (runs / "tuesday").rename(runs / "mon")
+    refusal = run_command("compare", f"{runs}/mon:day", f"{runs}/wednesday").refusal
+    assert refusal.endswith(f"it is both; write {runs}/mon:day/ for the folder, {runs}/mon/:day for the policy")
+    assert run_command("compare", f"{runs}/mon:day/", f"{runs}/mon/").code == 0
+    assert run_command("compare", f"{runs}/mon/:p", f"{runs}/mon/:q").out.startswith("p against q: ")
+
+
+def test_policies_that_share_no_episode_are_one_line(run_command, runs):
+    own = [Cell(policy, policy, TASKS[0], Protocol(horizon=200)) for policy in ("p", "q")]
+    longer = run_folder(runs / "longer", document(40, own), [row(cell, seed) for cell in own for seed in range(40)])
+    refusal = run_command("compare", f"{longer}:p", f"{runs}/monday:q").refusal
+    assert refusal == "longer:p and monday:q share no episode: horizon 200 and 100"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (("compare", "monday:p"), "expected two policies, RUN:A RUN:B; monday:p names one"),
+        (("compare", "monday:p", "tuesday"), "RUN:A RUN:B; monday:p names one and tuesday names none"),
+        (("compare", "monday:p", "tuesday:Q"), "tuesday: the run has no policy 'Q'; known: p, q"),
+        (("compare", "nowhere:p", "monday:p"), "nowhere: expected a run folder, there is nothing"),
+        (("compare", "monday", "--policy", "p"), "monday: expected two policies to compare, got p"),
+        (("compare", "monday", "--format", "junit"), "--format junit: expected text, json or markdown for"),
+        (("compare", "monday:p", "monday:q", "--policy", "p"), "--policy: expected with a whole run only"),
         (("gate", "monday"), "monday: expected a complete earlier run of suite 'synthetic' beside it, found none; "),
         (("compare", "monday", "nowhere"), "nowhere: expected a run folder, there is nothing"),
         (("compare", "monday", "tuesday", "--policy", "P"), "monday: the run has no policy 'P'; known: p, q"),

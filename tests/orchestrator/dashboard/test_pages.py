@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from robogauntlet.orchestrator.schedules.schedule import Schedule, State
+from robogauntlet.results.api import open_run
 from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
+from robogauntlet.results.report.pairwise import headline
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import add_videos, live_status, nightly_run, running
 from tests.results.synthetic import cells, document, row, run_folder
@@ -141,6 +143,42 @@ def test_a_comparison_agrees_with_the_command(filled):
     for reason in entry.reasons:
         assert reason.replace("<", "&lt;") in page
     assert 'class="worse"' in page
+
+
+def test_two_policies_are_compared_as_in_the_report(filled):
+    _, run, _ = filled.made[-1]
+    page = filled.get(f"/compare?first={run.run_id}:experts&second={run.run_id}:merged").text
+    found = open_run(filled.made[-1][0]).compare("experts", "merged")
+    assert "<h1>experts against merged</h1>" in page
+    assert headline(found.comparisons[0]).replace("<", "&lt;") in page
+    assert page.count('class="forest versus"') == 1
+    assert f'<option value="{run.run_id}:merged" selected>' in page
+    assert " style=" not in page
+
+
+def test_a_policy_is_compared_with_that_of_another_run(filled):
+    runs = [run.run_id for _, run, _ in filled.made]
+    page = filled.get(f"/compare?first={runs[-1]}:experts&second={runs[0]}:experts").text
+    assert "<h1>nightly-003:experts against nightly-000:experts</h1>" in page
+
+
+def test_all_policies_of_a_run_are_compared(filled):
+    _, run, _ = filled.made[-1]
+    page = filled.get(f"/compare?policies={run.run_id}").text
+    assert page.count("<summary>") == 3
+    assert "Policies with letters" in page
+    assert f'href="/compare?policies={run.run_id}"' in filled.get(f"/runs/{run.run_id}").text
+
+
+def test_policies_that_cannot_be_compared_are_one_line(filled):
+    run_id = filled.made[-1][1].run_id
+    page = filled.get(f"/compare?first={run_id}:experts&second={run_id}:expert").text
+    assert "the run has no policy &#39;expert&#39;; did you mean &#39;experts&#39;?" in page
+    assert filled.get("/compare?first=nothing:a&second=nothing:b").status_code == 404
+
+
+def test_comparing_is_in_the_navigation(served):
+    assert '<a href="/compare" aria-current="page">Compare</a>' in served.get("/compare").text
 
 
 def test_a_comparison_without_rows_is_one_line(served):

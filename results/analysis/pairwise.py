@@ -1,0 +1,321 @@
+"""Comparison of policies with each other, in one run or in two, on the clean episodes that both played.
+
+Episodes are paired by `pair_id` (task, seed and protocol). Each comparison gives the difference of the success rates
+with Newcombe's paired interval and McNemar's exact test, over all tasks, per simulator and per task. The p-values over
+all tasks are adjusted together by Holm's method, and so are those of simulators and tasks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from robogauntlet.results.analysis import comparison
+from robogauntlet.results.analysis.comparison import Difference, Run, setting_differences
+from robogauntlet.results.analysis.leaderboard import LeaderboardRow, PolicyEpisodes, leaderboard
+from robogauntlet.results.record import Status
+from robogauntlet.results.run_document import RunDocument, RunError, RunStatus
+from robogauntlet.results.statistics.multiplicity import ALPHA, holm
+from robogauntlet.results.statistics.pairs import (
+    Pairs,
+    can_reject,
+    detectable_drop,
+    is_no_worse,
+    mcnemar,
+    paired_difference,
+    pooled,
+)
+from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.suites.plugins import did_you_mean
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile")
+"""Fields of the record that have the protocol of an episode."""
+COLUMNS = (*comparison.COLUMNS, "severity", "seed", *PROTOCOL)
+"""Fields of the record that a comparison needs."""
+ALL_PAIRS = 4
+"""Number of policies up to which every pair is compared; letters summarise the pairs of more."""
+
+
+class NotComparable(RunError):
+    """Two policies that share no episode, or whose runs differ in more than the policy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A policy of a run."""
+
+    policy: str
+    run: str
+    """Name of the run."""
+    policy_digest: str
+
+
+@dataclass(frozen=True, eq=False)
+class PolicyRows:
+    """The clean episodes of a policy in a run."""
+
+    side: Side
+    document: RunDocument
+    rows: pd.DataFrame
+    """Columns `COLUMNS`, errors included."""
+
+    @classmethod
+    def of_run(cls, run: Run, policy: str) -> PolicyRows:
+        """Select the rows of a policy by the digest of its content. Raises RunError if the run has no such policy."""
+        digests = {cell.policy: cell.policy_digest for cell in run.document.plan}
+        if policy not in digests:
+            raise RunError(f"{run.name}: the run has no policy '{policy}'{did_you_mean(policy, digests)}")
+        rows = run.rows
+        own = rows[(rows["policy_digest"] == digests[policy]) & (rows["severity"] == 0)]
+        return cls(Side(policy, run.name, digests[policy]), run.document, own)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """All tasks, the tasks of a simulator, or a task."""
+
+    simulator: str | None
+    """None for all tasks."""
+    task: str | None
+    """None for several tasks."""
+    pairs: Pairs
+    difference: Estimate
+    """Success rate of the first policy minus that of the second, between -1 and 1, with a confidence of 1 - alpha."""
+    p: float
+    """McNemar's exact test, two-sided."""
+    detectable: float | None
+    """The smallest difference that so many pairs show with a probability of 0.8, see `pairs.detectable_drop`."""
+    adjusted: float = 1.0
+    """The p-value adjusted by Holm's method."""
+    no_worse: bool | None = None
+    """Whether the first is shown to be worse by less than the margin; None without a margin."""
+
+
+@dataclass(frozen=True)
+class PairwiseComparison:
+    """A policy against another on the episodes that both played."""
+
+    first: Side
+    second: Side
+    overall: Line
+    simulators: tuple[Line, ...]
+    """Simulators with several tasks, if there are several simulators."""
+    tasks: tuple[Line, ...]
+    identical: int
+    """Pairs in which both policies executed the same actions."""
+    errors: tuple[int, int]
+    """Episodes of each that ended in an error; they are left out."""
+    unpaired: tuple[int, int]
+    """Episodes of each with a verdict, of which the other has no verdict; they are left out."""
+    differences: Mapping[Difference, str] = field(default_factory=dict)
+    """What else differs, in words."""
+
+    @property
+    def parts(self) -> tuple[Line, ...]:
+        """The simulators and tasks that are tested; a single task is the line `overall`."""
+        return (*self.simulators, *self.tasks) if len(self.tasks) > 1 else ()
+
+
+@dataclass(frozen=True)
+class PairwiseComparisons:
+    """Policies compared with each other."""
+
+    alpha: float
+    """Significance level of the adjusted p-values; the confidence of intervals is 1 - alpha."""
+    margin: float | None
+    """Largest decrease of a rate that counts as no worse; None if that is not tested."""
+    baseline: str | None
+    """The policy with which the others are compared; None if any two are compared."""
+    policies: int
+    """Number of policies."""
+    comparisons: tuple[PairwiseComparison, ...]
+    """Empty for more than `ALL_PAIRS` policies without a baseline."""
+    standings: tuple[LeaderboardRow, ...] = ()
+    """Three or more policies without a baseline, with letters: those that share one do not differ significantly."""
+    not_compared: tuple[str, ...] = ()
+    """Pairs of policies that were not compared, with the reason."""
+
+
+def compare_policies(
+    first: PolicyRows,
+    second: PolicyRows,
+    *,
+    alpha: float = ALPHA,
+    margin: float | None = None,
+    allowed: Set[Difference] = frozenset(),
+) -> PairwiseComparisons:
+    """Compare a policy with another of the same run or of another run.
+
+    Raises:
+        NotComparable: They share no episode with a verdict of both, or their runs differ in what is not allowed.
+        ValueError: alpha or margin outside (0, 1).
+    """
+    found = _adjusted([_compare(first, second, alpha, margin, allowed)], alpha)
+    return PairwiseComparisons(alpha, margin, None, 2, found)
+
+
+def compare_all(
+    run: Run, *, only: Sequence[str] = (), alpha: float = ALPHA, margin: float | None = None
+) -> PairwiseComparisons:
+    """Compare the policies of a run: with the baseline of its suite's `compare` or `merging`, else all pairs.
+
+    `only` restricts the policies. Pairs that share no episode are in `not_compared`.
+
+    Raises:
+        RunError: Fewer than two policies, or an unknown one.
+        ValueError: alpha or margin outside (0, 1).
+    """
+    names = list(only) or list(dict.fromkeys(cell.policy for cell in run.document.plan))
+    sides = {name: PolicyRows.of_run(run, name) for name in names}
+    if len(sides) < 2:
+        raise RunError(f"{run.name}: expected two policies or more to compare, got {', '.join(sides) or 'none'}")
+    baseline, pairs = _pairs(run.document, list(sides))
+    compared, failed = [], []
+    for one, other in pairs if baseline is not None or len(sides) <= ALL_PAIRS else ():
+        try:
+            compared.append(_compare(sides[one], sides[other], alpha, margin, frozenset(Difference)))
+        except NotComparable as error:
+            failed.append(str(error))
+    standings = leaderboard(list(map(_played, sides.values())), alpha) if baseline is None and len(sides) > 2 else []
+    count = len(sides) if baseline is None else len(pairs) + 1
+    return PairwiseComparisons(
+        alpha, margin, baseline, count, _adjusted(compared, alpha), tuple(standings), tuple(failed)
+    )
+
+
+def _pairs(document: RunDocument, names: Sequence[str]) -> tuple[str | None, list[tuple[str, str]]]:
+    """The baseline of the suite's comparison, if it has one, and the pairs to compare."""
+    sides = document.suite.comparison
+    if sides is not None and sides.baseline in names:
+        others = [name for name in sides.others if name in names]
+        if others:
+            return sides.baseline, [(name, sides.baseline) for name in others]
+    return None, list(combinations(names, 2))
+
+
+def _played(one: PolicyRows) -> PolicyEpisodes:
+    side = one.side
+    return PolicyEpisodes(side.policy, side.policy_digest, side.run, one.document.started_at, one.rows)
+
+
+def _compare(
+    first: PolicyRows, second: PolicyRows, alpha: float, margin: float | None, allowed: Set[Difference]
+) -> PairwiseComparison:
+    sides = [one.rows[one.rows["status"] != str(Status.ERROR)] for one in (first, second)]
+    shared = sides[0].merge(sides[1], on="pair_id", suffixes=("", "_before"))
+    names = " and ".join(f"{one.side.run}:{one.side.policy}" for one in (first, second))
+    if shared.empty:
+        raise NotComparable(f"{names} share no episode: {_why_none(first, second)}")
+    unfinished = [f"{one.side.run} is {one.document.status}" for one in (first, second) if _is_unfinished(one)]
+    differences = {Difference.UNFINISHED: ", ".join(dict.fromkeys(unfinished))} if unfinished else {}
+    settings = setting_differences(first.document, second.document, shared)
+    for kind, words in settings.items():
+        if kind not in allowed:
+            raise NotComparable(f"{names} are not comparable: {kind} differs: {words}; --allow {kind} compares them")
+    tasks = _tasks(shared, first.document, alpha, margin)
+    errors = [int((one.rows["status"] == str(Status.ERROR)).sum()) for one in (first, second)]
+    return PairwiseComparison(
+        first=first.side,
+        second=second.side,
+        overall=_line(None, None, pooled(line.pairs for line in tasks), alpha, margin),
+        simulators=_simulators(tasks, alpha, margin),
+        tasks=tasks,
+        identical=int((shared["actions_hash"] == shared["actions_hash_before"]).sum()),
+        errors=(errors[0], errors[1]),
+        unpaired=(len(sides[0]) - len(shared), len(sides[1]) - len(shared)),
+        differences=differences | settings,
+    )
+
+
+def _is_unfinished(one: PolicyRows) -> bool:
+    return one.document.status is not RunStatus.COMPLETE
+
+
+def _tasks(shared: pd.DataFrame, document: RunDocument, alpha: float, margin: float | None) -> tuple[Line, ...]:
+    """A line per task, by simulator in the order of the plan."""
+    tasks = {str(task): own for task, own in shared.groupby("task", sort=False, observed=True)}
+    order = list(dict.fromkeys([*(cell.task for cell in document.plan), *tasks]))
+    simulators = list(dict.fromkeys(map(_simulator, order)))
+    lines = []
+    for task in sorted(tasks, key=lambda task: (simulators.index(_simulator(task)), order.index(task))):
+        won = (tasks[task][column] == str(Status.SUCCESS) for column in ("status", "status_before"))
+        pairs = Pairs.from_outcomes(*(side.to_numpy(float) for side in won))
+        lines.append(_line(_simulator(task), task, pairs, alpha, margin))
+    return tuple(lines)
+
+
+def _simulator(task: str) -> str:
+    return task.partition("/")[0]
+
+
+def _simulators(tasks: Sequence[Line], alpha: float, margin: float | None) -> tuple[Line, ...]:
+    own: dict[str | None, list[Pairs]] = {}
+    for line in tasks:
+        own.setdefault(line.simulator, []).append(line.pairs)
+    if len(own) < 2:
+        return ()
+    return tuple(_line(name, None, pooled(pairs), alpha, margin) for name, pairs in own.items() if len(pairs) > 1)
+
+
+def _line(simulator: str | None, task: str | None, pairs: Pairs, alpha: float, margin: float | None) -> Line:
+    difference = paired_difference(pairs, 1 - alpha)
+    assert difference is not None  # There is a pair.
+    no_worse = None if margin is None else is_no_worse(pairs, margin, 1 - alpha)
+    detectable = detectable_drop(pairs, alpha / 2)
+    return Line(simulator, task, pairs, difference, mcnemar(pairs), detectable, no_worse=no_worse)
+
+
+def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[PairwiseComparison, ...]:
+    """Add adjusted p-values: one family over all tasks, one of all simulators and tasks.
+
+    Simulators and tasks whose test cannot reach alpha are not in the second family and have 1, see `pairs.can_reject`.
+    """
+    overall = holm([one.overall.p for one in compared])
+    tested = [line for one in compared for line in one.parts if can_reject(line.pairs, alpha / 2)]
+    found = dict(zip(map(id, tested), holm([line.p for line in tested]), strict=True))
+
+    def with_p(lines: Sequence[Line], otherwise: float) -> tuple[Line, ...]:
+        return tuple(replace(line, adjusted=found.get(id(line), otherwise)) for line in lines)
+
+    adjusted = []
+    for one, p in zip(compared, overall, strict=True):
+        otherwise = 1.0 if one.parts else p  # A single task is the line over all tasks.
+        simulators, tasks = with_p(one.simulators, otherwise), with_p(one.tasks, otherwise)
+        adjusted.append(replace(one, overall=replace(one.overall, adjusted=p), simulators=simulators, tasks=tasks))
+    return tuple(adjusted)
+
+
+def _why_none(first: PolicyRows, second: PolicyRows) -> str:
+    """Why two policies have no episode in common, in words."""
+    sides = [one.rows[one.rows["status"] != str(Status.ERROR)] for one in (first, second)]
+    for one, rows in zip((first, second), sides, strict=True):
+        if rows.empty:
+            errors = f", {len(one.rows):,} ended in an error" if len(one.rows) else ""
+            return f"{one.side.run}:{one.side.policy} has no clean episode with a verdict{errors}"
+    values = [set(rows["task"]) for rows in sides]
+    if not values[0] & values[1]:
+        return f"tasks {_listed(values[0])} and {_listed(values[1])}"
+    of_both = [rows[rows["task"].isin(values[0] & values[1])] for rows in sides]
+    found = []
+    for name in PROTOCOL:
+        values = [set(rows[name]) for rows in of_both]
+        if not values[0] & values[1]:
+            found.append(f"{name} {_listed(values[0])} and {_listed(values[1])}")
+    seeds = [set(rows["seed"]) for rows in of_both]
+    if not seeds[0] & seeds[1]:
+        found.append(f"seeds {_range(seeds[0])} and {_range(seeds[1])}")
+    return "; ".join(found) or "no task was played by both with the same seed and protocol"
+
+
+def _listed(values: Set[object]) -> str:
+    shown = sorted(map(str, values))
+    return ", ".join(shown[:3]) + (f" and {len(shown) - 3} more" if len(shown) > 3 else "")
+
+
+def _range(seeds: Set[int]) -> str:
+    return f"{min(seeds)} to {max(seeds)}" if len(seeds) > 1 else f"{min(seeds)}"

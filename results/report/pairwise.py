@@ -1,0 +1,316 @@
+"""A comparison of policies as text, Markdown and JSON, and its forest plots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+
+from robogauntlet.results.analysis.pairwise import ALL_PAIRS, Line, PairwiseComparison, PairwiseComparisons
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.facts import DEFINITIONS, PAIRWISE_TERMS
+from robogauntlet.results.report.formatting import (
+    NOTHING,
+    TextTable,
+    aligned,
+    counted,
+    escape,
+    markdown,
+    p_value,
+    percent,
+    short_task,
+)
+from robogauntlet.results.statistics.pairs import POWER
+from robogauntlet.results.statistics.rates import rate
+
+ALL = "all tasks"
+REACHES = (0.1, 0.25, 0.5, 1.0)
+"""Possible ends of the axis of a forest plot, a difference of rates."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForestRow:
+    """A difference on a forest plot; positions are percentages of the plot's width, from the left."""
+
+    name: str
+    value: str
+    """The difference and its interval, as text."""
+    low: float
+    at: float
+    high: float
+    is_pooled: bool
+    """Whether the row is of several tasks."""
+    is_shown: bool
+    """Whether the adjusted p-value is significant."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForestGroup:
+    """Rows under one heading."""
+
+    name: str
+    rows: tuple[ForestRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Forest:
+    """A forest plot of differences of success rates."""
+
+    title: str
+    note: str
+    ticks: tuple[str, ...]
+    """Five labels, evenly spaced from the left end to the right."""
+    margin: float | None
+    """Position of the non-inferiority margin."""
+    groups: tuple[ForestGroup, ...]
+
+
+def names(one: PairwiseComparison) -> tuple[str, str]:
+    """The policies, with their runs if these differ."""
+    sides = (one.first, one.second)
+    several = one.first.run != one.second.run
+    first, second = (f"{side.run}:{side.policy}" if several else side.policy for side in sides)
+    return first, second
+
+
+def title(one: PairwiseComparison) -> str:
+    """`merged against experts`."""
+    return " against ".join(names(one))
+
+
+def difference(line: Line) -> str:
+    """A difference with its interval: `-3.3 [-9.6, 1.7] points`."""
+    return f"{formatting.points(line.difference)} points"
+
+
+def headline(one: PairwiseComparison) -> str:
+    """The result over all tasks in a line."""
+    line = one.overall
+    p = "p" if line.adjusted == line.p else "adjusted p"
+    return f"{title(one)}: {difference(line)}, {p} {p_value(line.adjusted)}, {counted(line.pairs.trials, 'pair')}"
+
+
+def sentences(one: PairwiseComparison, comparisons: PairwiseComparisons) -> list[str]:
+    """What the comparison shows, and what was left out."""
+    return [*_found(one, comparisons), *_left_out(one)]
+
+
+def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterator[str]:
+    (first, second), line, alpha = names(one), one.overall, comparisons.alpha
+    rates = [percent(rate(won, line.pairs.trials)) for won in (line.pairs.first, line.pairs.second)]
+    significant = f"The difference is significant at {100 * alpha:g} %."
+    found = significant if line.adjusted <= alpha else f"No difference is shown. {_detectable(line)}"
+    yield f"Success in {counted(line.pairs.trials, 'episode')}: {first} {rates[0]}, {second} {rates[1]}. {found}"
+    if one.parts:
+        differ = [line for line in one.tasks if line.adjusted <= alpha]
+        listed = f": {', '.join(f'{line.task} ({difference(line)})' for line in differ)}" if differ else ""
+        yield f"Tasks with a difference after adjustment: {len(differ)} of {len(one.tasks)}{listed}."
+    if line.no_worse is not None and comparisons.margin is not None:
+        is_shown = "It is shown" if line.no_worse else "It is not shown"
+        yield f"{is_shown} that {first} is no worse than {second} by more than {100 * comparisons.margin:g} points."
+    if one.first.policy_digest == one.second.policy_digest:
+        yield "Both have the same content."
+    if one.identical:
+        yield f"Both executed the same actions in {one.identical:,} of {counted(line.pairs.trials, 'pair')}."
+
+
+def _detectable(line: Line) -> str:
+    if line.detectable is None:
+        return "No difference can be detected with so few pairs."
+    return f"A difference of {100 * line.detectable:.1f} points is detected with a probability of {percent(POWER)}."
+
+
+def _left_out(one: PairwiseComparison) -> Iterator[str]:
+    first, second = names(one)
+    if any(one.errors):
+        yield f"Left out: {counted(one.errors[0], 'error')} of {first}, {one.errors[1]:,} of {second}."
+    if any(one.unpaired):
+        yield (
+            f"Left out, since the other has no verdict: {counted(one.unpaired[0], 'episode')} of {first}, "
+            f"{one.unpaired[1]:,} of {second}."
+        )
+    for kind, words in one.differences.items():
+        yield f"{str(kind).capitalize()}: {words}."
+
+
+def summary(comparisons: PairwiseComparisons) -> list[str]:
+    """Sentences on the whole: pairs that were not compared, and many policies."""
+    lines = [f"Not compared: {reason}." for reason in comparisons.not_compared]
+    if comparisons.baseline is None and comparisons.policies > ALL_PAIRS:
+        lines.append(
+            f"{comparisons.policies} policies have too many pairs to list; "
+            "robogauntlet compare RUN:A RUN:B compares two of them."
+        )
+    return lines
+
+
+def method(comparisons: PairwiseComparisons) -> str:
+    """How the numbers were computed."""
+    return (
+        "Clean episodes, paired by task, seed and protocol. Difference: success rate of the first policy minus that of "
+        f"the second in percentage points, with Newcombe's paired interval ({100 * (1 - comparisons.alpha):g} %). "
+        "p: McNemar's exact test, two-sided; adjusted by Holm's method over all comparisons, and over those simulators "
+        f"and tasks in which enough pairs disagree for the test to reach {comparisons.alpha:g}."
+    )
+
+
+def _lines(one: PairwiseComparison) -> list[tuple[str, str, Line]]:
+    """Simulator, name and line of each row: tasks by simulator, then the simulator, and all tasks at the end."""
+    if not one.parts:
+        return [("", one.tasks[0].task or ALL, one.overall)]
+    rows = []
+    for simulator in dict.fromkeys(line.simulator for line in one.tasks):
+        tasks = [line for line in one.tasks if line.simulator == simulator]
+        pooled = [line for line in one.simulators if line.simulator == simulator]
+        rows += [(simulator or "", short_task(line.task or ""), line) for line in tasks]
+        rows += [(simulator or "", f"all of {simulator}", line) for line in pooled]
+    return [*rows, ("", ALL, one.overall)]
+
+
+def table(one: PairwiseComparison) -> TextTable:
+    """All tasks, simulators and tasks of a comparison."""
+    rows = []
+    for simulator, name, line in _lines(one):
+        label = f"{simulator}/{name}" if line.task is not None and simulator else name
+        rows.append((label, *_numbers(line)))
+    return TextTable(("task", *_header(*names(one))), tuple(rows), 1)
+
+
+def overview_table(comparisons: PairwiseComparisons) -> TextTable:
+    """Several comparisons over all tasks, with a row each."""
+    baseline = comparisons.baseline
+    rows = tuple((_short_title(one, comparisons), *_numbers(one.overall)) for one in comparisons.comparisons)
+    header = ("all tasks" if baseline is None else f"against {baseline}", *_header("first", "second"))
+    return TextTable(header, rows, 1)
+
+
+def _short_title(one: PairwiseComparison, comparisons: PairwiseComparisons) -> str:
+    """The comparison among others: the first policy if all are compared with the baseline."""
+    return title(one) if comparisons.baseline is None else names(one)[0]
+
+
+def _header(first: str, second: str) -> tuple[str, ...]:
+    tested = ("p", "adjusted p", "detectable")
+    return ("pairs", first, second, "difference", "only first", "only second", *tested)
+
+
+def _numbers(line: Line) -> tuple[str, ...]:
+    pairs = line.pairs
+    return (
+        f"{pairs.trials:,}",
+        percent(rate(pairs.first, pairs.trials)),
+        percent(rate(pairs.second, pairs.trials)),
+        formatting.points(line.difference),
+        f"{pairs.first_only:,}",
+        f"{pairs.second_only:,}",
+        p_value(line.p),
+        p_value(line.adjusted),
+        NOTHING if line.detectable is None else f"{100 * line.detectable:.1f}",
+    )
+
+
+def standings_table(comparisons: PairwiseComparisons) -> TextTable | None:
+    """The policies with their rates and letters, the best first; None if there are no letters."""
+    if not comparisons.standings:
+        return None
+    rows = tuple(
+        (row.policy, row.letters, percent(row.rate), formatting.span(row.interval), f"{row.verdicts:,}")
+        for row in comparisons.standings
+    )
+    return TextTable(("policy", "letters", "mean of tasks", "interval", "episodes"), rows, 2)
+
+
+def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:
+    """Terms of the section, with their definitions."""
+    wanted = [term for term in PAIRWISE_TERMS if comparisons.comparisons or term == "letters"]
+    return [(term, DEFINITIONS[term]) for term in wanted if comparisons.standings or term != "letters"]
+
+
+def task_forest(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Forest:
+    """A forest plot of the tasks, the simulators and all tasks of a comparison."""
+    lines = _lines(one)
+    groups = {simulator: [(n, line) for of, n, line in lines if of == simulator] for simulator, _, _ in lines}
+    first, second = names(one)
+    note = f"Right of 0, {first} succeeds more often; left of 0, {second}."
+    return _forest(title(one), note, groups, comparisons)
+
+
+def overview_forest(comparisons: PairwiseComparisons) -> Forest:
+    """A forest plot of several comparisons over all tasks."""
+    rows = [(_short_title(one, comparisons), one.overall) for one in comparisons.comparisons]
+    name = ALL.capitalize() if comparisons.baseline is None else f"All tasks, against {comparisons.baseline}"
+    better = "the policy named first" if comparisons.baseline is None else "the policy"
+    return _forest(name, f"Right of 0, {better} succeeds more often.", {"": rows}, comparisons)
+
+
+def _forest(
+    name: str, note: str, groups: dict[str, list[tuple[str, Line]]], comparisons: PairwiseComparisons
+) -> Forest:
+    ends = [abs(end) for rows in groups.values() for _, line in rows for end in _ends(line)]
+    reach = next(reach for reach in REACHES if reach >= max(ends) or reach == REACHES[-1])
+
+    def place(value: float) -> float:
+        return round(50 + 50 * max(-1.0, min(1.0, value / reach)), 2)
+
+    drawn = []
+    for group, rows in groups.items():
+        made = []
+        for label, line in rows:
+            low, high = _ends(line)
+            positions = (place(low), place(line.difference.value), place(high))
+            is_shown = line.adjusted <= comparisons.alpha
+            made.append(ForestRow(label, formatting.points(line.difference), *positions, line.task is None, is_shown))
+        drawn.append(ForestGroup(group, tuple(made)))
+    ticks = tuple(f"{100 * part * reach:+g}" if part else "0" for part in (-1, -0.5, 0, 0.5, 1))
+    note += f" A filled marker: adjusted p at most {comparisons.alpha:g}."
+    if comparisons.margin is not None:
+        note += f" The dashed line on the left is the margin of {100 * comparisons.margin:g} points."
+    margin = None if comparisons.margin is None else place(-comparisons.margin)
+    return Forest(name, note, ticks, margin, tuple(drawn))
+
+
+def _ends(line: Line) -> tuple[float, float]:
+    interval, value = line.difference.interval, line.difference.value
+    return (value, value) if interval is None else (interval.low, interval.high)
+
+
+def as_text(comparisons: PairwiseComparisons) -> str:
+    """The comparisons for a terminal or a log."""
+    parts = []
+    if standings := standings_table(comparisons):
+        parts += [aligned(standings), DEFINITIONS["letters"]]
+    if len(comparisons.comparisons) > 1:
+        parts.append(aligned(overview_table(comparisons)))
+    for one in comparisons.comparisons:
+        found = "\n".join(f"- {sentence}" for sentence in sentences(one, comparisons))
+        parts += [f"{headline(one)}\n{found}", aligned(table(one))]
+    return "\n\n".join([*parts, *summary(comparisons), method(comparisons)]) + "\n"
+
+
+def as_markdown(comparisons: PairwiseComparisons) -> str:
+    """The comparisons as GitHub Markdown, with the method."""
+    return f"{markdown_section(comparisons)}\n\n{escape(method(comparisons))}\n"
+
+
+def markdown_section(comparisons: PairwiseComparisons) -> str:
+    """The comparisons as GitHub Markdown, with a heading of the third level each."""
+    parts = []
+    if standings := standings_table(comparisons):
+        parts += [markdown(standings), escape(DEFINITIONS["letters"])]
+    if len(comparisons.comparisons) > 1:
+        parts.append(markdown(overview_table(comparisons)))
+    for one in comparisons.comparisons:
+        found = "\n".join(f"- {escape(sentence)}" for sentence in sentences(one, comparisons))
+        parts += [f"### {escape(headline(one))}", found, markdown(table(one))]
+    return "\n\n".join([*parts, *map(escape, summary(comparisons))])
+
+
+def as_json(comparisons: PairwiseComparisons) -> str:
+    """The comparisons for programs; differences and their intervals are shares, between -1 and 1."""
+    plain = asdict(comparisons)
+    for found, one in zip(plain["comparisons"], comparisons.comparisons, strict=True):
+        found |= {"headline": headline(one), "sentences": sentences(one, comparisons)}
+    return json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+FORMATS = {"text": as_text, "json": as_json, "markdown": as_markdown}

@@ -1,0 +1,28 @@
+"""Rows of a store as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from robogauntlet.results.record import FIELDS
+from robogauntlet.results.store.episode_store import Store
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+    """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
+    return frame_of(Store.open(url, run_id), fields)
+
+
+def frame_of(store: Store, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
+    """Read the rows of a store, with a column per field, and close it. Raises StoreError."""
+    import pandas as pd
+
+    try:
+        pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in store.batches(50_000, fields)]
+    finally:
+        store.close()
+    return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})

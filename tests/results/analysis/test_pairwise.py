@@ -1,0 +1,259 @@
+"""Policies against each other: what is paired, what is left out, and the algebra of the differences."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robogauntlet.results.analysis.comparison import Difference, Run
+from robogauntlet.results.analysis.pairwise import (
+    ALL_PAIRS,
+    COLUMNS,
+    NotComparable,
+    PolicyRows,
+    compare_all,
+    compare_policies,
+)
+from robogauntlet.results.run_document import Provenance, RunError, RunStatus
+from robogauntlet.results.statistics.multiplicity import holm
+from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar, pooled
+from robogauntlet.suites.episode import Cell, Condition, Protocol, View
+from tests.results.synthetic import cells, columns_of, document, row
+
+TASKS = ("maniskill/A", "maniskill/B", "pybullet/C")
+SEEDS = 8
+
+
+def run(outcome, policies=("a", "b"), name="run", seeds=range(SEEDS), of=None, moved=False, **changes):
+    """A run whose episode ends as `outcome(cell, seed)` says: success, failure, error, or None for not played."""
+    plan = cells(policies, TASKS) if of is None else of
+    played = [(cell, seed, outcome(cell, seed)) for cell in plan for seed in seeds]
+    rows = [
+        row(cell, seed, status, **({"state_hash": "moved"} if moved else {}))
+        for cell, seed, status in played
+        if status is not None
+    ]
+    return Run(name, document(len(seeds), plan, **changes), columns_of(rows, COLUMNS))
+
+
+def always(cell, seed):
+    return "success"
+
+
+def b_fails_in_c(cell, seed):
+    return "failure" if (cell.policy, cell.task) == ("b", "pybullet/C") else "success"
+
+
+def against(first, second, **options):
+    """Compares two (run, policy)."""
+    (one,) = compare_policies(PolicyRows.of_run(*first), PolicyRows.of_run(*second), **options).comparisons
+    return one
+
+
+STATUS = st.sampled_from(["success", "failure", "error", None])
+OUTCOMES = st.lists(STATUS, min_size=6 * SEEDS, max_size=6 * SEEDS)
+
+
+def drawn_run(drawn):
+    """A run of a and b with these outcomes; the first seed of each task has a verdict of both."""
+    place = {(cell.policy, cell.task): number * SEEDS for number, cell in enumerate(cells(("a", "b"), TASKS))}
+    return run(lambda cell, seed: drawn[place[cell.policy, cell.task] + seed] if seed else "success")
+
+
+def mirrored(pairs):
+    return Pairs(pairs.both, pairs.second_only, pairs.first_only, pairs.neither)
+
+
+@settings(max_examples=40)
+@given(OUTCOMES)
+def test_exchanging_the_policies_changes_the_sign_and_nothing_else(drawn):
+    played = drawn_run(drawn)
+    there, back = against((played, "a"), (played, "b")), against((played, "b"), (played, "a"))
+    for one, other in zip((there.overall, *there.parts), (back.overall, *back.parts), strict=True):
+        assert one.pairs == mirrored(other.pairs)
+        ends = (-other.difference.interval.high, -other.difference.interval.low)
+        assert (one.difference.interval.low, one.difference.interval.high) == pytest.approx(ends)
+        assert one.difference.value == pytest.approx(-other.difference.value)
+        assert (one.p, one.adjusted, one.detectable) == pytest.approx((other.p, other.adjusted, other.detectable))
+    assert (there.errors, there.unpaired) == (back.errors[::-1], back.unpaired[::-1])
+
+
+@settings(max_examples=40)
+@given(OUTCOMES)
+def test_all_tasks_are_the_sum_of_the_tasks_and_a_simulator_is_the_sum_of_its_own(drawn):
+    played = drawn_run(drawn)
+    found = against((played, "a"), (played, "b"))
+    assert found.overall.pairs == pooled(line.pairs for line in found.tasks)
+    (maniskill,) = found.simulators
+    assert maniskill.pairs == pooled(line.pairs for line in found.tasks if line.simulator == "maniskill")
+    weights = [line.pairs.trials for line in found.tasks]
+    mean = np.average([line.difference.value for line in found.tasks], weights=weights)
+    assert found.overall.difference.value == pytest.approx(mean)
+
+
+@settings(max_examples=40)
+@given(OUTCOMES)
+def test_a_policy_does_not_differ_from_itself(drawn):
+    played = drawn_run(drawn)
+    found = against((played, "a"), (played, "a"))
+    assert {(line.difference.value, line.p, line.adjusted) for line in (found.overall, *found.parts)} == {(0, 1, 1)}
+    assert found.identical == found.overall.pairs.trials
+    assert found.unpaired == (0, 0)
+
+
+@settings(max_examples=40)
+@given(OUTCOMES)
+def test_every_verdict_is_in_a_pair_or_counted_as_left_out(drawn):
+    played = drawn_run(drawn)
+    found = against((played, "a"), (played, "b"))
+    for side, policy in enumerate(("a", "b")):
+        own = played.rows[played.rows["policy"] == policy]
+        assert found.overall.pairs.trials + found.unpaired[side] + found.errors[side] == len(own)
+
+
+def test_differences_and_tests_are_those_of_the_statistics():
+    played = run(b_fails_in_c)
+    found = against((played, "a"), (played, "b"))
+    assert [(line.simulator, line.task) for line in found.tasks] == [(task.partition("/")[0], task) for task in TASKS]
+    assert found.tasks[2].pairs == Pairs(0, SEEDS, 0, 0)
+    assert found.tasks[2].difference.value == 1.0
+    assert found.tasks[2].p == mcnemar(found.tasks[2].pairs) == 2 * 0.5**SEEDS
+    assert found.overall.adjusted == found.overall.p
+    assert found.overall.detectable == detectable_drop(found.overall.pairs, 0.025)
+
+
+def test_the_margin_is_tested_on_demand():
+    def nearly(cell, seed):
+        return "failure" if seed == 0 and cell.policy == "a" else "success"
+
+    played = run(nearly, seeds=range(200))
+    assert against((played, "a"), (played, "b")).overall.no_worse is None
+    assert against((played, "a"), (played, "b"), margin=0.05).overall.no_worse
+    assert not against((played, "a"), (played, "b"), margin=0.001).overall.no_worse
+
+
+def test_policies_of_two_runs_are_paired():
+    good = run(always, ("base",), "old")
+    bad = run(lambda cell, seed: "failure" if seed % 2 else "success", ("new",), "today")
+    found = against((bad, "new"), (good, "base"))
+    assert found.overall.pairs == Pairs(12, 0, 12, 0)
+    assert (found.first.run, found.second.run) == ("today", "old")
+
+
+def test_perturbed_episodes_are_in_no_pair():
+    plan = cells(("a", "b"), TASKS[:1], (Condition(), Condition("light", 2)))
+    played = run(lambda cell, seed: "failure" if cell.condition.severity and cell.policy == "a" else "success", of=plan)
+    assert against((played, "a"), (played, "b")).overall.pairs == Pairs(SEEDS, 0, 0, 0)
+
+
+def test_a_renamed_policy_is_found_by_its_content():
+    played = run(always)
+    played.rows["policy"] = played.rows["policy"].replace("a", "an earlier name")
+    assert against((played, "a"), (played, "b")).overall.pairs.trials == 3 * SEEDS
+
+
+def test_an_unfinished_run_is_compared_and_noted():
+    played = run(always, status=RunStatus.INTERRUPTED)
+    assert against((played, "a"), (played, "b")).differences == {Difference.UNFINISHED: "run is interrupted"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"provenance": Provenance(packages={"sapien": "3.0.4"})}, Difference.SIMULATOR),
+        ({"render_devices": {"maniskill": "GPU"}}, Difference.RENDERER),
+        ({"moved": True}, Difference.WORLD),
+    ],
+)
+def test_runs_that_differ_in_more_than_the_policy_are_compared_only_if_allowed(changes, name):
+    old = run(always, ("a",), "old", provenance=Provenance(packages={"sapien": "3.0.3"}))
+    old = Run("old", old.document.model_copy(update={"render_devices": {"maniskill": "CPU"}}), old.rows)
+    new = run(always, ("b",), "new", **{"provenance": old.document.provenance, **changes})
+    with pytest.raises(NotComparable, match=rf"new:b and old:a are not comparable: {name} differs: .* --allow {name} "):
+        against((new, "b"), (old, "a"))
+    assert set(against((new, "b"), (old, "a"), allowed={name}).differences) == {name}
+
+
+def protocol_cells(policy, **changes):
+    view = View(**{name: changes.pop(name) for name in list(changes) if name in ("image_size", "cameras")})
+    protocol = Protocol(**{"horizon": 100, "view": view, **changes})
+    return [Cell(policy, policy, "maniskill/A", protocol)]
+
+
+@pytest.mark.parametrize(
+    ("other", "why"),
+    [
+        ({"of": protocol_cells("b", horizon=200)}, "horizon 100 and 200"),
+        ({"of": protocol_cells("b", replan_every=1, image_size=224)}, "replan_every 8 and 1; image_size 96 and 224"),
+        ({"of": protocol_cells("b"), "seeds": range(100, 120)}, "seeds 0 to 7 and 100 to 119"),
+        ({"of": cells(("b",), ("pybullet/C", "pybullet/D"))}, "tasks maniskill/A and pybullet/C, pybullet/D"),
+        (
+            {"of": protocol_cells("b"), "outcome": lambda *_: "error"},
+            "new:b has no clean episode with a verdict, 8 ended in an error",
+        ),
+    ],
+)
+def test_policies_without_a_shared_episode_are_told_what_differs(other, why):
+    old = run(always, of=protocol_cells("a"), name="old")
+    new = run(**{"outcome": always, "name": "new", **other})
+    with pytest.raises(NotComparable) as refused:
+        against((old, "a"), (new, "b"))
+    assert str(refused.value) == f"old:a and new:b share no episode: {why}"
+
+
+def test_an_unknown_policy_is_refused_with_the_nearest_name():
+    with pytest.raises(RunError, match=r"run: the run has no policy 'oracel'; did you mean 'oracle'\?"):
+        PolicyRows.of_run(run(always, ("oracle", "b")), "oracel")
+
+
+def test_without_a_baseline_all_pairs_of_a_few_policies_are_compared_and_have_letters():
+    def outcome(cell, seed):
+        return "failure" if cell.policy == "bad" else "success"
+
+    found = compare_all(run(outcome, ("good", "too", "bad")))
+    names = [(one.first.policy, one.second.policy) for one in found.comparisons]
+    assert names == [("good", "too"), ("good", "bad"), ("too", "bad")]
+    assert {row.policy: row.letters for row in found.standings} == {"good": "a", "too": "a", "bad": "b"}
+    overall = [one.overall for one in found.comparisons]
+    assert [line.adjusted for line in overall] == list(holm([line.p for line in overall]))
+
+
+def test_simulators_and_tasks_of_all_comparisons_are_adjusted_together_if_their_test_can_reach_alpha():
+    def outcome(cell, seed):
+        fails = {"c": seed < 7, "b": seed < 5 and cell.task == TASKS[0], "a": False}[cell.policy]
+        return "failure" if fails else "success"
+
+    parts = [line for one in compare_all(run(outcome, ("a", "b", "c"))).comparisons for line in one.parts]
+    tested = [line for line in parts if line.pairs.first_only + line.pairs.second_only > 5]
+    assert 0 < len(tested) < len(parts)
+    assert [line.adjusted for line in tested] == list(holm([line.p for line in tested]))
+    assert {line.adjusted for line in parts if line not in tested} == {1.0}
+
+
+def test_many_policies_have_letters_instead_of_pairs():
+    names = [f"p{number}" for number in range(ALL_PAIRS + 1)]
+    found = compare_all(run(always, names))
+    assert found.comparisons == ()
+    assert [row.letters for row in found.standings] == ["a"] * len(names)
+
+
+def test_the_suite_chooses_the_baseline_and_the_others():
+    names = ("base", "b", "c", "d", "e", "f")
+    suite = {"compare": {"baseline": "base", "others": ["c", "f"]}}
+    found = compare_all(run(always, names, **suite))
+    assert found.baseline == "base"
+    assert [(one.first.policy, one.second.policy) for one in found.comparisons] == [("c", "base"), ("f", "base")]
+    assert found.standings == ()
+    assert compare_all(run(always, names, **suite), only=("b", "d", "e")).baseline is None
+
+
+def test_a_policy_with_errors_only_is_listed_as_not_compared():
+    found = compare_all(run(lambda cell, seed: "error" if cell.policy == "c" else "success", ("a", "b", "c")))
+    assert [(one.first.policy, one.second.policy) for one in found.comparisons] == [("a", "b")]
+    assert len(found.not_compared) == 2
+    assert found.not_compared[0].startswith("run:a and run:c share no episode: run:c has no clean episode")
+
+
+def test_a_single_policy_cannot_be_compared():
+    with pytest.raises(RunError, match="expected two policies or more to compare, got a"):
+        compare_all(run(always, ("a",)))
