@@ -80,6 +80,12 @@ def test_a_run_is_a_table_and_shows_itself(play):
 
 
 @pytest.mark.ray
+def test_runs_of_two_policies_are_compared(play):
+    comparison = play(drift).compare("drift", "zero", other=play("zero"))
+    assert "drift" in str(comparison)
+
+
+@pytest.mark.ray
 def test_it_stays_in_the_callers_process(play):
     processes = set()
 

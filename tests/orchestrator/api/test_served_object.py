@@ -121,6 +121,7 @@ def test_an_answer_of_a_wrong_shape_is_one_line(answer, match):
         served.check_answer(("wrist",), 16, "reach")
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_function_may_need_something_to_see():
     def act(images, proprioception, instruction):
         (rows,) = np.nonzero(images["wrist"].any(axis=(1, 2)))
