@@ -27,7 +27,7 @@ setup: $(STAMP)
 	@bash scripts/render_drivers.sh
 
 $(STAMP): $(PLAYING)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[postgresql,remote,figures,wandb,mlflow,docs,dev]"
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[postgresql,figures,wandb,mlflow,docs,dev]"
 	@touch $@
 
 $(PLAYING): pyproject.toml constraints.txt

@@ -1,7 +1,6 @@
 """Any Python class, factory or function as a policy.
 
-A plain function has parameters named `images, proprioception, instruction` and returns a chunk; any other callable
-builds a policy of `robogauntlet.policies.contract` from the options.
+It is found by name and identified by the hash of its source; `robogauntlet.policies.function_policy` makes the policy.
 """
 
 from __future__ import annotations
@@ -9,68 +8,31 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
-import inspect
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.policies.contract import (
-    Decision,
-    Policy,
-    PolicyError,
-    PolicyFiles,
-    PolicyInput,
-    PolicyKind,
-    PolicySpec,
-    Query,
-    StatelessPolicy,
-    check_chunk,
-)
+from robogauntlet.policies.contract import Policy, PolicyError, PolicyFiles, PolicyKind
+from robogauntlet.policies.function_policy import as_policy
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import describe
 
 NAME = "python"
-PARAMETERS = ("images", "proprioception", "instruction")
-"""Parameters of a plain function: camera to (size, size, 3) uint8, (8,) float64, text."""
-MAX_CHUNK_LENGTH = 1000
 MAX_SOURCES = 1000
 """Largest number of a package's files that are hashed."""
-Act = Callable[..., FloatArray]
-
-
-class FunctionPolicy(StatelessPolicy):
-    """A plain function of the observation; `name` is for messages."""
-
-    spec = PolicySpec(PolicyInput.OBSERVATION, MAX_CHUNK_LENGTH)
-
-    def __init__(self, act: Act, name: str) -> None:
-        self._act, self._name = act, name
-
-    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
-        """Call the function for each query. Raises PolicyError if the result is not a chunk."""
-        decisions = []
-        for query in queries:
-            assert query.observation is not None
-            actions = self._act(**{name: getattr(query.observation, name) for name in PARAMETERS})
-            try:
-                decisions.append(Decision(check_chunk(actions)))
-            except PolicyError as error:
-                raise type(error)(f"{self._name}: {error}") from None
-        return decisions
 
 
 class _Place:
     """A callable named by a suite's options: module, name, folder and further files. Raises PolicyError."""
 
     def __init__(self, options: Mapping[str, Any]) -> None:
-        self.text = options.get("callable")
+        text = options.get("callable")
         expected = f"policy '{NAME}': expected option callable: module:Name"
-        if not isinstance(self.text, str):
-            raise PolicyError(f"{expected}, got {self.text!r}")
+        if not isinstance(text, str):
+            raise PolicyError(f"{expected}, got {text!r}")
+        self.text = text
         self.module, _, self.name = self.text.partition(":")
         if not all(part.isidentifier() for part in (*self.module.split("."), *self.name.split("."))):
             raise PolicyError(f"{expected}, got '{self.text}'")
@@ -181,41 +143,7 @@ def _import(place: _Place) -> Any:
 
 def _load(options: Mapping[str, Any]) -> Policy:
     place = _Place(options)
-    target = _import(place)
-    if _is_plain(target):
-        try:
-            inspect.signature(target).bind(**dict.fromkeys(PARAMETERS), **place.options)
-        except TypeError as error:
-            raise PolicyError(f"policy '{place.text}': options do not fit the function: {error}") from None
-        return FunctionPolicy(partial(target, **place.options), place.name)
-    try:
-        policy: Any = target(**place.options)
-    except Exception as error:  # it may raise anything
-        raise PolicyError(f"policy '{place.text}': building it raised {describe(error)}") from None
-    if not hasattr(policy, "act") and callable(policy) and _is_plain(policy):
-        return FunctionPolicy(policy, place.name)
-    for name in ("reset", "act", "finish"):
-        if not callable(getattr(policy, name, None)):
-            raise PolicyError(
-                f"policy '{place.text}': expected a policy with method {name} (see robogauntlet.policies.contract), "
-                f"or a function of {', '.join(PARAMETERS)}; got a {type(policy).__name__}"
-            )
-    if not isinstance(getattr(policy, "spec", None), PolicySpec):
-        raise PolicyError(
-            f"policy '{place.text}': expected attribute spec, a robogauntlet.policies.contract.PolicySpec; got none"
-        )
-    return policy
-
-
-def _is_plain(target: Any) -> bool:
-    """Whether the callable is a plain function of the observation."""
-    if inspect.isclass(target):
-        return False
-    try:
-        parameters = inspect.signature(target).parameters
-    except (TypeError, ValueError):
-        return False
-    return all(name in parameters for name in PARAMETERS)
+    return as_policy(_import(place), place.options, place.text)
 
 
 def _files(options: Mapping[str, Any]) -> PolicyFiles:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+TABLE = ("policy", "task", "condition", "success", "low", "high", "n", "errors", "missing")
+"""Columns of `OpenRun.table`."""
+
+
 class OpenRun:
     """A run folder with its episodes."""
 
@@ -32,6 +37,32 @@ class OpenRun:
     def __repr__(self) -> str:
         document = self.document
         return f"{self.folder}: suite {document.suite.name}, {document.planned:,} episodes planned, {document.status}"
+
+    def __str__(self) -> str:
+        numbers = self.table().to_string(index=False, float_format="{:.2f}".format, na_rep="-")
+        return f"{self!r}\n{numbers}"
+
+    def table(self) -> pd.DataFrame:
+        """Return success per policy, task and condition.
+
+        Columns: `policy`, `task`, `condition`; `success`, the rate from 0 to 1, with `low` and `high`, the ends of its
+        95 % Wilson interval (NaN without an episode that counts); `n`, the episodes that count; `errors` and `missing`,
+        those that could not be played or were not.
+        """
+        import pandas as pd
+
+        rows = []
+        for cell in self.tables().cells:
+            tally, interval = cell.tally, cell.tally.interval
+            low, high = (interval.low, interval.high) if interval else (None, None)
+            rates = (tally.rate, low, high, tally.verdicts, tally.errors, tally.missing)
+            rows.append((cell.policy, cell.task, str(cell.condition), *rates))
+        frame = pd.DataFrame(rows, columns=list(TABLE))
+        return frame.astype({"success": float, "low": float, "high": float})
+
+    def _repr_html_(self) -> str:
+        numbers = self.table().to_html(index=False, border=0, float_format="{:.2f}".format, na_rep="-")
+        return f"<p>{html.escape(repr(self))}</p>{numbers}"
 
     def episodes(self, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
         """Return a table with a row per episode and a column per field of `robogauntlet.EpisodeResult`.

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
@@ -26,7 +27,6 @@ from robogauntlet.suites.schema import (
     PolicyEntry,
     Seeds,
     Suite,
-    check_names,
 )
 from robogauntlet.support.errors import first_line
 
@@ -58,13 +58,19 @@ class SuiteError(Exception):
         super().__init__("\n".join(map(str, self.problems)))
 
 
-def load_suite(path: Path, names: Registry) -> Suite:
+def load_suite(path: Path, names: Registry, text: str | None = None) -> Suite:
     """Read and validate a suite file, with names of the registry only, and expand its task patterns.
+
+    Args:
+        path: The file.
+        names: The names that exist.
+        text: Its text, if it is not written yet.
 
     Raises:
         SuiteError: Holds every problem found.
     """
-    suite = _load(path, Suite, partial(check_names, names=names), "a suite file", "name, policies, tasks and seeds")
+    text = _read(path, "a suite file") if text is None else text
+    suite = _load(path, text, Suite, partial(check_names, names=names), "name, policies, tasks and seeds")
     return suite.with_names(names)
 
 
@@ -79,11 +85,10 @@ def load_config(path: Path, names: Sequence[str]) -> Config:
         wrong = [name for name in config.environments if name not in names]
         return [(("environments", name), f"unknown simulator '{name}'{did_you_mean(name, names)}") for name in wrong]
 
-    return _load(path, Config, unknown, "a configuration file", ", ".join(Config.model_fields))
+    return _load(path, _read(path, "a configuration file"), Config, unknown, ", ".join(Config.model_fields))
 
 
-def _load(path: Path, model: type[Model], check: Callable[[Model], Sequence[Mistake]], what: str, keys: str) -> Model:
-    text = _read(path, what)
+def _load(path: Path, text: str, model: type[Model], check: Callable[[Model], Sequence[Mistake]], keys: str) -> Model:
     is_empty = all(not line.strip() or line.lstrip().startswith("#") for line in text.splitlines())
     data, lines = _parse(path, "{}" if is_empty and model is Config else text, keys)
     try:
@@ -109,8 +114,9 @@ def _further_mistakes(
         if isinstance(data[str(key)], list):
             kept[key] = [i for i in range(len(data[str(key)])) if all(place[:2] != (key, i) for place in wrong)]
             left |= {str(key): [data[str(key)][i] for i in kept[key]]} if kept[key] else {}
+    required = {key: value for key, value in REQUIRED.items() if key != "policies" or "needs" not in left}
     try:
-        loaded = model.model_validate({**(REQUIRED if model is Suite else {}), **left})
+        loaded = model.model_validate({**(required if model is Suite else {}), **left})
     except ValidationError:
         return
     unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
-from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticKnownError
 
 from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import (
@@ -22,11 +32,9 @@ from robogauntlet.suites.episode import (
     View,
     content_hash,
 )
-from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownTask, Registry
 from robogauntlet.suites.resources import Inference, Resources
 
-MOST_SEVERE = 5
 SHORT_FORMS = {"openpi": "address", "python": "callable", "lerobot": "checkpoint"}
 """Kind of policy to the option that may follow it after a colon."""
 LONGEST_NAME = 80
@@ -51,8 +59,12 @@ def policy_entry(text: str) -> dict[str, Any]:
     if not colon or kind not in SHORT_FORMS or not rest:
         return {"name": text, "kind": text}
     value = text if rest.startswith("//") else rest
-    name = re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")[:LONGEST_NAME]
-    return {"name": name, "kind": kind, "options": {SHORT_FORMS[kind]: value}}
+    return {"name": valid_name(text), "kind": kind, "options": {SHORT_FORMS[kind]: value}}
+
+
+def valid_name(text: str) -> str:
+    """Return a text as a name, with hyphens for characters that names may not have; "" if no character is left."""
+    return re.sub(r"[^A-Za-z0-9._]+", "-", text)[:LONGEST_NAME].strip("-._")
 
 
 class _Model(BaseModel):
@@ -165,7 +177,9 @@ class Suite(_Model):
 
     name: Name
     description: str = ""
-    policies: tuple[PolicyEntry, ...] = Field(min_length=1)
+    needs: Literal["policy"] | None = None
+    """`policy` for a suite without policies of its own, which is run with `--policy`."""
+    policies: tuple[PolicyEntry, ...] = Field(default=(), validate_default=True)
     tasks: tuple[str, ...] = Field(min_length=1)
     """`simulator/task`, or a pattern such as `maniskill/*`."""
     conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
@@ -209,6 +223,18 @@ class Suite(_Model):
     """Stops conditions in which `compare` is decided."""
     regression: RegressionEntry = RegressionEntry()
     """Settings of `robogauntlet compare` and `robogauntlet gate`; do not affect the episodes."""
+
+    @field_validator("policies", mode="before")
+    @classmethod
+    def _present_or_needed(cls, value: Any, info: ValidationInfo) -> Any:
+        if info.data.get("needs") is None:
+            if value == ():
+                raise PydanticKnownError("missing")
+            if value == []:
+                raise PydanticKnownError("too_short", {"field_type": "Tuple", "min_length": 1, "actual_length": 0})
+        elif value != ():
+            raise ValueError("expected none beside needs: policy")
+        return value
 
     @property
     def comparison(self) -> CompareEntry | None:
@@ -262,127 +288,3 @@ def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> lis
         is_plain = not set(pattern) & set("*?[")
         expanded += [pattern] if is_plain else [task for task in known if fnmatchcase(task, pattern)]
     return expanded
-
-
-def check_names(suite: Suite, names: Registry) -> list[Mistake]:
-    """Return a mistake for every name that does not exist and for every contradiction."""
-    return [
-        *_check_policies(suite, names),
-        *_check_tasks(suite, names),
-        *_check_conditions(suite, names),
-        *_check_cameras(suite),
-        *_check_simulators(suite, names),
-        *_check_roles(suite),
-        *_check_adaptive(suite),
-    ]
-
-
-def _check_policies(suite: Suite, names: Registry) -> Iterator[Mistake]:
-    seen: dict[str, int] = {}
-    for i, policy in enumerate(suite.policies):
-        place = ("policies", i)
-        known = names.policies.get(policy.kind)
-        if known is None:
-            yield place, f"unknown policy '{policy.kind}'{did_you_mean(policy.kind, names.policies)}"
-        else:
-            for option in policy.options:
-                if option not in known.options:
-                    yield place, f"policy '{policy.kind}' has no option '{option}'{did_you_mean(option, known.options)}"
-        first = seen.setdefault(policy.name, i)
-        if first != i:
-            yield place, f"duplicate policy '{policy.name}', already at entry {first + 1}; give it another `name`"
-
-
-def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
-    seen: set[str] = set()
-    for i, pattern in enumerate(suite.tasks):
-        place = ("tasks", i)
-        matches = [task for task in expand_tasks([pattern], names.tasks) if task in names.tasks]
-        if not matches:
-            yield place, _unknown_task(pattern, names)
-        for task in matches:
-            if task in seen:
-                yield place, f"duplicate task '{task}'"
-            seen.add(task)
-            for policy in suite.policies:
-                known = names.policies.get(policy.kind)
-                if known and known.tasks is not None and task not in known.tasks:
-                    yield place, f"policy '{policy.name}' cannot act in '{task}'"
-
-
-def _unknown_task(pattern: str, names: Registry) -> str:
-    simulator, slash, _ = pattern.partition("/")
-    if not slash:
-        return f"expected simulator/task, got '{pattern}'{did_you_mean(pattern, names.public.tasks)}"
-    if simulator not in names.simulators:
-        return f"unknown simulator '{simulator}' in '{pattern}'{did_you_mean(simulator, names.public.simulators)}"
-    tasks = [task for task in names.tasks if task.startswith(f"{simulator}/")]
-    return f"unknown task '{pattern}'{did_you_mean(pattern, tasks)}"
-
-
-def _check_conditions(suite: Suite, names: Registry) -> Iterator[Mistake]:
-    seen: set[Condition] = set()
-    for i, entry in enumerate(suite.conditions):
-        place, axis = ("conditions", i), entry.axis
-        if axis != CLEAN and axis not in names.axes:
-            yield place, f"unknown condition '{axis}'{did_you_mean(axis, [CLEAN, *names.axes])}"
-        for condition in entry.conditions():
-            if axis == CLEAN and condition.severity:
-                yield place, "clean has severity 0 only"
-            if condition.severity > names.axes.get(axis, MOST_SEVERE):
-                yield place, f"'{axis}' has severity {names.axes[axis]} at most, got {condition.severity}"
-            if axis in names.axes and not condition.severity:
-                yield place, f"expected severities from 1 for '{axis}', as {{axis: {axis}, severities: [2, 4]}}"
-            if condition in seen:
-                yield place, f"duplicate condition '{condition}'"
-            seen.add(condition)
-    if Condition() not in seen:
-        yield ("conditions",), "no clean condition to compare the perturbed ones with; add clean"
-
-
-def _check_cameras(suite: Suite) -> Iterator[Mistake]:
-    for i, camera in enumerate(suite.cameras):
-        if camera not in CAMERAS:
-            yield ("cameras", i), f"unknown camera '{camera}'{did_you_mean(camera, CAMERAS)}"
-        elif camera in suite.cameras[:i]:
-            yield ("cameras", i), f"duplicate camera '{camera}'"
-
-
-def _check_simulators(suite: Suite, names: Registry) -> Iterator[Mistake]:
-    """Simulators in `workers`, `resources` and `environments`; the last may hold kinds of policies too."""
-    kinds = [name for name, policy in names.policies.items() if policy.has_environment]
-    keys: list[tuple[str, Iterable[str], list[str]]] = [
-        ("workers", suite.workers if isinstance(suite.workers, dict) else (), []),
-        ("resources", suite.resources, []),
-        ("environments", suite.environments, kinds),
-    ]
-    for key, given, others in keys:
-        for name in given:
-            if name not in names.simulators and name not in others:
-                near = did_you_mean(name, [*names.public.simulators, *others])
-                yield (key, name), f"unknown simulator '{name}'{near}"
-
-
-def _check_roles(suite: Suite) -> Iterator[Mistake]:
-    """Policies named in `oracle_gate`, `no_skill_baselines`, `merging` and `compare`."""
-    known = [policy.name for policy in suite.policies]
-    gate: list[Mistake] = [(("oracle_gate",), suite.oracle_gate)] if suite.oracle_gate is not None else []
-    baselines = [(("no_skill_baselines", i), name) for i, name in enumerate(suite.no_skill_baselines)]
-    sides = [entry.places() for entry in (suite.merging, suite.compare) if entry]
-    for place, name in chain(gate, baselines, *sides):
-        if name not in known:
-            yield place, f"{place[0]} names no policy of this suite: '{name}'{did_you_mean(name, known)}"
-    for places in sides:
-        names = [name for _, name in places]
-        for i, (place, name) in enumerate(places):
-            if name in known and name in names[:i]:
-                yield place, f"{place[0]} names policy '{name}' twice; each side is another policy"
-
-
-def _check_adaptive(suite: Suite) -> Iterator[Mistake]:
-    if suite.adaptive is None:
-        return
-    if suite.comparison is None:
-        yield ("adaptive",), "nothing to decide; add compare: {baseline: POLICY, others: [POLICY]}"
-    if suite.adaptive.max_seeds < suite.seeds.count:
-        yield ("adaptive", "max_seeds"), f"expected {suite.seeds.count} seeds or more, got {suite.adaptive.max_seeds}"

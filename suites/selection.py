@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from typing import Any
 
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import CompareEntry, MergingEntry, Seeds, Suite
@@ -24,6 +25,8 @@ class SuiteSelection:
     """`simulator/task`, or patterns."""
     seeds: int | None = None
     """Number of seeds, from the first."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of those policies that the suite lacks."""
 
     def apply_to(self, suite: Suite) -> Suite:
         """Return the selected part of a suite with expanded task patterns; comparisons need all their policies.

@@ -6,33 +6,22 @@ from contextlib import contextmanager
 
 from websockets.sync.server import serve
 
-from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, PolicyServer, ServerOptions
+from robogauntlet.orchestrator.inference.server_thread import ServerThread
+from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, ServerOptions
 from robogauntlet.policies import catalog
 from robogauntlet.policies.remote.msgpack_numpy import pack, unpack
 
 
-class Running:
+class Running(ServerThread):
     """RoboGauntlet's server in a thread of this process."""
 
-    def __init__(self, served, place):
-        self._server, self.policy = PolicyServer(served, place), served.policy
-        self.loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
-        self._thread.start()
-        self.listening = self._call(self._server.start())
-        self.port = self.listening.sockets[0].getsockname()[1]
-        self.address = f"ws://127.0.0.1:{self.port}"
+    @property
+    def policy(self):
+        return self.server.served.policy
 
     @property
     def batches(self):
-        return dict(self._server.batcher.batches)
-
-    def stop(self):
-        async def close():
-            self.listening.close()
-            await self.listening.wait_closed()
-
-        self._call(close())
+        return dict(self.server.batcher.batches)
 
     def drop(self):
         """Cut every connection, as a network does."""
@@ -42,17 +31,7 @@ class Running:
                 connection.transport.abort()
             await asyncio.sleep(0.05)
 
-        self._call(cut())
-
-    def end(self):
-        self.stop()
-        self._server.close()
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self._thread.join(5)
-        self.loop.close()
-
-    def _call(self, what):
-        return asyncio.run_coroutine_threadsafe(what, self.loop).result(10)
+        self.call(cut())
 
 
 @contextmanager
@@ -60,11 +39,9 @@ def serving(kind, options=None, *, policy=None, task="unknown/unknown", digest=N
     options = options or {}
     policy = policy or catalog.load(kind, options)
     digest = digest or catalog.digest(kind, options)
-    running = Running(IdentifiedPolicy(policy, kind, digest, task), ServerOptions(port=place.pop("port", 0), **place))
-    try:
+    served = IdentifiedPolicy(policy, kind, digest, task)
+    with Running(served, ServerOptions(port=place.pop("port", 0), **place)) as running:
         yield running
-    finally:
-        running.end()
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """The steps of the examples are run."""
 
 import os
+import re
 import sqlite3
 import subprocess
 import sys
@@ -102,3 +103,13 @@ def test_a_policys_history_is_printed_and_plotted(two_nights):
     output = example("follow_a_policy.py", "runs/history.sqlite", "p", "plot.svg", cwd=two_nights)
     assert [line.split()[2] for line in output.splitlines()[1:3]] == ["monday", "tuesday"]
     assert (two_nights / "plot.svg").read_text().startswith("<svg")
+
+
+@pytest.mark.simulator
+@pytest.mark.ray
+def test_a_function_is_evaluated_and_stepped(tmp_path):
+    output = example("evaluate_a_function.py", cwd=tmp_path)
+    assert re.search(r"towards_the_middle pybullet/PandaReach-v3\s+noise@2\s+[01].\d\d", output)
+    assert output.count("failure") + output.count("success ") >= 8
+    assert "reach" in output
+    assert "(256, 256, 3)" in output

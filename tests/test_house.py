@@ -28,8 +28,8 @@ def module_of(path):
 
 
 MODULES = {module_of(path): path for room in PACKAGES for path in (SOURCE / room).rglob("*.py")}
-TEMPLATE = "robogauntlet.orchestrator.adapter_kit.scaffold.template"
-MODULES = {name: path for name, path in MODULES.items() if not name.startswith(TEMPLATE)}
+TEMPLATES = tuple(f"robogauntlet.orchestrator.{kit}.template" for kit in ("adapter_kit.scaffold", "policy_kit"))
+MODULES = {name: path for name, path in MODULES.items() if not name.startswith(TEMPLATES)}
 
 
 def imports(path, *, late=True):

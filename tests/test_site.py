@@ -1,5 +1,7 @@
 """The documentation: it builds, every link in it has a target, and it agrees with the program."""
 
+import base64
+import io
 import os
 import re
 import subprocess
@@ -7,10 +9,13 @@ import sys
 from html import unescape
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
+from PIL import Image
 from typer.main import get_command
 
 from robogauntlet.orchestrator.cli import app
+from scripts.site.convention import FILE, draw
 from scripts.site.drawing import DOCS
 from scripts.site.pictures import drawings, numbers
 from tests import ROOT
@@ -99,6 +104,16 @@ def test_the_reference_has_every_verb_and_option(site):
 
 def test_the_drawings_are_what_their_script_draws():
     assert [path.name for path, text in drawings().items() if path.read_text(encoding="utf-8") != text] == []
+
+
+@pytest.mark.simulator
+def test_the_drawing_of_the_convention_is_what_its_script_draws():
+    drawn, kept = draw(), FILE.read_text(encoding="utf-8")
+    encoded = re.compile(r"data:image/jpeg;base64,([^\"]+)")
+    assert encoded.sub("", drawn) == encoded.sub("", kept)
+    for one, other in zip(encoded.findall(drawn), encoded.findall(kept), strict=True):
+        images = [np.asarray(Image.open(io.BytesIO(base64.b64decode(text))), float) for text in (one, other)]
+        assert np.abs(images[0] - images[1]).mean() < 2
 
 
 def test_the_numbers_of_the_statistics_page_are_those_of_the_functions():

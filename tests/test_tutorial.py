@@ -7,20 +7,18 @@ from collections import defaultdict
 import pytest
 
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
-from tests import ROOT
 from tests.processes import run_gauntlet, run_process
+from tests.tutorials import blocks
 
-PAGE = (ROOT / "docs" / "adapters.md").read_text(encoding="utf-8")
-FILE = re.compile(r'^```\w+ title="(?P<path>[^"]+)"\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
-COMMANDS = re.compile(r"^```console\n(?P<lines>.*?)^```$", re.MULTILINE | re.DOTALL)
 pytestmark = [pytest.mark.simulator, pytest.mark.ray]
 
 
 def files():
     """Path to content; blocks of one file follow each other."""
     found = defaultdict(str)
-    for block in FILE.finditer(PAGE):
-        found[block["path"]] += block["text"]
+    for path, text in blocks("adapters"):
+        if path is not None:
+            found[path] += text
     return found
 
 
@@ -35,7 +33,7 @@ def test_the_tutorial_leads_to_an_adapter_that_passes_and_can_be_run(tmp_path):
         (tmp_path / path).write_text(text, encoding="utf-8")
     built = run_process([sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"], tmp_path)
     assert built.returncode == 0, built.stderr
-    (commands,) = COMMANDS.findall(PAGE)
+    (commands,) = (text for path, text in blocks("adapters") if path is None)
     printed = {}
     for line in commands.splitlines():
         done = run_gauntlet(*line.split()[1:], cwd=tmp_path, paths=[tmp_path])

@@ -80,6 +80,7 @@ def test_the_program_is_light_and_carries_its_data_but_no_tests_and_no_weights(w
         "suites/smoke.yaml",
         "adapters/gymnasium/mappings/FetchReach-v4.yaml",
         "results/report/report.css",
+        "orchestrator/policy_kit/template/toypolicy.py",
     ):
         assert f"robogauntlet/{name}" in program
     assert not [name for name in program if name.endswith(".safetensors")]

@@ -42,7 +42,7 @@ VERBS = {
     "axes": ("axes:app", "List perturbation axes and render their severities."),
     "env": ("env:app", "Create and check Python environments for simulators."),
     "adapters": ("adapters:app", "List, create and check simulator adapters."),
-    "policies": ("policies:app", "Record demonstrations; train, merge, evaluate and serve policies."),
+    "policies": ("policies:app", "Create, check, train, merge, evaluate and serve policies."),
 }
 """Verb to its function or group (`module:name`) and its help; the docstring of a function begins with the same line."""
 

@@ -14,8 +14,10 @@ import typer
 from rich.console import Console
 
 from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.orchestrator.runs.composition import RUNS
 from robogauntlet.orchestrator.runs.plan import PlanError
 from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.references import FORMS
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RUN_FILE, RunError
 from robogauntlet.results.store.database import StoreError, file_url, parse
@@ -37,7 +39,6 @@ INPUT_ERRORS = (
     StoreError,
 )
 """Exceptions whose messages are for the user. `main` prints them and exits with `EXIT_BAD_INPUT`."""
-RUNS = Path("runs")
 EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 3
 EXIT_INTERRUPTED = 130
@@ -52,13 +53,21 @@ RunArgument = Annotated[Path, typer.Argument(help="Run folder.")]
 NewestRunArgument = Annotated[Path | None, typer.Argument(help="Run folder; by default the newest one under runs/.")]
 Policies = Annotated[
     list[str] | None,
-    typer.Option("--policy", help="Only this policy of the suite, or policies that match a pattern. Repeatable."),
+    typer.Option(
+        "--policy",
+        help="Only this policy of the suite, or policies that match a pattern; or another policy instead: "
+        f"{FORMS}. Repeatable.",
+    ),
 ]
 Tasks = Annotated[
     list[str] | None,
-    typer.Option("--task", help="Only this task of the suite, or tasks that match a pattern. Repeatable."),
+    typer.Option("--task", help="Only this task (simulator/task), or tasks that match a pattern. Repeatable."),
 ]
 SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N seeds of the suite.")]
+PolicyOptions = Annotated[
+    list[str] | None,
+    typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
+]
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]

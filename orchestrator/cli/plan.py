@@ -12,6 +12,7 @@ from rich.table import Table
 from robogauntlet.orchestrator.cli.common import (
     AsJson,
     Policies,
+    PolicyOptions,
     SeedCount,
     StoreUrl,
     SuiteArgument,
@@ -21,7 +22,8 @@ from robogauntlet.orchestrator.cli.common import (
     print_json,
 )
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
-from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, remaining_work
+from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, needs_policy, remaining_work
+from robogauntlet.policies.references import read_options
 from robogauntlet.results.run_document import RUN_FILE, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.selection import SuiteSelection
@@ -31,6 +33,7 @@ from robogauntlet.support.errors import BadInput
 def plan(
     suite: SuiteArgument,
     policy: Policies = None,
+    option: PolicyOptions = None,
     task: Tasks = None,
     seeds: SeedCount = None,
     out_folder: Annotated[
@@ -43,8 +46,10 @@ def plan(
 
     Episodes of simulators that are not installed on this machine are shown as skipped.
     """
-    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
+    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()))
     planned = make_plan(find_suite(suite), part=part, require_installed=False)
+    if not planned.suite.policies:
+        raise BadInput(needs_policy(planned.path))
     done: Outcomes = {}
     if out_folder is not None and out_folder.is_file():
         raise BadInput(f"{out_folder}: expected a run folder, this is a file")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -15,8 +14,8 @@ from robogauntlet.orchestrator.cli.common import (
     EXIT_STOPPED,
     HistoryUrl,
     Policies,
+    PolicyOptions,
     SeedCount,
-    SuiteArgument,
     Tasks,
     fail,
     history_url,
@@ -26,10 +25,12 @@ from robogauntlet.orchestrator.cli.common import (
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
 from robogauntlet.orchestrator.ray_runtime.session import NoCluster, check_address
+from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_run_folder
 from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
+from robogauntlet.policies.references import option_text, read_options, read_reference
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.database import without_password
 from robogauntlet.suites.selection import SuiteSelection
@@ -40,10 +41,21 @@ STORE_VARIABLE = "ROBOGAUNTLET_STORE"
 
 
 def run(
-    suite: SuiteArgument,
+    suite: Annotated[
+        str | None,
+        typer.Argument(help="A suite file, or the name of a shipped suite; without one, --policy plays each --task."),
+    ] = None,
     policy: Policies = None,
+    option: PolicyOptions = None,
     task: Tasks = None,
     seeds: SeedCount = None,
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--condition",
+            help="Without a suite: AXIS or AXIS:SEVERITY[,SEVERITY], beside the clean condition. Repeatable.",
+        ),
+    ] = None,
     out_folder: Annotated[
         Path | None, typer.Option("--out", help="Run folder; a run of the same suite that is in it is continued.")
     ] = None,
@@ -75,11 +87,29 @@ def run(
 ) -> None:
     """Run a suite, or continue a run, and write its report.
 
-    In a folder with a run of the suite, only the missing episodes are played.
+    In a folder with a run of the suite, only the missing episodes are played. Without a suite, one is composed of
+    --policy, --task, --seeds (20 by default) and --condition, and written into the run folder.
     """
     required = tuple(require or ())
-    part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds)
-    plan = make_plan(find_suite(suite), part=part, only=required)
+    policy_options, part = read_options(option or ()), SuiteSelection()
+    if suite is None:
+        missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]
+        if missing:
+            raise BadInput(f"expected a suite, or --policy and --task; got no {' and no '.join(missing)}")
+        plan, folder = compose_plan(
+            [read_reference(text, policy_options) for text in policy or ()],
+            task or (),
+            seeds=SEEDS if seeds is None else seeds,
+            conditions=condition or (),
+            folder=out_folder,
+            only=required,
+        )
+    elif condition:
+        raise BadInput("--condition: expected no suite beside it; the conditions of a suite are in its file")
+    else:
+        part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options)
+        plan = make_plan(find_suite(suite), part=part, only=required)
+        folder = out_folder or new_run_folder(plan.suite.name)
     broken = [f"{f.simulator}: {f.problem}" for f in probe(required, plan.environments) if f.problem]
     if broken:
         raise BadInput("\n".join(broken))
@@ -88,7 +118,6 @@ def run(
             check_address(address)
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
-    folder = out_folder or Path("runs") / f"{plan.suite.name}-{datetime.now():%Y%m%d-%H%M%S}"
     print_line(f"{plan.suite.name}: {plan.episodes} episodes into {folder}")
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
@@ -113,6 +142,8 @@ def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, 
     """The command that continues a run, with the same part of the suite."""
     arguments = ["robogauntlet", "run", str(path)]
     arguments += [argument for name in part.policies for argument in ("--policy", name)]
+    for name, value in part.options.items():
+        arguments += ["--option", option_text(name, value)]
     arguments += [argument for name in part.tasks for argument in ("--task", name)]
     arguments += [] if part.seeds is None else ["--seeds", str(part.seeds)]
     arguments += ["--out", str(folder)]

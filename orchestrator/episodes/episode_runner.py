@@ -6,6 +6,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 from robogauntlet.adapters import catalog as simulators
@@ -94,9 +95,11 @@ class EpisodeRunner:
                 )
             except (AdapterError, PolicyError) as known:
                 error = f"{type(known).__name__}: {known}"
+                self._drop(episode)
                 break
             except Exception as unknown:  # simulators and policies raise anything; one episode must not end the rest
                 error = _describe(unknown)
+                self._drop(episode)
                 self.close()
         return EpisodeResult.failed_to_run(episode, error, started_at=started, wall_s=time.perf_counter() - clock)
 
@@ -128,6 +131,12 @@ class EpisodeRunner:
             self._policies[name] = build_policy(self._sources[name])
             self._load_s += time.perf_counter() - start
         return self._policies[name]
+
+    def _drop(self, episode: Episode) -> None:
+        """Let the policy drop its state of an episode that ended with an error."""
+        with suppress(Exception):  # the policy may be what raised
+            if episode.policy in self._policies:
+                self._policies[episode.policy].finish([episode])
 
 
 def _describe(error: Exception) -> str:

@@ -15,8 +15,8 @@ from robogauntlet.orchestrator.ray_runtime.simulator_processes import run_in_sim
 from robogauntlet.suites.axes import SEVERITIES, Axis
 from robogauntlet.suites.episode import Condition, View
 
-TOP, LABEL_WIDTH, GAP = 52, 160, 4
-"""Height of title and headings, width of the tasks' names, and space between images (px)."""
+TITLE_HEIGHT, HEADING_HEIGHT, LABEL_WIDTH, GAP = 28, 24, 160, 4
+"""Heights of title and headings, width of the labels, and space between images (px)."""
 TITLE_SIZE, TEXT_SIZE, SMALLEST_SIZE = 18, 14, 8
 """Sizes of the font (px)."""
 PAPER, INK, SOFT = (255, 255, 255), (28, 35, 40), (91, 103, 112)
@@ -49,23 +49,33 @@ def draw_contact_sheet(axis: Axis, rows: Sequence[tuple[str, Sequence[Sequence[P
 
     The title is the axis with its unit; a column is headed by its severity and the level of that.
     """
-    size, cameras = rows[0][1][0][0].shape[0], len(rows[0][1][0])
-    width = LABEL_WIDTH + (SEVERITIES + 1) * (size + GAP)
-    height = TOP + len(rows) * (cameras * size + 2 * GAP)
-    page = Image.new("RGB", (width, height), PAPER)
+    headings = ["clean", *(f"{severity}: {axis.value(severity):g}" for severity in range(1, SEVERITIES + 1))]
+    stacked = [(task, [np.concatenate(list(images), axis=0) for images in columns]) for task, columns in rows]
+    return draw_grid(headings, stacked, f"{axis.name} ({axis.unit})")
+
+
+def draw_grid(
+    headings: Sequence[str], rows: Sequence[tuple[str, Sequence[Pixels]]], title: str | None = None
+) -> Image.Image:
+    """Draw labelled rows of images, a column per heading. The part of a label before a slash is below the rest."""
+    shapes = [image.shape for _, columns in rows for image in columns]
+    width, height = max(shape[1] for shape in shapes), max(shape[0] for shape in shapes)
+    top = TITLE_HEIGHT if title is not None else 0
+    size = LABEL_WIDTH + len(headings) * (width + GAP), top + HEADING_HEIGHT + len(rows) * (height + 2 * GAP)
+    page = Image.new("RGB", size, PAPER)
     draw = ImageDraw.Draw(page)
-    _write(draw, (GAP, GAP), f"{axis.name} ({axis.unit})", TITLE_SIZE, width - 2 * GAP)
-    for severity in range(SEVERITIES + 1):
-        heading = f"{severity}: {axis.value(severity):g}" if severity else "clean"
-        _write(draw, (LABEL_WIDTH + severity * (size + GAP), TOP - 20), heading, TEXT_SIZE, size)
-    for line, (task, columns) in enumerate(rows):
-        top = TOP + line * (cameras * size + 2 * GAP)
-        simulator, _, name = task.partition("/")
+    if title is not None:
+        _write(draw, (GAP, GAP), title, TITLE_SIZE, size[0] - 2 * GAP)
+    for column, heading in enumerate(headings):
+        _write(draw, (LABEL_WIDTH + column * (width + GAP), top + GAP), heading, TEXT_SIZE, width)
+    top += HEADING_HEIGHT
+    for label, columns in rows:
+        simulator, _, name = label.rpartition("/")
         _write(draw, (GAP, top), name, TEXT_SIZE, LABEL_WIDTH - 3 * GAP)
         _write(draw, (GAP, top + 18), simulator, TEXT_SIZE, LABEL_WIDTH - 3 * GAP, SOFT)
-        for severity, images in enumerate(columns):
-            stacked = Image.fromarray(np.concatenate(list(images), axis=0))
-            page.paste(stacked, (LABEL_WIDTH + severity * (size + GAP), top))
+        for column, image in enumerate(columns):
+            page.paste(Image.fromarray(image), (LABEL_WIDTH + column * (width + GAP), top))
+        top += height + 2 * GAP
     return page
 
 

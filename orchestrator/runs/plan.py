@@ -5,7 +5,8 @@ from __future__ import annotations
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from robogauntlet import suites
@@ -17,14 +18,17 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, check_fit
+from robogauntlet.policies.references import FORMS, read_reference
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
+from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.loading import Problem, SuiteError, load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import PolicyEntry, Suite
 from robogauntlet.suites.selection import SelectionError, SuiteSelection
+from robogauntlet.support.errors import BadInput
 
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
@@ -117,26 +121,39 @@ def load_registry() -> Registry:
 
 
 def make_plan(
-    path: Path, *, part: SuiteSelection = WHOLE, only: Sequence[str] = (), require_installed: bool = True
+    path: Path,
+    *,
+    text: str | None = None,
+    part: SuiteSelection = WHOLE,
+    only: Sequence[str] = (),
+    require_installed: bool = True,
 ) -> Plan:
     """Read, validate and resolve a suite.
 
     Args:
         path: The suite file.
-        part: The part of the suite to plan.
+        text: Its text, if it is not written yet; a run writes it.
+        part: The part of the suite to plan. It may name policies that the suite lacks (see `read_reference`).
         only: Simulators that must be available.
         require_installed: Whether a simulator of the suite and the packages of its policies must be installed, as a
-            run requires. If not, what is missing is listed in the plan.
+            run requires. If not, what is missing is listed in the plan, and a suite that needs a policy has no cells.
 
     Raises:
-        SuiteError: The file is wrong.
+        SuiteError: The file is wrong, or a policy of the part does not fit the suite.
         PlanError: The suite is valid but cannot be run.
+        BadInput: The part names a policy that does not exist.
+        PolicyError: The part names a checkpoint of the zoo that does not exist.
     """
     names = load_registry()
+    whole, part = _add_policies(load_suite(path, names, text), part, path)
+    if require_installed and not whole.policies:
+        raise PlanError(needs_policy(path))
     try:
-        suite = part.apply_to(load_suite(path, names))
+        suite = part.apply_to(whole)
     except SelectionError as error:
         raise PlanError(f"{path}: {error}") from None
+    if mistakes := check_names(suite, names):  # of added policies
+        raise SuiteError([Problem(str(path), None, message) for _, message in mistakes])
     environments = EnvironmentResolver(suite.environments)
     sources, not_installed, problems = _resolve_policies(suite, environments)
     if require_installed:
@@ -158,7 +175,7 @@ def make_plan(
     return Plan(
         suite=suite,
         path=path,
-        text=path.read_text(encoding="utf-8"),
+        text=path.read_text(encoding="utf-8") if text is None else text,
         suite_hash=suite.content_hash(digests, names),
         cells=cells,
         sources=sources,
@@ -167,6 +184,39 @@ def make_plan(
         unsupported=unsupported,
         environments=environments,
     )
+
+
+def needs_policy(path: Path) -> str:
+    """The message for a suite that is used without the policy that it needs."""
+    return f"{path}: the suite needs a policy; add --policy with {FORMS}"
+
+
+def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite, SuiteSelection]:
+    """Add the policies of `part` that the suite lacks, and return both; `part` then has the names of these policies.
+
+    Raises:
+        PlanError: A name that is neither a policy of the suite nor a reference.
+        BadInput: There is no such policy.
+        PolicyError: The zoo has no such checkpoint.
+    """
+    entries, chosen = {policy.name: policy for policy in suite.policies}, []
+    for text in part.policies:
+        if any(fnmatchcase(name, text) for name in entries):
+            chosen.append(text)
+            continue
+        try:
+            entry = read_reference(text, part.options)
+        except BadInput:
+            if entries and not set(text) & set(":/"):
+                raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
+            raise
+        entries.setdefault(entry.name, entry)
+        chosen.append(entry.name)
+    if len(entries) > len(suite.policies):
+        suite = suite.model_copy(update={"policies": tuple(entries.values()), "needs": None})
+    elif part.options:
+        raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
+    return suite, replace(part, policies=tuple(chosen))
 
 
 def _resolve_policies(

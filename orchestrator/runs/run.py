@@ -27,6 +27,7 @@ from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.episode import Cell
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import describe_os_error
+from robogauntlet.support.files import write_whole
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.episodes.first_observation import Snapshot
@@ -123,6 +124,8 @@ class RunSession:
             self._store = Store.open(store_url(folder, document, url), document.run_id)
         stack.callback(self._store.close)
         try:
+            if not plan.path.exists():  # composed of options
+                write_whole(plan.path, plan.text)
             write_run(folder, document)
         except OSError as error:
             raise FolderError(f"{folder}: {describe_os_error(error)}") from None

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyMismatch, PolicyNotInstalled, Query
 from robogauntlet.policies.lerobot import child
 from robogauntlet.policies.lerobot.checkpoint import NAME, Checkpoint
-from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
+from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, images_in
 from robogauntlet.suites.episode import Episode, content_hash
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 
@@ -56,6 +57,11 @@ class LeRobotPolicy:
     def finish(self, episodes: Sequence[Episode]) -> None:
         """Drop these episodes; the next query reports them to the process."""
         self._finished += [episode.id for episode in episodes if self._process_of.pop(episode.id, None) is not None]
+
+    def images_sent(self, query: Query) -> Mapping[str, Image]:
+        """Return the images of a query as LeRobot gets them, by the checkpoint's features."""
+        assert query.observation is not None
+        return images_in(encode_observation(self._checkpoint.options, query.observation, query.episode.task))
 
     def close(self) -> None:
         """End the process."""

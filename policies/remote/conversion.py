@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from PIL import Image as Picture
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray, Image, Observation
-from robogauntlet.policies.contract import PolicyMismatch
+from robogauntlet.policies.contract import PolicyMismatch, Query
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.remote.server_options import Convention
 
@@ -18,6 +18,23 @@ MAX_ACTIONS = 1000
 """Longest chunk that is accepted in an answer."""
 TURNS = {"none": (1, 1), "half": (-1, -1), "left-right": (1, -1), "upside-down": (-1, 1)}
 """Strides through an image's rows and columns."""
+
+
+@runtime_checkable
+class EncodesImages(Protocol):
+    """A policy that turns or resizes images before its network gets them."""
+
+    def images_sent(self, query: Query) -> Mapping[str, Image]:
+        """Return the images of a query as they are sent, by the names under which they are sent."""
+
+
+def images_in(message: Mapping[str, Any]) -> dict[str, Image]:
+    """Return the images of a message, which `encode_observation` has made."""
+    return {
+        key: value
+        for key, value in message.items()
+        if isinstance(value, np.ndarray) and value.ndim == 3 and value.dtype == np.uint8
+    }
 
 
 def encode_observation(convention: Convention, observation: Observation, task: str) -> dict[str, Any]:

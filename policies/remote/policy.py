@@ -23,7 +23,7 @@ def _load(options: Mapping[str, Any]) -> RemotePolicy:
         from robogauntlet.policies.remote.remote_policy import RemotePolicy
     except ModuleNotFoundError as error:
         raise PolicyNotInstalled(
-            f"policy '{NAME}': not installed (no module {error.name}); install it: pip install \"robogauntlet[remote]\""
+            f"policy '{NAME}': not installed (no module {error.name}); install it: pip install websockets msgpack"
         ) from None
     return RemotePolicy(server_options)
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import ACTION_DIM
+from robogauntlet.adapters.contract import ACTION_DIM, Image
 from robogauntlet.policies.contract import Decision, PolicyError, PolicyInput, PolicyMismatch, PolicySpec, Query
 from robogauntlet.policies.remote.connection import ServerConnection, packed
-from robogauntlet.policies.remote.conversion import MAX_ACTIONS, decode_chunk, encode_observation, read_chunk
+from robogauntlet.policies.remote.conversion import (
+    MAX_ACTIONS,
+    decode_chunk,
+    encode_observation,
+    images_in,
+    read_chunk,
+)
 from robogauntlet.policies.remote.msgpack_numpy import PackingError
 from robogauntlet.policies.remote.protocol import Greeting, as_message, greeting_in, routing_in
 from robogauntlet.policies.remote.server_options import ACTIONS_KEY, ServerOptions
@@ -77,6 +83,10 @@ class RemotePolicy:
     def finish(self, episodes: Sequence[Episode]) -> None:
         """Drop these episodes; the next query reports them to a RoboGauntlet server."""
         self._finished += [episode.id for episode in episodes if self._connection_of.pop(episode.id, None) is not None]
+
+    def images_sent(self, query: Query) -> Mapping[str, Image]:
+        """Return the images of a query as the server gets them, by its keys."""
+        return images_in(self._message(query))
 
     def close(self) -> None:
         """Close the connection."""

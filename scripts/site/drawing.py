@@ -48,7 +48,19 @@ class Drawing:
         for number, (content, words) in enumerate(lines):
             self.text(x + width / 2, top + 17 * number, content, words, anchor="middle")
 
-    def arrow(self, points: Sequence[Point], kind: str = "arrow") -> None:
+    def image(self, x: float, y: float, size: float, url: str) -> None:
+        """Add a square image by its upper left corner."""
+        self._shapes.append(f'<image x="{x:.1f}" y="{y:.1f}" width="{size:g}" height="{size:g}" href="{url}"/>')
+
+    def label(self, x: float, y: float, content: str, kind: str, *, anchor: str = "start") -> None:
+        """Add bold small text with a halo, for images."""
+        halo = "paint-order:stroke;stroke:var(--paper);stroke-width:3px;stroke-linejoin:round"
+        self._shapes.append(
+            f'<text class="{kind} bold small" style="{halo}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">'
+            f"{escape(content)}</text>"
+        )
+
+    def arrow(self, points: Sequence[Point], kind: str = "arrow", *, head: str = "head") -> None:
         """Add a line with an arrowhead at its end."""
         (x0, y0), (x1, y1) = points[-2:]
         length = ((x1 - x0) ** 2 + (y1 - y0) ** 2) ** 0.5
@@ -56,7 +68,7 @@ class Drawing:
         self.line([*points[:-1], (x1 - 6 * ux, y1 - 6 * uy)], kind)
         corners = [(x1, y1), *((x1 - 8 * ux - s * 4 * uy, y1 - 8 * uy + s * 4 * ux) for s in (1, -1))]
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
-        self._shapes.append(f'<polygon class="head" points="{path}"/>')
+        self._shapes.append(f'<polygon class="{head}" points="{path}"/>')
 
     def svg(self) -> str:
         """Return the drawing as an SVG file."""

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation as Observation
     from robogauntlet.adapters.contract import Simulation as Simulation
     from robogauntlet.adapters.contract import Simulator as Simulator
+    from robogauntlet.orchestrator.api.evaluation import EvaluationStopped as EvaluationStopped
+    from robogauntlet.orchestrator.api.evaluation import evaluate as evaluate
+    from robogauntlet.orchestrator.api.tasks import make as make
     from robogauntlet.policies.contract import Decision as Decision
     from robogauntlet.policies.contract import Policy as Policy
     from robogauntlet.policies.contract import PolicySpec as PolicySpec
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "adapters.contract": ("ActionSpec", "Observation", "Simulation", "Simulator"),
+    "orchestrator.api.evaluation": ("EvaluationStopped", "evaluate"),
+    "orchestrator.api.tasks": ("make",),
     "policies.contract": ("Decision", "Policy", "PolicySpec"),
     "results.api": ("OpenRun", "compare", "open_run"),
     "results.record": ("EpisodeResult",),

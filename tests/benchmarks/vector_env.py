@@ -10,18 +10,18 @@ import time
 from functools import partial
 from typing import Any
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
+import robogauntlet
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Observation
+from robogauntlet.orchestrator.api.task_environment import TaskEnvironment
 from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
 from tests.benchmarks.shared import EXPERT_VIEW as VIEW
-from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, SteppedTask, duration_s, episodes, play_suite, table_of
+from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, table_of
 
 PAIRS = tuple((task, policy) for task in TASKS for policy in POLICY_OPTIONS)
 PROCESSES, EPISODES = 2, 16
@@ -37,48 +37,26 @@ workers: {processes}
 """
 
 
-class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
+def opened(task: str, *, culling: bool) -> TaskEnvironment:
     """A task as an environment with image observations."""
-
-    def __init__(self, task: str, *, culling: bool) -> None:
-        self._task = SteppedTask(task, VIEW)
-        self._task.simulation.culling = culling  # type: ignore[attr-defined]
-        spec = self._task.simulation.action_spec
-        frame = spaces.Box(0, 255, (VIEW.image_size, VIEW.image_size, 3), np.uint8)
-        state = spaces.Box(-np.inf, np.inf, (8,), np.float64)
-        self.observation_space = spaces.Dict({"state": state} | dict.fromkeys(VIEW.cameras, frame))
-        self.action_space = spaces.Box(spec.low, spec.high, dtype=np.float64)
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], Any]:
-        """Start the seed's episode."""
-        assert seed is not None
-        return _as_dict(self._task.reset(seed)), {}
-
-    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Step and observe."""
-        observation, reward = self._task.step(action)
-        return _as_dict(observation), reward, self._task.succeeded, self._task.timed_out, {}
-
-    def close(self) -> None:
-        """End the simulation."""
-        self._task.simulation.close()
-
-
-def _as_dict(observation: Observation) -> dict[str, Any]:
-    return {"state": observation.proprioception, **observation.images}
+    for simulator in catalog.simulators().values():
+        os.environ.update(worker_environment(simulator))
+    environment = robogauntlet.make(task, image_size=VIEW.image_size, render_profile=VIEW.render_profile)
+    environment.simulation.culling = culling  # type: ignore[attr-defined]
+    return environment
 
 
 def plain(task: str, kind: str, *, culling: bool) -> tuple[float, list[bool], int]:
     """Duration of all episodes in batches without start-up (s), their successes, and the length of a chunk."""
-    make = partial(ToGymnasium, task, culling=culling)
+    make = partial(opened, task, culling=culling)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
     policy, succeeded = load(kind, POLICY_OPTIONS[kind]), list[bool]()
     instruction = catalog.task_descriptions()[task].instruction
     everything = list(episodes(task, kind, VIEW, EPISODES))
 
     def query(seen: Any, own: Any, step: int) -> Any:
-        shown = ({camera: seen[camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
-        observations = [Observation(images, seen["state"][i], instruction) for i, images in enumerate(shown)]
+        shown = ({camera: seen["images"][camera][i] for camera in VIEW.cameras} for i in range(PROCESSES))
+        observations = [Observation(images, seen["proprioception"][i], instruction) for i, images in enumerate(shown)]
         queries = [
             Query(episode, step, observation=observation)
             for episode, observation in zip(own, observations, strict=True)

@@ -97,6 +97,22 @@ def test_a_plain_function_or_one_that_a_class_makes_acts(module, name, args):
     assert [row.status for row in play(options)] == ["failure"] * 3
 
 
+def test_rows_of_a_class_with_reset_do_not_depend_on_their_order(module):
+    text = """
+class Counter:
+    queries = 0
+
+    def reset(self):
+        self.queries = 0
+
+    def __call__(self, images, proprioception, instruction):
+        self.queries += 1
+        return [[1e-3 * self.queries] * 7]
+"""
+    first, _, again = play(module(text)("Counter"), (0, 1, 0))
+    assert first.actions_hash == again.actions_hash
+
+
 @pytest.mark.parametrize("name", ["Still", "make"])
 def test_a_class_or_a_factory_of_a_package_acts(package, name):
     options = {"callable": f"robot_brains.still:{name}", "folder": str(package.parent), "options": {"value": 0.5}}
@@ -160,7 +176,6 @@ def test_a_missing_module_or_name_is_one_line(module, package):
         ("def f(:\n", "importing '.*' raised SyntaxError"),
         ("raise RuntimeError('no GPU\\nhere')\n", "raised RuntimeError: no GPU$"),
         ("import sys; sys.exit(3)\n", "raised SystemExit: 3"),
-        ("def f():\n    return 3\n", r"expected a policy with method reset .* got a int"),
         (
             "class f:\n    reset = act = finish = print\n",
             "expected attribute spec, a robogauntlet.policies.contract.PolicySpec",
@@ -168,6 +183,35 @@ def test_a_missing_module_or_name_is_one_line(module, package):
     ],
 )
 def test_a_module_that_cannot_be_used_is_one_line(module, text, match):
+    refused(module(text)("f"), match)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        (
+            "def f():\n    return 3\n",
+            r"expected a function of images, proprioception, instruction, .* got a int without",
+        ),
+        (
+            "class f:\n    pass\n",
+            r"a class with __call__\(self, images, proprioception, instruction\), .* got a f without",
+        ),
+        (
+            "def f(obs):\n    pass\n",
+            r"expected parameters named images, .* found f\(obs\), which needs obs; write def f\(",
+        ),
+        ("def f(imgs, state, text):\n    pass\n", r"found f\(imgs, state, text\), which needs imgs, state, text"),
+        ("class f:\n    def __call__(self, obs):\n        pass\n", r"found __call__\(self, obs\); use these names"),
+        ("class f:\n    def act(self, obs):\n        pass\n", r"found no reset; or write __call__\(self, images"),
+        (
+            "class f:\n    def __call__(self, images, proprioception, instruction):\n        pass\n"
+            "    def reset(self, seed):\n        pass\n",
+            r"expected reset\(self\) without further parameters, .* found reset\(self, seed\)",
+        ),
+    ],
+)
+def test_a_callable_of_another_signature_is_answered_with_what_to_write(module, text, match):
     refused(module(text)("f"), match)
 
 
@@ -199,3 +243,18 @@ def test_another_module_of_the_same_name_is_refused(package, tmp_path):
     for file in package.glob("*.py"):
         (other / file.name).write_text(file.read_text())
     refused({**options, "folder": str(other.parent)}, "got another of that name from .*; rename 'robot_brains'")
+
+
+def test_an_object_is_free_again_after_an_episode_that_ended_with_an_error(module):
+    text = """
+class Broken:
+    def reset(self):
+        pass
+
+    def __call__(self, images, proprioception, instruction):
+        return [[float("nan")] * 7]
+
+broken = Broken()
+"""
+    rows = play(module(text)("broken"))
+    assert all("expected finite actions" in row.error for row in rows), [row.error for row in rows]

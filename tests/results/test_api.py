@@ -36,6 +36,33 @@ def test_a_run_shows_what_it_is(folders):
     assert repr(robogauntlet.open_run(folders[0])).endswith("now: suite synthetic, 120 episodes planned, complete")
 
 
+def test_success_is_a_table_with_intervals_per_policy_task_and_condition(folders):
+    run = robogauntlet.open_run(folders[0])
+    table = run.table()
+    assert list(table["task"]) == [cell.task for cell in run.document.plan]
+    assert table["n"].sum() == 120
+    row = table.iloc[0]
+    assert (row["success"], row["errors"], row["missing"]) == (0.5, 0, 0)
+    assert 0.33 < row["low"] < 0.34
+    assert 0.66 < row["high"] < 0.67
+
+
+def test_a_run_shows_its_table_when_it_is_printed_and_in_notebooks(folders):
+    run = robogauntlet.open_run(folders[0])
+    assert str(run).splitlines()[0] == repr(run)
+    assert len(str(run).splitlines()) == 2 + len(run.table())
+    page = run._repr_html_()
+    assert "now: suite synthetic, 120 episodes planned, complete</p>" in page
+    assert page.count("<td>p</td>") == len(run.table())
+    assert "<td>0.50</td>" in page
+
+
+def test_text_of_a_run_is_escaped_in_notebooks(tmp_path):
+    own = cells(("p",))
+    folder = run_folder(tmp_path / "<b>", document(1, own), rows_where(lambda cell, seed: True, own, 1))
+    assert "<b>" not in robogauntlet.open_run(folder)._repr_html_()
+
+
 def test_a_comparison_prints_itself(folders):
     found = robogauntlet.compare(*folders)
     assert found.verdict is Verdict.REGRESSED

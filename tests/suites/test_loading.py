@@ -138,6 +138,23 @@ def test_mistakes_of_form_hide_no_mistakes_in_names(problems):
     ]
 
 
+def test_a_suite_lists_policies_or_needs_one(problems, tmp_path):
+    free = SOUND.replace("policies: [oracle]", "needs: policy")
+    assert load(tmp_path, free).policies == ()
+    assert problems(free.replace("robosuite/Lift", "robosuite/Lfit") + "horizon: long\n") == [
+        "3: unknown task 'robosuite/Lfit'; did you mean 'robosuite/Lift'?",
+        "5: horizon: expected a valid integer, found text ('long')",
+    ]
+    assert problems(SOUND + "needs: policy\n") == [
+        "2: policies: expected none beside needs: policy, found a list",
+    ]
+    assert problems(SOUND.replace("policies: [oracle]\n", "")) == ["1: missing key 'policies'"]
+    assert problems(SOUND.replace("policies: [oracle]", "needs: policies")) == [
+        "1: missing key 'policies'",
+        "2: needs: expected 'policy', found 'policies'",
+    ]
+
+
 def test_the_message_for_an_unknown_task_names_those_of_its_simulator(problems):
     assert problems(SOUND.replace("robosuite/Lift", "robosuite/PushCube-v1")) == [
         "3: unknown task 'robosuite/PushCube-v1'; did you mean 'robosuite/Lift'?"

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.adapter_kit.scaffold import ScaffoldError, write_package
+from robogauntlet.orchestrator.adapter_kit.scaffold import TEMPLATE
 from robogauntlet.orchestrator.cli.common import print_line
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.scaffold import ScaffoldError
 
 
 def new(
@@ -24,8 +25,10 @@ def new(
     The package works from the start, with a toy simulation that you replace piece by piece.
     """
     folder = out_folder or Path(f"robogauntlet-{name}")
+    if name in catalog.simulators():
+        raise BadInput(f"the simulator '{name}' exists already; choose another name")
     try:
-        files = write_package(name, folder, catalog.simulators())
+        files = TEMPLATE.write(name, folder)
     except ScaffoldError as error:
         raise BadInput(str(error)) from None
     for path in files:

@@ -1,12 +1,14 @@
-"""`robogauntlet policies`: record demonstrations; train, merge, evaluate and serve policies."""
+"""`robogauntlet policies`: create, check, train, merge, evaluate and serve policies."""
 
 from __future__ import annotations
 
 import typer
 
-from robogauntlet.orchestrator.cli.policies import demonstrate, finetune, merge, pretrain, routing, serve
+from robogauntlet.orchestrator.cli.policies import check, demonstrate, finetune, merge, new, pretrain, routing, serve
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app.command("new")(new.new)
+app.command("check")(check.check)
 app.command("demonstrate")(demonstrate.demonstrate)
 app.command("pretrain")(pretrain.pretrain)
 app.command("finetune")(finetune.finetune)

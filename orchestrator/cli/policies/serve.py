@@ -5,19 +5,13 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-import yaml
 
-from robogauntlet.orchestrator.cli.common import TOKEN, Host, Port, out, print_line
-from robogauntlet.policies import catalog, zoo
-from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
-from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
-from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
-from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.suites.schema import policy_entry
+from robogauntlet.orchestrator.cli.common import TOKEN, Host, PolicyOptions, Port, out, print_line
+from robogauntlet.policies import catalog
+from robogauntlet.policies.references import FORMS, read_options, read_reference
 from robogauntlet.support.errors import BadInput
 
 if TYPE_CHECKING:
@@ -25,15 +19,8 @@ if TYPE_CHECKING:
 
 
 def serve(
-    policy: Annotated[
-        str,
-        typer.Argument(
-            metavar="POLICY", help="Folder of a checkpoint, zoo:NAME, a kind of policy, or python:MODULE:NAME."
-        ),
-    ],
-    option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="Option of the policy kind, in YAML. Repeatable.")
-    ] = None,
+    policy: Annotated[str, typer.Argument(metavar="POLICY", help=f"{FORMS}.")],
+    option: PolicyOptions = None,
     host: Host = "127.0.0.1",
     port: Port = 8000,
     task: Annotated[str, typer.Option(help="Task of clients that do not name one.")] = "unknown/unknown",
@@ -48,21 +35,19 @@ def serve(
     Clients are suites (policy kind openpi), openpi's own clients, and robots.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    try:
-        from robogauntlet.orchestrator.inference.websocket_server import (
-            IdentifiedPolicy,
-            PolicyServer,
-            ServeError,
-            ServerOptions,
-        )
-    except ModuleNotFoundError as error:
-        remedy = 'install it: pip install "robogauntlet[remote]"'
-        raise BadInput(f"not installed (no module {error.name}); {remedy}") from None
+    from robogauntlet.orchestrator.inference.websocket_server import (
+        IdentifiedPolicy,
+        PolicyServer,
+        ServeError,
+        ServerOptions,
+    )
+
     place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
     try:
         place.check()
-        kind, options = kind_and_options(policy, option or ())
-        served = IdentifiedPolicy(catalog.load(kind, options), policy, catalog.digest(kind, options), task)
+        entry = read_reference(policy, read_options(option or ()))
+        digest = catalog.digest(entry.kind, entry.options)
+        served = IdentifiedPolicy(catalog.load(entry.kind, entry.options), policy, digest, task)
         asyncio.run(_until_stopped(PolicyServer(served, place)))
     except ServeError as error:
         raise BadInput(str(error)) from None
@@ -84,41 +69,3 @@ async def _until_stopped(server: PolicyServer) -> None:
         listening.close()
         await listening.wait_closed()
         server.close()
-
-
-def kind_and_options(text: str, options: Sequence[str]) -> tuple[str, Mapping[str, Any]]:
-    """Return the kind and the options of a policy.
-
-    Raises:
-        BadInput: There is no such policy, or an option is not NAME=VALUE or unknown to its kind.
-        PolicyError: The zoo has no such checkpoint.
-    """
-    entry = policy_entry(text)
-    if entry["kind"] in catalog.kinds():
-        kind, values = entry["kind"], entry.get("options", {})
-    else:
-        kind, values = _checkpoint(text)
-    known = catalog.find(kind).options
-    for given in options:
-        name, sign, value = given.partition("=")
-        if not sign or name not in known:
-            hint = did_you_mean(name, known)
-            raise BadInput(f"--option: expected NAME=VALUE with an option of '{kind}', got '{given}'{hint}")
-        try:
-            values = {**values, name: yaml.safe_load(value)}
-        except yaml.YAMLError:
-            raise BadInput(f"--option {name}: expected YAML, got '{value}'") from None
-    return kind, values
-
-
-def _checkpoint(reference: str) -> tuple[str, Mapping[str, Any]]:
-    folder = zoo.shipped(reference)
-    if (folder / METADATA_FILE).is_file():
-        merged = read_metadata_file(folder).get("kind") == MERGED
-        return (MERGED_NAME if merged else "mergevla"), {"checkpoint": reference}
-    if any(folder.glob(f"*/{METADATA_FILE}")):
-        return EXPERTS_NAME, {"folder": reference}
-    raise BadInput(
-        f"expected the folder of a checkpoint, zoo:NAME or a kind of policy, got '{reference}'"
-        f"{did_you_mean(reference, catalog.kinds())}"
-    )

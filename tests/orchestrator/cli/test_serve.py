@@ -14,7 +14,6 @@ import pytest
 import yaml
 
 from robogauntlet.adapters.contract import Observation
-from robogauntlet.orchestrator.cli.policies.serve import kind_and_options
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, Query
 from robogauntlet.results.record import outcome_row, rows_hash
@@ -80,26 +79,17 @@ def test_an_invalid_policy_or_address_is_one_line(run_command, tmp_path, monkeyp
     for arguments, match in (
         (
             ("untraned",),
-            "expected the folder of a checkpoint, zoo:NAME or a kind of policy, got 'untraned'; did you mean",
+            "the folder of a checkpoint or a kind of policy; got 'untraned'; did you mean 'untrained'?",
         ),
         (("zoo:mergd",), "expected the name of a shipped checkpoint after 'zoo:'"),
         (("zero", "--host", "0.0.0.0"), "--host 0.0.0.0: expected a token in ROBOGAUNTLET_TOKEN"),
         (("zero", "--port", port), f"cannot listen on 127.0.0.1:{port}: "),
-        (("mergevla", "--option", "checkpont=x"), "--option: expected NAME=VALUE with an option of 'mergevla'"),
+        (("mergevla", "--option", "checkpont=x"), "policy 'mergevla' has no option 'checkpont'; did you mean"),
         (("python:no_such_thing:x",), "expected a module 'no_such_thing'"),
         (("openpi://127.0.0.1:1", "--option", "retries=0"), "no connection"),
     ):
         assert match in run_command("policies", "serve", *arguments).refusal
     taken.close()
-
-
-def test_the_kind_of_a_checkpoint_is_recognised():
-    options = {"checkpoint": "zoo:merged", "router": "nearest-centroid"}
-    assert kind_and_options("zoo:merged", ["router=nearest-centroid"]) == ("mergevla-merged", options)
-    assert kind_and_options("zoo:experts", [])[0] == "mergevla-experts"
-    assert kind_and_options("zoo:base", []) == ("mergevla", {"checkpoint": "zoo:base"})
-    assert kind_and_options("zoo:experts/robosuite__Lift", [])[0] == "mergevla"
-    assert kind_and_options("random", []) == ("random", {})
 
 
 @pytest.mark.ray

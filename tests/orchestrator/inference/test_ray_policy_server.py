@@ -19,6 +19,17 @@ from robogauntlet.suites.resources import Inference
 pytestmark = [pytest.mark.ray, pytest.mark.usefixtures("ray_here")]
 SOURCES = {name: PolicySource(name) for name in ("oracle", "untrained")}
 EXPERTS = {"experts": PolicySource("mergevla-experts", {"folder": "zoo:experts"})}
+COUNTING = """
+import numpy as np
+
+class Counting:
+    def reset(self):
+        self.queries = 0
+
+    def __call__(self, images, proprioception, instruction):
+        self.queries += 1
+        return np.full((4, 7), 1e-4 * self.queries)
+"""
 OPTIONS = SchedulerOptions({"null": 2, "pybullet": 2}, episode_time_limit_s=60.0, allowed_errors=0)
 
 
@@ -58,6 +69,16 @@ def test_a_served_policy_makes_the_same_rows_in_batches(observer, servers):
     sizes = ray.get(server.batch_sizes.remote())
     assert set(sizes) == {"untrained"}
     assert max(sizes["untrained"]) == 2
+
+
+def test_simultaneous_episodes_of_a_class_with_reset_do_not_share_its_state(observer, servers, tmp_path):
+    (tmp_path / "remembering.py").write_text(COUNTING)
+    sources = {"mine": PolicySource("python", {"callable": "remembering:Counting", "folder": str(tmp_path)})}
+    (server,) = servers(sources, batch=2, wait_ms=500)
+    served = play(observer, work("mine"), sources, [server])
+    assert max(ray.get(server.batch_sizes.remote())["mine"]) == 2
+    assert {row.status for row in served} == {"failure"}
+    assert rows_hash(map(outcome_row, served)) == rows_hash(map(outcome_row, play(observer, work("mine"), sources)))
 
 
 def test_every_replica_is_queried(observer, servers):

@@ -55,6 +55,19 @@ def test_the_observation_is_sent_under_openpis_keys_and_the_chunk_is_returned():
     assert message["prompt"] == "reach the goal"
 
 
+@pytest.mark.parametrize("options", [{}, {"turn": "half", "image_size": 16}])
+def test_the_images_that_it_shows_are_those_that_it_sends(options):
+    seen = []
+    with speaking(answering(CHUNK, seen=seen)) as address:
+        policy = remote(address, **options)
+        shown = policy.images_sent(query())
+        policy.act([query()])
+        policy.close()
+    assert list(shown) == ["observation/image", "observation/wrist_image"]
+    for key, image in shown.items():
+        np.testing.assert_array_equal(image, seen[0][key])
+
+
 def test_options_define_the_conversion_of_observations_and_answers():
     seen = []
     options = {

@@ -1,0 +1,1 @@
+"""Running from Python: evaluate a policy, open a task as a gymnasium environment."""

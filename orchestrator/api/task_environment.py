@@ -1,0 +1,119 @@
+"""A simulation as an environment of gymnasium."""
+
+from __future__ import annotations
+
+import string
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from robogauntlet.adapters.contract import (
+    ACTION_DIM,
+    ACTION_NAMES,
+    PROPRIOCEPTION_DIM,
+    FloatArray,
+    Image,
+    Simulation,
+    TaskDescription,
+)
+from robogauntlet.suites.episode import SUCCESS_HOLD
+
+MAX_INSTRUCTION = 200
+
+
+class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
+    """A task whose every step returns the images.
+
+    Attributes:
+        observation_space: `images` (camera to (size, size, 3) uint8), `proprioception` ((8,) float64) and `instruction`
+            (text).
+        action_space: (7,) float64 in the units of `robogauntlet.adapters.contract`; what is beyond is clipped, as in a
+            run.
+        simulation: The simulation, with the true state.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (gymnasium declares it so)
+
+    def __init__(
+        self, simulation: Simulation, description: TaskDescription, horizon: int, render_mode: str | None = None
+    ) -> None:
+        """See `robogauntlet.make`."""
+        self.simulation, self.horizon, self.render_mode = simulation, horizon, render_mode
+        spec, view = simulation.action_spec, simulation.observation_spec
+        self.metadata = {**self.metadata, "render_fps": spec.control_hz}
+        image = spaces.Box(0, 255, (view.image_size, view.image_size, 3), np.uint8)
+        words = description.instruction
+        longest, characters = max(MAX_INSTRUCTION, len(words)), frozenset(string.printable + words)
+        self.observation_space = spaces.Dict(
+            {
+                "images": spaces.Dict(dict.fromkeys(view.cameras, image)),
+                "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_DIM,), np.float64),
+                "instruction": spaces.Text(longest, min_length=0, charset=characters),
+            }
+        )
+        self.action_space = spaces.Box(spec.low, spec.high, dtype=np.float64)
+        self._ignored = [ACTION_NAMES.index(name) for name in spec.ignored]
+        self._steps: int | None = None
+        self._held = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Start the clean episode of a seed, which is the episode of that seed in a run; without one, of a random seed.
+
+        Returns:
+            The observation, and a mapping with `seed`.
+        """
+        super().reset(seed=seed)
+        chosen = int(self.np_random.integers(2**31)) if seed is None else seed
+        self.simulation.reset(chosen)
+        self._steps = self._held = 0
+        return self._observe(), {"seed": chosen}
+
+    def step(self, action: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Apply one action, (7,), for one control step.
+
+        Returns:
+            The observation; the reward; whether the task has succeeded (its predicate held for five steps in a row), or
+            the simulation cannot be stepped further; whether the horizon is reached; a mapping with `success` and
+            `success_now`, whether the predicate holds now.
+
+        Raises:
+            ValueError: The action has another shape, or is not finite.
+            gymnasium.error.ResetNeeded: There was no `reset` before.
+        """
+        if self._steps is None:
+            raise gymnasium.error.ResetNeeded("expected reset before the first step")
+        given = np.array(action, dtype=np.float64)
+        if given.shape != (ACTION_DIM,) or not np.isfinite(given).all():
+            raise ValueError(
+                f"expected one action of {ACTION_DIM} finite numbers, got shape {given.shape}: {given}; "
+                "step the actions of a chunk one by one"
+            )
+        given[self._ignored] = 0.0
+        spec = self.simulation.action_spec
+        outcome = self.simulation.step(np.clip(given, spec.low, spec.high))
+        self._steps += 1
+        self._held = self._held + 1 if outcome.success else 0
+        success = self._held >= SUCCESS_HOLD
+        info = {"success": success, "success_now": bool(outcome.success)}
+        over, late = success or bool(outcome.terminated), self._steps >= self.horizon
+        return self._observe(), float(outcome.reward), over, late, info
+
+    def render(self) -> Image | None:
+        """Return the third-person view, (256, 256, 3) uint8, with `render_mode="rgb_array"`; else None."""
+        return self.simulation.picture() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Free the simulation. Safe to call twice."""
+        self.simulation.close()
+
+    def _observe(self) -> dict[str, Any]:
+        seen = self.simulation.observe()
+        return {
+            "images": {camera: np.array(image) for camera, image in seen.images.items()},
+            "proprioception": np.array(seen.proprioception, dtype=np.float64),
+            "instruction": seen.instruction,
+        }

@@ -1,0 +1,140 @@
+"""Plays short episodes of a policy and says what its numbers do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.contract import Image, Simulation
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
+from robogauntlet.orchestrator.policy_kit import actions, motion, observation, repetition
+from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
+from robogauntlet.orchestrator.policy_kit.picture import draw_picture
+from robogauntlet.orchestrator.policy_kit.recording import InvalidAnswer, Play, play
+from robogauntlet.policies.contract import Policy, PolicyInput, PolicyMismatch, PolicySpec, Query, check_fit
+from robogauntlet.policies.remote.conversion import EncodesImages
+from robogauntlet.suites.episode import CAMERAS, Episode, Protocol, View
+
+STEPS = 40
+"""Control steps of an episode, unless the task's horizon is shorter."""
+IMAGE_SIZE = View().image_size
+GIVEN = {
+    PolicyInput.NOTHING: "nothing of the scene: no images, no state",
+    PolicyInput.PRIVILEGED_STATE: "the true state instead of images",
+}
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A policy and the task on which it is checked."""
+
+    name: str
+    source: PolicySource
+    task: str
+    """`simulator/task`."""
+    seed: int = 0
+    image_size: int | None = None
+    """Height and width of images (px) for policies that take any; None for those of a suite."""
+
+
+def check_policy(probe: Probe) -> Iterator[Finding | Image]:
+    """Play the policy, and yield findings and at last their picture, unless no episode could be played.
+
+    Raises:
+        PolicyError: The policy cannot be loaded.
+        AdapterError: The task cannot be opened.
+    """
+    policy = build_policy(probe.source)
+    try:
+        simulation = simulators.open_simulation(probe.task, _view(probe, policy.spec))
+        try:
+            yield from _Check(probe, policy, simulation).findings()
+        except InvalidAnswer as error:
+            yield Finding("answer", Level.FAILED, str(error))
+        except PolicyMismatch as error:
+            yield Finding("fit", Level.FAILED, str(error))
+        finally:
+            simulation.close()
+    finally:
+        _close(policy)
+
+
+def _view(probe: Probe, spec: PolicySpec) -> View:
+    simulator, _, name = probe.task.partition("/")
+    tasks = simulators.find(simulator).tasks
+    offered = tasks[name].cameras if name in tasks else CAMERAS
+    size = spec.image_size or probe.image_size or IMAGE_SIZE
+    return View(tuple(camera for camera in CAMERAS if camera in offered), size)
+
+
+def _close(policy: Policy) -> None:
+    if callable(close := getattr(policy, "close", None)):
+        close()
+
+
+class _Check:
+    def __init__(self, probe: Probe, policy: Policy, simulation: Simulation) -> None:
+        self._probe, self._policy, self._simulation = probe, policy, simulation
+        self._fresh: list[Policy] = []
+
+    def findings(self) -> Iterator[Finding | Image]:
+        probe, policy, simulation = self._probe, self._policy, self._simulation
+        check_fit(policy.spec, simulation.action_spec, simulation.observation_spec)
+        first, other, again = (play(simulation, policy, self._episode(seed)) for seed in (0, 1, 0))
+        plays, spec = [first, other], simulation.action_spec
+        executed = np.concatenate([played.actions() for played in plays])
+        replan_every = first.episode.protocol.replan_every
+        yield from actions.answers([first, other, again], replan_every)
+        yield from actions.limits(plays, spec)
+        moves = list(motion.movements(simulation, executed, probe.seed))
+        yield from motion.components(simulation, executed, moves)
+        yield from actions.gripper(plays, spec)
+        yield from motion.fingers(simulation, probe.seed)
+        yield from motion.whole(first)
+        shown = [] if policy.spec.sees is not PolicyInput.OBSERVATION else self._images(first)
+        if shown:
+            yield _sent(shown[0][1])
+            yield from observation.sensitivity(policy, first.answers)
+        else:
+            yield Finding("input", Level.NOTE, f"the policy gets {GIVEN[policy.spec.sees]}")
+        try:
+            yield from repetition.repeated(simulation, first, again, self._load)
+        finally:
+            for fresh in self._fresh:
+                _close(fresh)
+        title = f"{probe.name} in {probe.task}: the images as the policy gets them, and its actions (red: limits)"
+        yield draw_picture(shown, first.actions(), spec, moves, title)
+
+    def _episode(self, number: int) -> Episode:
+        probe, spec = self._probe, self._simulation.observation_spec
+        simulator, _, name = probe.task.partition("/")
+        horizon = min(STEPS, simulators.find(simulator).tasks[name].horizon)
+        protocol = Protocol(horizon, view=View(spec.cameras, spec.image_size))
+        return Episode(probe.name, probe.source.digest or "", probe.task, probe.seed + number, protocol)
+
+    def _load(self) -> Policy:
+        self._fresh.append(build_policy(self._probe.source))
+        return self._fresh[-1]
+
+    def _images(self, played: Play) -> list[tuple[str, Mapping[str, Image]]]:
+        """Label and images, as the policy gets them, of the first and the last query."""
+        queries = list(dict.fromkeys((0, len(played.answers) - 1)))
+        chosen = [(number, played.answers[number].query) for number in queries]
+        return [(f"query {number + 1}/step {query.step}", self._as_sent(query)) for number, query in chosen]
+
+    def _as_sent(self, query: Query) -> Mapping[str, Image]:
+        if isinstance(self._policy, EncodesImages):
+            return self._policy.images_sent(query)
+        assert query.observation is not None
+        return query.observation.images
+
+
+def _sent(images: Mapping[str, Image]) -> Finding:
+    sizes = ", ".join(f"{name} {image.shape[0]} x {image.shape[1]}" for name, image in images.items())
+    numbers = {f"{name}_height_px": float(image.shape[0]) for name, image in images.items()}
+    return Finding(
+        "images", Level.NOTE, f"{sizes}, as in the picture: compare them with those of the training", numbers
+    )

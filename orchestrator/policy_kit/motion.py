@@ -1,0 +1,152 @@
+"""Findings about what a policy's numbers move: each alone in the simulation, and all together in an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, FloatArray, Simulation
+from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
+from robogauntlet.orchestrator.policy_kit.recording import Play
+
+STEPS = 5
+"""Control steps for which one number is applied alone."""
+GRIPPER_STEPS = 15
+DIRECTIONS = (("forward", "backward"), ("left", "right"), ("up", "down"))
+"""Positive and negative direction of x, y, z."""
+TURNS = (
+    "about x, the forward axis",
+    "about y, the left axis",
+    "about z, anticlockwise seen from above",
+)
+
+
+@dataclass(frozen=True)
+class Movement:
+    """What one number of the action does alone, at a given value."""
+
+    name: str
+    value: float
+    translation: FloatArray
+    """Of the tool, per step, beyond that of an action of zeros: (3,), m."""
+    rotation: FloatArray
+    """The same as an axis-angle vector in the base frame: (3,), rad."""
+
+
+def movements(simulation: Simulation, actions: FloatArray, seed: int) -> Iterator[Movement]:
+    """Apply the mean of each of the first six numbers alone, from the reset of a seed.
+
+    A number whose mean is far below its size is applied with its root mean square.
+    """
+    idle = _moved(simulation, np.zeros(ACTION_DIM), seed)
+    for index, name in enumerate(ACTION_NAMES[:6]):
+        if name in simulation.action_spec.ignored:
+            continue
+        value = typical(actions[:, index])
+        if value == 0:
+            continue
+        action = np.zeros(ACTION_DIM)
+        action[index] = value
+        moved = _moved(simulation, action, seed)
+        turned = Rotation.from_rotvec(moved[1]) * Rotation.from_rotvec(idle[1]).inv()
+        yield Movement(name, value, (moved[0] - idle[0]) / STEPS, turned.as_rotvec() / STEPS)
+
+
+def typical(values: FloatArray) -> float:
+    """Return the mean, or the root mean square if the mean is less than a quarter of it."""
+    mean, size = float(values.mean()), float(np.sqrt((values**2).mean()))
+    return mean if abs(mean) >= size / 4 else size
+
+
+def _moved(simulation: Simulation, action: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Translation (m) and rotation (rad) of the tool in `STEPS` steps."""
+    action = np.clip(action, simulation.action_spec.low, simulation.action_spec.high)
+    simulation.reset(seed)
+    before = simulation.privileged_state()
+    for _ in range(STEPS):
+        simulation.step(action)
+    after = simulation.privileged_state()
+    turn = Rotation.from_quat(after["tcp_quaternion"]) * Rotation.from_quat(before["tcp_quaternion"]).inv()
+    return after["tcp_position"] - before["tcp_position"], turn.as_rotvec()
+
+
+def components(simulation: Simulation, actions: FloatArray, moves: Sequence[Movement]) -> Iterator[Finding]:
+    """One finding for each of the first six numbers: its size, and what it moves."""
+    found = {move.name: move for move in moves}
+    for index, name in enumerate(ACTION_NAMES[:6]):
+        values = actions[:, index]
+        unit = "m" if index < 3 else "rad"
+        numbers = {"mean": float(values.mean()), "lowest": float(values.min()), "highest": float(values.max())}
+        size = f"{values.mean():+.3g} {unit} on average, {values.min():.3g} to {values.max():.3g}"
+        if name in simulation.action_spec.ignored:
+            text = "always 0; this task ignores it" if not values.any() else f"{size}; this task ignores it"
+        elif name not in found:
+            text = "always 0"
+        else:
+            text = f"{size}; {found[name].value:+.3g} alone {describe(found[name])}"
+            key, effect = (
+                ("m_per_step", found[name].translation) if index < 3 else ("rad_per_step", found[name].rotation)
+            )
+            numbers |= {f"{axis}_{key}": float(value) for axis, value in zip("xyz", effect, strict=True)}
+        yield Finding(name, Level.NOTE, text, numbers)
+
+
+def describe(move: Movement) -> str:
+    """Say which way the tool goes, such as `moves the tool forward (+x), 0.8 cm per step`."""
+    if ACTION_NAMES.index(move.name) < 3:
+        axis = int(np.abs(move.translation).argmax())
+        amount = float(move.translation[axis])
+        if abs(amount) < 1e-5:
+            return "does not move the tool"
+        sign = "+" if amount > 0 else "-"
+        word = DIRECTIONS[axis][amount < 0]
+        return f"moves the tool {word} ({sign}{'xyz'[axis]}), {100 * abs(amount):.2g} cm per step"
+    axis = int(np.abs(move.rotation).argmax())
+    amount = float(move.rotation[axis])
+    if abs(amount) < 1e-4:
+        return "does not turn the tool"
+    return f"turns the tool {np.degrees(amount):+.2g} degrees per step {TURNS[axis]}"
+
+
+def fingers(simulation: Simulation, seed: int) -> Iterator[Finding]:
+    """How far the fingers are apart after open and closed commands."""
+    if "gripper" in simulation.action_spec.ignored:
+        return
+    gaps = []
+    for command in (-1.0, 1.0):
+        simulation.reset(seed)
+        action = np.zeros(ACTION_DIM)
+        action[6] = command
+        for _ in range(GRIPPER_STEPS):
+            simulation.step(action)
+        gaps.append(float(np.abs(simulation.privileged_state()["finger_positions"]).sum()))
+    text = f"-1 leaves the fingers {100 * gaps[0]:.1f} cm apart, +1 leaves them {100 * gaps[1]:.1f} cm apart"
+    yield Finding("fingers", Level.NOTE, text, {"open_m": gaps[0], "closed_m": gaps[1]})
+
+
+def whole(played: Play) -> Iterator[Finding]:
+    """Where the tool went in an episode, and what it came closer to."""
+    way = played.tool[-1] - played.tool[0]
+    parts = [
+        f"{100 * abs(amount):.1f} cm {DIRECTIONS[axis][amount < 0]}"
+        for axis, amount in enumerate(way)
+        if abs(amount) >= 1e-3
+    ]
+    steps = len(played.tool) - 1
+    text = f"in {steps} steps the tool moved {', '.join(parts) or 'nowhere'}{'; success' * played.success}"
+    yield Finding("way", Level.NOTE, text, dict(zip(("x_m", "y_m", "z_m"), way.tolist(), strict=True)))
+    if not played.distances:
+        return
+    changes = [
+        f"{name} {100 * values[0]:.0f} to {100 * values.min():.0f} cm at the closest"
+        for name, values in played.distances.items()
+    ]
+    closer = any(values.min() < values[0] - 0.01 for values in played.distances.values())
+    text = f"distance of the tool: {', '.join(changes)}"
+    if not closer:
+        text += "; it comes closer to nothing: wrong frame or signs, or another task than it was trained on?"
+    numbers = {f"{name}_closest_m": float(values.min()) for name, values in played.distances.items()}
+    yield Finding("approach", Level.OK if closer else Level.WARNING, text, numbers)

@@ -1,0 +1,142 @@
+"""Plays a policy and keeps what it was asked, what it answered, and how long that took."""
+
+from __future__ import annotations
+
+import os
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, Query, check_chunk
+from robogauntlet.results.record import Status
+from robogauntlet.suites.episode import Episode
+from robogauntlet.support.errors import describe
+
+Result = TypeVar("Result")
+
+
+class InvalidAnswer(PolicyError):
+    """The policy raised, or its answer is not an action chunk."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A policy's answer to one query."""
+
+    query: Query
+    chunk: FloatArray
+    """Shape (n, 7)."""
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Play:
+    """One episode as it was played."""
+
+    episode: Episode
+    answers: Sequence[Answer]
+    tool: FloatArray
+    """Positions of the tool after each step, beginning with the reset, shape (steps + 1, 3), m."""
+    distances: dict[str, FloatArray]
+    """Name of an object or goal to its distance from the tool, shape (steps + 1,), m."""
+    success: bool
+
+    def actions(self) -> FloatArray:
+        """Return the actions that were executed, unclipped, shape (steps, 7)."""
+        steps, chunks = len(self.tool) - 1, []
+        for answer, end in zip(self.answers, [*(a.query.step for a in self.answers[1:]), steps], strict=True):
+            chunks.append(answer.chunk[: end - answer.query.step])
+        return np.concatenate(chunks)
+
+
+class RecordingPolicy:
+    """Forwards to a policy and keeps its answers."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.spec, self._policy = policy.spec, policy
+        self.answers: list[Answer] = []
+
+    def reset(self, episodes: Sequence[Episode]) -> None:
+        """Start these episodes. Raises InvalidAnswer if the policy raises."""
+        _called("reset", lambda: self._policy.reset(episodes))
+
+    def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
+        """Ask the policy. Raises InvalidAnswer if it raises or its answer is not a chunk."""
+        asked = deepcopy(list(queries))  # a policy may change what it is given
+        start = time.perf_counter()
+        decisions = _called("the policy", lambda: self._policy.act(queries))
+        seconds = time.perf_counter() - start
+        chunks = _called("the answer", lambda: [check_chunk(decision.actions) for decision in decisions])
+        self.answers += [Answer(*pair, seconds) for pair in zip(asked, chunks, strict=False)]
+        return decisions
+
+    def finish(self, episodes: Sequence[Episode]) -> None:
+        """Drop these episodes."""
+        self._policy.finish(episodes)
+
+
+def _called(what: str, call: Callable[[], Result]) -> Result:
+    try:
+        return call()
+    except PolicyError as error:
+        raise InvalidAnswer(str(error)) from None
+    except Exception as error:  # a policy may raise anything
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{os.path.basename(frame.filename)}:{frame.lineno}"  # noqa: PTH119
+        raise InvalidAnswer(f"{what} raised {describe(error)} [{place}]") from None
+
+
+def play(simulation: Simulation, policy: Policy, episode: Episode) -> Play:
+    """Play an episode.
+
+    Raises:
+        InvalidAnswer: The policy raised, or its answer is not an action chunk.
+        AdapterError: The simulator does not work.
+    """
+    recording = RecordingPolicy(policy)
+    tool: list[FloatArray] = []
+    distances: dict[str, list[float]] = {}
+
+    def watch(simulation: Simulation, step: int) -> None:
+        state = simulation.privileged_state()
+        tool.append(state["tcp_position"])
+        for name, value in state.items():
+            if name.endswith("_position") and name != "tcp_position" and np.shape(value) == (3,):
+                distances.setdefault(name.removesuffix("_position"), []).append(
+                    float(np.linalg.norm(value - state["tcp_position"]))
+                )
+
+    try:
+        result = rollout(simulation, recording, episode, watcher=watch)
+    except InvalidAnswer:
+        policy.finish([episode])
+        raise
+    found = {name: np.array(values) for name, values in distances.items()}
+    return Play(episode, tuple(recording.answers), np.array(tool), found, result.status == Status.SUCCESS)
+
+
+def ask_again(
+    policy: Policy, answers: Sequence[Answer], change: Callable[[Observation], Observation]
+) -> list[FloatArray]:
+    """Ask the first queries of an episode again, from its reset on, with changed observations; return the chunks.
+
+    Raises:
+        InvalidAnswer: See `play`.
+    """
+    assert policy.spec.sees is PolicyInput.OBSERVATION
+    recording, episodes = RecordingPolicy(policy), [answers[0].query.episode]
+    recording.reset(episodes)
+    try:
+        for answer in answers:
+            assert answer.query.observation is not None
+            recording.act([replace(answer.query, observation=change(deepcopy(answer.query.observation)))])
+    finally:
+        recording.finish(episodes)
+    return [answer.chunk for answer in recording.answers]

@@ -1,0 +1,103 @@
+"""Suites that are composed of names, for runs without a suite file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from itertools import chain, count
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from robogauntlet.orchestrator.runs.plan import Plan, make_plan
+from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import CLEAN
+from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.schema import LONGEST_NAME, PolicyEntry, valid_name
+from robogauntlet.support.errors import BadInput
+
+SUITE_FILE = "suite.yaml"
+"""The suite in the folder of a run without a suite file."""
+SEEDS = 20
+"""Number of seeds, if none is given."""
+RUNS = Path("runs")
+
+
+def new_run_folder(suite: str) -> Path:
+    """Return a path below `runs/` for a new run of the suite, by name and time. Creates nothing."""
+    name = f"{suite}-{datetime.now():%Y%m%d-%H%M%S}"
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    return next(path for path in map(RUNS.joinpath, names) if not path.exists())
+
+
+def compose_plan(
+    policies: Sequence[PolicyEntry],
+    tasks: Sequence[str],
+    *,
+    seeds: int = SEEDS,
+    conditions: Sequence[str] = (),
+    folder: Path | None = None,
+    only: Sequence[str] = (),
+    settings: Mapping[str, Any] | None = None,
+) -> tuple[Plan, Path]:
+    """Plan a run without a suite file, and return its folder too. Writes nothing.
+
+    Args:
+        policies: The policies.
+        tasks: `simulator/task`, or patterns.
+        seeds: Number of seeds, from 0.
+        conditions: `clean`, `AXIS` for all its severities, or `AXIS:SEVERITY[,SEVERITY]`; clean is always included.
+        folder: The run folder; by default a new one below `runs/`.
+        only: Simulators that must be available.
+        settings: Further keys of the suite.
+
+    Raises:
+        BadInput: Something does not exist, or is not as described; a line for each.
+        PlanError: The suite cannot be run.
+    """
+    if seeds < 1:
+        raise BadInput(f"seeds: expected 1 or more, got {seeds}")
+    name = _suite_name(tasks)
+    suite = {
+        "name": name,
+        "policies": [policy.model_dump(exclude_defaults=True) for policy in policies],
+        "tasks": list(tasks),
+        "conditions": _conditions(conditions),
+        "seeds": {"count": seeds},
+        **(settings or {}),
+    }
+    folder = folder or new_run_folder(name)
+    try:
+        text = yaml.safe_dump(suite, sort_keys=False, allow_unicode=True)
+        return make_plan(folder / SUITE_FILE, text=text, only=only), folder
+    except yaml.representer.RepresenterError as error:
+        kind = type(error.args[-1]).__name__
+        raise BadInput(f"expected numbers, text, lists and mappings in a suite, got a {kind}") from None
+    except SuiteError as error:
+        raise BadInput("\n".join(problem.message for problem in error.problems)) from None
+
+
+def _suite_name(tasks: Sequence[str]) -> str:
+    """A name for the tasks, `pybullet-PandaReach-v3` or `pybullet-PandaReach-v3-and-2-more`."""
+    more = f"-and-{len(tasks) - 1}-more" if len(tasks) > 1 else ""
+    first = valid_name(tasks[0]) if tasks else ""
+    return (first or "tasks")[: LONGEST_NAME - len(more)] + more
+
+
+def _conditions(texts: Sequence[str]) -> list[Any]:
+    """The entries of a suite. An unknown axis is left to the suite's own checks."""
+    entries: list[Any] = [CLEAN]
+    for text in texts:
+        axis, colon, listed = text.partition(":")
+        if text == CLEAN:
+            continue
+        severities = listed.split(",") if colon else [str(number + 1) for number in range(_levels(axis))]
+        if not all(severity.isdecimal() for severity in severities):
+            raise BadInput(f"condition '{text}': expected clean, AXIS or AXIS:SEVERITY[,SEVERITY], such as noise:2,4")
+        entries.append({"axis": axis, "severities": [int(severity) for severity in severities]})
+    return entries
+
+
+def _levels(axis: str) -> int:
+    return len(AXES[axis].levels) if axis in AXES else 1

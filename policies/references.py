@@ -1,0 +1,71 @@
+"""Policies that are named by one text, on the command line and in Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import yaml
+
+from robogauntlet.policies import catalog, zoo
+from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
+from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
+from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.schema import PolicyEntry, policy_entry, valid_name
+from robogauntlet.support.errors import BadInput
+
+FORMS = (
+    "openpi://HOST:PORT, python:MODULE:NAME, lerobot:FOLDER, zoo:NAME, the folder of a checkpoint or a kind of policy"
+)
+
+
+def read_reference(text: str, options: Mapping[str, Any] = MappingProxyType({})) -> PolicyEntry:
+    """Return the policy that a text names, one of `FORMS`, with further options. Loads no weights.
+
+    Raises:
+        BadInput: There is no such policy, or its kind has no such option.
+        PolicyError: The zoo has no such checkpoint.
+    """
+    entry = policy_entry(text)
+    if entry["kind"] in catalog.kinds():
+        named = PolicyEntry.model_validate(entry)
+    else:
+        kind, own = _checkpoint(text)
+        named = PolicyEntry(name=valid_name(text) or kind, kind=kind, options=dict(own))
+    known = catalog.find(named.kind).options
+    for name in options:
+        if name not in known:
+            raise BadInput(f"policy '{named.kind}' has no option '{name}'{did_you_mean(name, known)}")
+    return named.model_copy(update={"options": {**named.options, **options}})
+
+
+def read_options(texts: Sequence[str]) -> dict[str, Any]:
+    """Return options that are given as `NAME=VALUE`, with values in YAML. Raises BadInput if one is not."""
+    options = {}
+    for text in texts:
+        name, sign, value = text.partition("=")
+        if not sign or not name:
+            raise BadInput(f"--option: expected NAME=VALUE, got '{text}'")
+        try:
+            options[name] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise BadInput(f"--option {name}: expected YAML, got '{value}'") from None
+    return options
+
+
+def option_text(name: str, value: Any) -> str:
+    """Return an option as `NAME=VALUE`, the inverse of `read_options`."""
+    return f"{name}={json.dumps(value, default=str)}"
+
+
+def _checkpoint(reference: str) -> tuple[str, Mapping[str, Any]]:
+    folder = zoo.shipped(reference)
+    if (folder / METADATA_FILE).is_file():
+        merged = read_metadata_file(folder).get("kind") == MERGED
+        return (MERGED_NAME if merged else "mergevla"), {"checkpoint": reference}
+    if any(folder.glob(f"*/{METADATA_FILE}")):
+        return EXPERTS_NAME, {"folder": reference}
+    raise BadInput(f"expected {FORMS}; got '{reference}'{did_you_mean(reference, catalog.kinds())}")

@@ -1,0 +1,23 @@
+"""The page about running from Python is followed word by word."""
+
+import re
+import sys
+
+import pytest
+
+from tests import ROOT
+from tests.processes import run_process
+
+PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.simulator
+@pytest.mark.ray
+def test_the_code_of_the_page_runs_from_top_to_bottom(tmp_path):
+    blocks = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    (tmp_path / "page.py").write_text("\n".join(blocks))
+    done = run_process([sys.executable, "page.py"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "suite pybullet-PandaReach-v3, 20 episodes planned, complete" in done.stdout
+    assert re.search(r"act\s+pybullet/PandaReach-v3\s+clean\s+\d\.\d\d", done.stdout)
+    assert re.fullmatch(r"(success|failure) \d+ [0-9a-f]+", done.stdout.splitlines()[-1])

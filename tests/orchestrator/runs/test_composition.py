@@ -1,0 +1,66 @@
+"""Suites that are composed of names."""
+
+import pytest
+import yaml
+
+from robogauntlet.orchestrator.runs.composition import SUITE_FILE, compose_plan, new_run_folder
+from robogauntlet.policies.references import read_reference
+from robogauntlet.suites.axes import AXES
+from robogauntlet.support.errors import BadInput
+from tests.errors import one_line_error
+
+ORACLE = [read_reference("oracle")]
+
+
+def suite_of(tasks=("null/Reach",), **options):
+    plan, folder = compose_plan(ORACLE, tasks, **options)
+    assert not folder.exists()
+    assert plan.path == folder / SUITE_FILE
+    return plan.suite, yaml.safe_load(plan.text)
+
+
+def test_the_suite_is_clean_with_twenty_seeds_by_default():
+    suite, written = suite_of()
+    assert (suite.seeds.count, [str(condition) for condition in suite.all_conditions()]) == (20, ["clean"])
+    assert written["policies"] == [{"name": "oracle", "kind": "oracle"}]
+
+
+@pytest.mark.parametrize(
+    ("conditions", "expected"),
+    [
+        (["clean"], ["clean"]),
+        (["noise:2,4", "clean"], ["clean", "noise@2", "noise@4"]),
+        (["noise"], ["clean", *(f"noise@{number + 1}" for number in range(len(AXES["noise"].levels)))]),
+        (["again"], ["clean", "again"]),
+    ],
+)
+def test_a_condition_is_an_axis_with_some_or_all_severities_beside_clean(conditions, expected):
+    suite, _ = suite_of(conditions=conditions)
+    assert [str(condition) for condition in suite.all_conditions()] == expected
+
+
+@pytest.mark.parametrize(
+    ("tasks", "name"),
+    [
+        (["null/Reach"], "null-Reach"),
+        (["null/Reach", "null/Slow"], "null-Reach-and-1-more"),
+        (["null/[RS]*"], "null-RS"),
+    ],
+)
+def test_the_suite_is_named_after_its_tasks(tasks, name):
+    assert suite_of(tasks)[0].name == name
+
+
+def test_further_keys_are_those_of_a_suite():
+    assert suite_of(settings={"image_size": 32, "cameras": ("wrist",)})[0].image_size == 32
+    with one_line_error(BadInput, "unknown key 'imagesize'; did you mean 'image_size'?"):
+        suite_of(settings={"imagesize": 32})
+    with one_line_error(BadInput, "expected numbers, text, lists and mappings in a suite, got a object"):
+        suite_of(settings={"image_size": object()})
+
+
+def test_a_new_run_gets_a_new_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = new_run_folder("s")
+    first.mkdir(parents=True)
+    assert not new_run_folder("s").exists()

@@ -1,0 +1,69 @@
+"""Policies that are named by one text."""
+
+import pytest
+
+from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.references import option_text, read_options, read_reference
+from robogauntlet.support.errors import BadInput
+from tests.errors import one_line_error
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "kind", "options"),
+    [
+        ("oracle", "oracle", "oracle", {}),
+        ("python:brain.arm:act", "python-brain.arm-act", "python", {"callable": "brain.arm:act"}),
+        ("openpi://gpu:8000", "openpi-gpu-8000", "openpi", {"address": "openpi://gpu:8000"}),
+        ("lerobot:/data/act", "lerobot-data-act", "lerobot", {"checkpoint": "/data/act"}),
+        ("zoo:merged", "zoo-merged", "mergevla-merged", {"checkpoint": "zoo:merged"}),
+        ("zoo:experts", "zoo-experts", "mergevla-experts", {"folder": "zoo:experts"}),
+        ("zoo:base", "zoo-base", "mergevla", {"checkpoint": "zoo:base"}),
+        (
+            "zoo:experts/robosuite__Lift",
+            "zoo-experts-robosuite__Lift",
+            "mergevla",
+            {"checkpoint": "zoo:experts/robosuite__Lift"},
+        ),
+    ],
+)
+def test_a_text_is_a_kind_with_its_options_and_a_name(text, name, kind, options):
+    entry = read_reference(text)
+    assert (entry.name, entry.kind) == (name, kind)
+    assert entry.options == options
+
+
+def test_a_folder_of_a_checkpoint_is_a_policy(tmp_path):
+    (tmp_path / "best").mkdir()
+    (tmp_path / "best" / "card.json").write_text("{}")
+    entry = read_reference(str(tmp_path / "best"))
+    assert (entry.kind, entry.options) == ("mergevla", {"checkpoint": str(tmp_path / "best")})
+    assert entry.name.endswith("-best")
+    assert read_reference(str(tmp_path)).kind == "mergevla-experts"
+
+
+@pytest.mark.parametrize("text", ["orcale", "no/such/folder", "python:"])
+def test_a_text_that_names_no_policy_is_one_line(text):
+    with one_line_error(BadInput, f"expected openpi://HOST:PORT, .* a kind of policy; got '{text}'"):
+        read_reference(text)
+
+
+def test_an_unknown_checkpoint_of_the_zoo_is_one_line():
+    with one_line_error(PolicyError, "expected the name of a shipped checkpoint after 'zoo:', got 'mergd'"):
+        read_reference("zoo:mergd")
+
+
+def test_options_are_added_and_those_that_the_kind_lacks_are_refused():
+    given = read_options(["router=nearest-centroid"])
+    assert read_reference("zoo:merged", given).options == {"checkpoint": "zoo:merged", "router": "nearest-centroid"}
+    with one_line_error(BadInput, "policy 'mergevla-merged' has no option 'roter'; did you mean 'router'?"):
+        read_reference("zoo:merged", {"roter": 1})
+
+
+def test_options_are_values_in_yaml():
+    options = {"image_size": 224, "columns": [0, None], "identity": "pi0", "on": True, "off": "yes: no"}
+    texts = [option_text(name, value) for name, value in options.items()]
+    assert read_options(texts) == options
+    assert read_options(["image_size=224", "convention=libero"]) == {"image_size": 224, "convention": "libero"}
+    for wrong in ("image_size", "=3", "cameras={"):
+        with one_line_error(BadInput, "--option"):
+            read_options([wrong])
