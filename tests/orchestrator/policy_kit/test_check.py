@@ -94,6 +94,7 @@ def test_noise_of_an_unseeded_generator_is_a_warning_and_no_leak(check):
     )
     assert failed(results) == []
     assert only(results, "determinism").level is Level.WARNING
+    assert "hides what the policy looks at" in only(results, "input").text
     assert "in a new process: other actions" in only(results, "determinism").text
 
 
