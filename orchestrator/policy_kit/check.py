@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing import get_context
 
 import numpy as np
 
@@ -75,10 +79,34 @@ def _close(policy: Policy) -> None:
         close()
 
 
+def _in_new_process(probe: Probe, episode: Episode) -> Play:
+    """Play an episode where nothing is left of another one, not even in the policy's modules."""
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=_print_to_stderr) as process:
+        try:
+            return process.submit(_play_afresh, probe, episode).result()
+        except BrokenProcessPool:
+            raise InvalidAnswer("the policy ended its process") from None
+
+
+def _print_to_stderr() -> None:
+    os.dup2(2, 1)
+
+
+def _play_afresh(probe: Probe, episode: Episode) -> Play:
+    policy = build_policy(probe.source)
+    try:
+        simulation = simulators.open_simulation(probe.task, episode.protocol.view)
+        try:
+            return play(simulation, policy, episode)
+        finally:
+            simulation.close()
+    finally:
+        _close(policy)
+
+
 class _Check:
     def __init__(self, probe: Probe, policy: Policy, simulation: Simulation) -> None:
         self._probe, self._policy, self._simulation = probe, policy, simulation
-        self._fresh: list[Policy] = []
 
     def findings(self) -> Iterator[Finding | Image]:
         probe, policy, simulation = self._probe, self._policy, self._simulation
@@ -100,11 +128,7 @@ class _Check:
             yield from observation.sensitivity(policy, first.answers)
         else:
             yield Finding("input", Level.NOTE, f"the policy gets {GIVEN[policy.spec.sees]}")
-        try:
-            yield from repetition.repeated(simulation, first, again, self._load)
-        finally:
-            for fresh in self._fresh:
-                _close(fresh)
+        yield from repetition.repeated(first, again, lambda: _in_new_process(probe, first.episode))
         title = f"{probe.name} in {probe.task}: the images as the policy gets them, and its actions (red: limits)"
         yield draw_picture(shown, first.actions(), spec, moves, title)
 
@@ -114,10 +138,6 @@ class _Check:
         horizon = min(STEPS, simulators.find(simulator).tasks[name].horizon)
         protocol = Protocol(horizon, view=View(spec.cameras, spec.image_size))
         return Episode(probe.name, probe.source.digest or "", probe.task, probe.seed + number, protocol)
-
-    def _load(self) -> Policy:
-        self._fresh.append(build_policy(self._probe.source))
-        return self._fresh[-1]
 
     def _images(self, played: Play) -> list[tuple[str, Mapping[str, Image]]]:
         """Label and images, as the policy gets them, of the first and the last query."""

@@ -15,6 +15,8 @@ from robogauntlet.policies.contract import Policy
 QUERIES = 3
 """Queries of an episode, from its first on, that are asked again."""
 OTHER_INSTRUCTION = "do nothing"
+NOISY = 0.2
+"""Answers to the same observation that differ by more than this hide what a policy looks at."""
 MARGIN = 1.5
 """A change must exceed that of answers to the same observation by this factor."""
 Change = Callable[[Observation], Observation]
@@ -57,6 +59,12 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
     assert asked[0].query.observation is not None
     same = ask_again(policy, asked, lambda seen: seen)
     noise = difference(same, ask_again(policy, asked, lambda seen: seen))
+    if noise > NOISY:
+        text = (
+            f"the actions change by {percent(noise)} although nothing is changed, which hides what the policy looks at"
+        )
+        yield Finding("input", Level.WARNING, text, {"relative_change_unchanged": noise})
+        return
     cameras = list(asked[0].query.observation.images)
     effects: dict[str, float] = {}
     for name, change in changes(cameras).items():

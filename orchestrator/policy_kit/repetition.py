@@ -6,25 +6,22 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from robogauntlet.adapters.contract import Simulation
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
-from robogauntlet.orchestrator.policy_kit.recording import Play, play
-from robogauntlet.policies.contract import Policy
+from robogauntlet.orchestrator.policy_kit.recording import Play
 
 CLOSE = 1e-4
 """Differences of actions up to this are rounding (m, rad)."""
 REMEDY = "write reset(self), which sets back all that an episode leaves behind"
 
 
-def repeated(simulation: Simulation, first: Play, again: Play, load: Callable[[], Policy]) -> Iterator[Finding]:
+def repeated(first: Play, again: Play, play_afresh: Callable[[], Play]) -> Iterator[Finding]:
     """Compare an episode with its repetition by the same policy, after another episode.
 
     Args:
-        simulation: The episodes' task.
         first: The episode, as the first one that the policy played.
         again: The same episode, after another one.
-        load: Loads the policy once more, which is needed only if the two differ: a fresh policy that repeats `first`
-            shows that `again` differs by what the policy kept.
+        play_afresh: Plays it in a new process, which is needed only if the two differ: if that repeats `first`, then
+            `again` differs by what was kept.
 
     Raises:
         InvalidAnswer: The fresh policy raised, or its answer is not an action chunk.
@@ -39,15 +36,14 @@ def repeated(simulation: Simulation, first: Play, again: Play, load: Callable[[]
         text = f"the same episode after another one: actions differ by up to {gap:.1g}; rows will not be bit-identical"
         yield Finding("state", Level.NOTE, text, numbers)
         return
-    fresh = play(simulation, load(), first.episode)
-    unrepeatable = largest_difference(first, fresh)
+    unrepeatable = largest_difference(first, play_afresh())
     if unrepeatable <= CLOSE:
-        text = f"the same episode after another one: other actions {where}, although a fresh policy repeats the first"
+        text = f"the same episode after another one: other actions {where}, although a new process repeats the first"
         yield Finding("state", Level.FAILED, f"{text}: state leaks from episode to episode; {REMEDY}", numbers)
         return
-    numbers["largest_difference_fresh"] = unrepeatable
+    numbers["largest_difference_new_process"] = unrepeatable
     text = (
-        f"the same episode, played by a fresh policy: other actions, by up to {unrepeatable:.2g}; draw noise from a "
+        f"the same episode in a new process: other actions, by up to {unrepeatable:.2g}; draw noise from a "
         "generator that is seeded anew at each episode, else rows cannot be repeated and state that leaks is not seen"
     )
     yield Finding("determinism", Level.WARNING, text, numbers)

@@ -72,6 +72,14 @@ def test_state_that_leaks_from_episode_to_episode_fails(check):
     assert finding.numbers["largest_difference"] > 0.001
 
 
+def test_state_of_a_module_leaks_too(check):
+    results = check(
+        "QUERIES = []\n\ndef f(images, proprioception, instruction):\n    QUERIES.append(0)\n"
+        "    return chunk(0.001 * len(QUERIES))\n"
+    )
+    assert failed(results) == ["state"]
+
+
 def test_state_that_reset_sets_back_is_well(check):
     results = check(f"class f:\n    def reset(self):\n        self.count = 0\n{COUNTING}")
     assert failed(results) == []
@@ -86,7 +94,8 @@ def test_noise_of_an_unseeded_generator_is_a_warning_and_no_leak(check):
     )
     assert failed(results) == []
     assert only(results, "determinism").level is Level.WARNING
-    assert "a fresh policy: other actions" in only(results, "determinism").text
+    assert "hides what the policy looks at" in only(results, "input").text
+    assert "in a new process: other actions" in only(results, "determinism").text
 
 
 @pytest.mark.parametrize(
