@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robogauntlet.orchestrator.replay.contact_sheet import LABEL_WIDTH, TOP, draw_contact_sheet, render_severities
+from robogauntlet.orchestrator.replay.contact_sheet import (
+    HEADING_HEIGHT,
+    LABEL_WIDTH,
+    TITLE_HEIGHT,
+    draw_contact_sheet,
+    render_severities,
+)
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import RenderProfile, View
 
+TOP = TITLE_HEIGHT + HEADING_HEIGHT
 VIEW = View(image_size=48, render_profile=RenderProfile.FAST)
 
 
