@@ -84,12 +84,15 @@ def run(
         ),
     ] = None,
     history: HistoryUrl = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print a line for each episode.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
 ) -> None:
     """Run a suite, or continue a run, and write its report.
 
     In a folder with a run of the suite, only the missing episodes are played. Without a suite, one is composed of
     --policy, --task, --seeds (20 by default) and --condition, and written into the run folder.
     """
+    out.quiet = quiet
     required = tuple(require or ())
     policy_options, part = read_options(option or ()), SuiteSelection()
     if suite is None:
@@ -131,7 +134,7 @@ def run(
         _print_numbers(outcome)
         printed.extend(outcome.warnings)
 
-    outcome = run_plan(plan, folder, options, Progress(out), print_numbers)
+    outcome = run_plan(plan, folder, options, Progress(out, verbose=verbose), print_numbers)
     for warning in outcome.warnings:
         if warning not in printed:
             fail(warning)

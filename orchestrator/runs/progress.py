@@ -18,7 +18,9 @@ from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.live_status import LiveSimulator
 from robogauntlet.results.record import EpisodeResult
+from robogauntlet.suites.episode import CLEAN, Condition
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.errors import first_line
 
 WINDOW_S = 60.0
 """Time over which the pace is averaged (s)."""
@@ -52,10 +54,14 @@ class _SimulatorProgress:
 
 
 class Progress(Display):
-    """A bar per simulator with the success so far of a single policy, episodes per minute and time left."""
+    """A bar per simulator with the success so far of a single policy, episodes per minute and time left.
 
-    def __init__(self, console: Console, *, now: Callable[[], float] = time.monotonic) -> None:
+    If it is verbose, it also prints a line for each episode.
+    """
+
+    def __init__(self, console: Console, *, verbose: bool = False, now: Callable[[], float] = time.monotonic) -> None:
         super().__init__(console, now=now)
+        self._verbose = verbose
         self._simulators: dict[str, _SimulatorProgress] = {}
         self._policies = 0
 
@@ -87,6 +93,11 @@ class Progress(Display):
     def on_results(self, results: Sequence[EpisodeResult]) -> None:
         """Count returned rows."""
         now = self._now()
+        for row in results if self._verbose else ():
+            condition = "" if row.axis == CLEAN else f" under {Condition(row.axis, row.severity)}"
+            reason = f": {first_line(row.error)}" if row.error else ""
+            episode = f"{row.task}, {row.policy}{condition}, seed {row.seed}"
+            self.log(f"{episode}: {row.status} in {row.steps} steps, {row.wall_s:.2f} s{reason}")
         for (name, status), count in Counter((r.simulator, r.status) for r in results).items():
             progress = self._simulators[name]
             setattr(progress, status, getattr(progress, status) + count)

@@ -163,6 +163,7 @@ def test_run_replay_and_report(tmp_path, suite):
     assert done.stdout.index("10 of 10 episodes") < done.stdout.index("recorded 2 videos and snapshots in")
     assert "left out" not in done.stdout
     assert len(list((folder / "media/videos").iterdir())) == 2
+    assert run_gauntlet("run", suite, "--out", folder, "-q").stdout == ""
 
 
 @pytest.mark.ray

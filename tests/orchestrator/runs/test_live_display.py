@@ -10,6 +10,7 @@ from robogauntlet.orchestrator.runs.live_display import PLAIN_EVERY_S, Display
 from robogauntlet.orchestrator.runs.plan import make_plan
 from robogauntlet.orchestrator.runs.progress import Progress, RecordingProgress
 from tests.orchestrator.runs.playing import SUITE
+from tests.results.synthetic import row
 
 
 def shown(terminal, *, transient=False):
@@ -48,6 +49,20 @@ def test_a_recording_shows_the_time_until_its_end_or_until_all_is_recorded():
         "recording: 2/10  40 s left",
         "recording: 3/10",
     ]
+
+
+def test_a_verbose_display_has_a_line_for_each_episode(suite_file):
+    output = StringIO()
+    plan = make_plan(suite_file(SUITE))
+    with Progress(Console(file=output, width=120), verbose=True) as progress:
+        progress.begin(plan, {})
+        progress.on_results(
+            [row(plan.cells[0], 3, steps=12, wall_s=0.5), row(plan.cells[0], 4, "error", error="no room", wall_s=2.0)]
+        )
+    cell = plan.cells[0]
+    first, second = output.getvalue().splitlines()[:2]
+    assert first == f"{cell.task}, {cell.policy}, seed 3: success in 12 steps, 0.50 s"
+    assert second.endswith("2.00 s: no room")
 
 
 @pytest.mark.parametrize(("policies", "has_rate"), [("[oracle]", True), ("[oracle, random]", False)])
