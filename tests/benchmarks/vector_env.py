@@ -24,9 +24,9 @@ from tests.benchmarks.shared import EXPERT_VIEW as VIEW
 from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, SteppedTask, duration_s, episodes, play_suite, table_of
 
 PAIRS = tuple((task, policy) for task in TASKS for policy in POLICY_OPTIONS)
-PROCESSES, EPISODES = 2, 16
-FRAMES = {"culled": True, "whole scene": False}
-"""The vector environment draws as our workers do, or as the simulators do by themselves."""
+PROCESSES, EPISODES = 2, 32
+SIMULATIONS = {"ours": True, "the simulator's own": False}
+"""The vector environment draws and steps as our workers do, or as the simulators do by themselves."""
 SUITE = """
 name: vector-env
 policies: [{{kind: {policy}, options: {options}}}]
@@ -40,9 +40,9 @@ workers: {processes}
 class ToGymnasium(gymnasium.Env[dict[str, Any], Any]):
     """A task as an environment with image observations."""
 
-    def __init__(self, task: str, *, culling: bool) -> None:
+    def __init__(self, task: str, *, speed_up: bool) -> None:
         self._task = SteppedTask(task, VIEW)
-        self._task.simulation.culling = culling  # type: ignore[attr-defined]
+        self._task.speed_up(speed_up)
         spec = self._task.simulation.action_spec
         frame = spaces.Box(0, 255, (VIEW.image_size, VIEW.image_size, 3), np.uint8)
         state = spaces.Box(-np.inf, np.inf, (8,), np.float64)
@@ -68,9 +68,9 @@ def _as_dict(observation: Observation) -> dict[str, Any]:
     return {"state": observation.proprioception, **observation.images}
 
 
-def plain(task: str, kind: str, *, culling: bool) -> tuple[float, list[bool], int]:
+def plain(task: str, kind: str, *, speed_up: bool) -> tuple[float, list[bool], int]:
     """Duration of all episodes in batches without start-up (s), their successes, and the length of a chunk."""
-    make = partial(ToGymnasium, task, culling=culling)
+    make = partial(ToGymnasium, task, speed_up=speed_up)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
     policy, succeeded = load(kind, POLICY_OPTIONS[kind]), list[bool]()
     instruction = catalog.task_descriptions()[task].instruction
@@ -123,17 +123,17 @@ def measure() -> list[dict[str, object]]:
     for task, kind in PAIRS:
         os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
         worker_s, won = ours(task, kind)
-        for frames, culling in FRAMES.items():
-            plain_s, plain_won, chunk = plain(task, kind, culling=culling)
+        for steps, speed_up in SIMULATIONS.items():
+            plain_s, plain_won, chunk = plain(task, kind, speed_up=speed_up)
             rates = {"workers_per_hour": 3600 * EPISODES / worker_s, "vector_env_per_hour": 3600 * EPISODES / plain_s}
             same = sum(a == b for a, b in zip(won, plain_won, strict=True))
-            row = {"task": task, "policy": kind, "chunk": chunk, "frames": frames, **rates}
+            row = {"task": task, "policy": kind, "chunk": chunk, "simulation": steps, **rates}
             rows.append({**row, "ratio": plain_s / worker_s, "same_outcomes": same})
     columns = {
         "task": "{task}",
         "policy": "{policy}",
         "chunk": "{chunk}",
-        "frames of the vector environment": "{frames}",
+        "frames and steps of the vector environment": "{simulation}",
         "workers, episodes/h": "{workers_per_hour:.0f}",
     }
     columns |= {"gymnasium vector environment, episodes/h": "{vector_env_per_hour:.0f}", "ratio": "{ratio:.2f}"}
