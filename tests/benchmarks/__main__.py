@@ -26,7 +26,10 @@ BENCHMARKS = (
     "remote",
     "workers",
 )
-LONG = ("coverage", "dashboard", "million", "readers", "resume", "scale", "shifted_routing", "simplified_meshes")
+LONG = (
+    *("coverage", "dashboard", "mergevla", "million", "readers"),
+    *("resume", "scale", "shifted_routing", "simplified_meshes"),
+)
 INSTALLS = ("vla_eval",)
 NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)

@@ -110,6 +110,7 @@ def measure() -> list[dict[str, object]]:
     for task in TASKS:
         view = View()
         simulation = open_task(task, view)
+        simulation.culling = False  # type: ignore[attr-defined]  # The bare loop draws everything.
         chunk = np.random.default_rng(0).uniform(-0.2, 0.2, (CHUNK, 7))
         ours = chunk * simulation.action_spec.high
         bare, policy = BARE[task.partition("/")[0]](simulation), Fixed(ours)

@@ -1,6 +1,6 @@
 """Copies measurements into the documentation: `python -m tests.benchmarks.document frames control_step`.
 
-A page shows the tables of `docs/measurements/NAME.json` between `<!-- measured: NAME -->` and `<!-- end -->`.
+Pages show the table of `docs/measurements/NAME.json` between `<!-- measured: NAME -->` and `<!-- end -->`.
 """
 
 import json
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from tests import ROOT
 
-PAGE = ROOT / "docs/performance.md"
+PAGES = sorted((ROOT / "docs").glob("*.md"))
 MEASUREMENTS = ROOT / "docs/measurements"
 END = "<!-- end -->"
 BLOCK = re.compile(rf"(<!-- measured: (\w+) -->\n).*?{END}", re.DOTALL)
@@ -36,4 +36,5 @@ if __name__ == "__main__":
     MEASUREMENTS.mkdir(exist_ok=True)
     for benchmark in sys.argv[1:]:
         shutil.copy(ROOT / f"runs/bench/{benchmark}.json", MEASUREMENTS)
-    PAGE.write_text(with_measurements(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in PAGES:
+        page.write_text(with_measurements(page.read_text(encoding="utf-8")), encoding="utf-8")

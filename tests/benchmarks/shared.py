@@ -5,6 +5,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,13 @@ def open_task(task: str, view: View) -> Simulation:
     for simulator in catalog.simulators().values():
         os.environ.update(worker_environment(simulator))
     return catalog.open_simulation(task, view)
+
+
+def speed_up(simulation: Any, *, wanted: bool) -> None:
+    """Leave out what is outside the view and compile control steps, or draw and step as the simulator by itself."""
+    simulation.culling = wanted
+    if hasattr(simulation, "_control"):
+        simulation._control.exact = wanted
 
 
 class SteppedTask:
@@ -71,13 +79,18 @@ def episodes(task: str, policy: str, view: View, count: int, *, horizon: int = 4
     return map(cell.episode, range(count))
 
 
+def run_suite(suite: str | Path, folder: Path) -> None:
+    """Run a suite by the command line, without media."""
+    command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
+    subprocess.run(command, check=True, capture_output=True)
+
+
 def play_suite(text: str) -> list[EpisodeResult]:
-    """Run a suite by the command line, without media, and return its rows."""
+    """Run a suite and return its rows."""
     with tempfile.TemporaryDirectory() as name:
         suite, folder = Path(name) / "suite.yaml", Path(name) / "run"
         suite.write_text(text, encoding="utf-8")
-        command = [*GAUNTLET, "run", str(suite), "--out", str(folder), "--no-media"]
-        subprocess.run(command, check=True, capture_output=True)
+        run_suite(suite, folder)
         return stored_rows(folder)
 
 

@@ -21,12 +21,12 @@ from robogauntlet.orchestrator.environments.resolver import worker_environment
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Query
 from tests.benchmarks.shared import EXPERT_VIEW as VIEW
-from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, table_of
+from tests.benchmarks.shared import POLICY_OPTIONS, TASKS, duration_s, episodes, play_suite, speed_up, table_of
 
 PAIRS = tuple((task, policy) for task in TASKS for policy in POLICY_OPTIONS)
-PROCESSES, EPISODES = 2, 16
-FRAMES = {"culled": True, "whole scene": False}
-"""The vector environment draws as our workers do, or as the simulators do by themselves."""
+PROCESSES, EPISODES = 2, 32
+SIMULATIONS = {"ours": True, "the simulator's own": False}
+"""The vector environment draws and steps as our workers do, or as the simulators do by themselves."""
 SUITE = """
 name: vector-env
 policies: [{{kind: {policy}, options: {options}}}]
@@ -37,18 +37,18 @@ workers: {processes}
 """
 
 
-def opened(task: str, *, culling: bool) -> TaskEnvironment:
+def opened(task: str, *, own: bool) -> TaskEnvironment:
     """A task as an environment with image observations."""
     for simulator in catalog.simulators().values():
         os.environ.update(worker_environment(simulator))
     environment = robogauntlet.make(task, image_size=VIEW.image_size, render_profile=VIEW.render_profile)
-    environment.simulation.culling = culling  # type: ignore[attr-defined]
+    speed_up(environment.simulation, wanted=own)
     return environment
 
 
-def plain(task: str, kind: str, *, culling: bool) -> tuple[float, list[bool], int]:
+def plain(task: str, kind: str, *, own: bool) -> tuple[float, list[bool], int]:
     """Duration of all episodes in batches without start-up (s), their successes, and the length of a chunk."""
-    make = partial(opened, task, culling=culling)
+    make = partial(opened, task, own=own)
     batch = AsyncVectorEnv([make] * PROCESSES, context="spawn", autoreset_mode=AutoresetMode.DISABLED)
     policy, succeeded = load(kind, POLICY_OPTIONS[kind]), list[bool]()
     instruction = catalog.task_descriptions()[task].instruction
@@ -101,17 +101,17 @@ def measure() -> list[dict[str, object]]:
     for task, kind in PAIRS:
         os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
         worker_s, won = ours(task, kind)
-        for frames, culling in FRAMES.items():
-            plain_s, plain_won, chunk = plain(task, kind, culling=culling)
+        for steps, own in SIMULATIONS.items():
+            plain_s, plain_won, chunk = plain(task, kind, own=own)
             rates = {"workers_per_hour": 3600 * EPISODES / worker_s, "vector_env_per_hour": 3600 * EPISODES / plain_s}
             same = sum(a == b for a, b in zip(won, plain_won, strict=True))
-            row = {"task": task, "policy": kind, "chunk": chunk, "frames": frames, **rates}
+            row = {"task": task, "policy": kind, "chunk": chunk, "simulation": steps, **rates}
             rows.append({**row, "ratio": plain_s / worker_s, "same_outcomes": same})
     columns = {
         "task": "{task}",
         "policy": "{policy}",
         "chunk": "{chunk}",
-        "frames of the vector environment": "{frames}",
+        "frames and steps of the vector environment": "{simulation}",
         "workers, episodes/h": "{workers_per_hour:.0f}",
     }
     columns |= {"gymnasium vector environment, episodes/h": "{vector_env_per_hour:.0f}", "ratio": "{ratio:.2f}"}

@@ -25,7 +25,7 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Policy, Query
 from robogauntlet.suites.episode import Cell, Episode, Protocol
-from tests.benchmarks.shared import EXPERT_VIEW, POLICY_OPTIONS, SteppedTask
+from tests.benchmarks.shared import EXPERT_VIEW, POLICY_OPTIONS, SteppedTask, speed_up
 from tests.benchmarks.vla_eval import OURS, VARIANTS
 
 
@@ -103,12 +103,6 @@ async def play_harness(stepped: SteppedTask, url: str, line: dict[str, Any]) -> 
             played |= {"succeeded": stepped.succeeded, "steps": stepped.steps}
 
 
-def cull(stepped: SteppedTask, culling: bool) -> None:
-    """Leave out what is outside the view, or not, if the simulation has the choice."""
-    if hasattr(stepped.simulation, "culling"):
-        stepped.simulation.culling = culling
-
-
 def main(task: str, *seeds: str) -> None:
     """Play the seeds with every policy by both. The first is played twice, to warm up; its second line counts."""
     stepped = SteppedTask(task, EXPERT_VIEW)
@@ -116,13 +110,13 @@ def main(task: str, *seeds: str) -> None:
         policy, cell = load(kind, options), Cell(kind, kind, task, Protocol(stepped.horizon, view=EXPERT_VIEW))
         with serve_background(GauntletPolicy(policy, cell)) as server:
             for seed in map(int, (seeds[0], *seeds)):
-                cull(stepped, True)
+                speed_up(stepped.simulation, wanted=True)
                 with timed(policy=kind, variant=OURS, seed=seed) as played:
                     row = rollout(stepped.simulation, policy, cell.episode(seed))
                     played |= {"succeeded": row.status == "success", "steps": row.steps}
-                for variant, (image_format, culling) in VARIANTS.items():
+                for variant, (image_format, own) in VARIANTS.items():
                     set_image_format(image_format)
-                    cull(stepped, culling)
+                    speed_up(stepped.simulation, wanted=own)
                     anyio.run(play_harness, stepped, server.url, {"policy": kind, "variant": variant, "seed": seed})
 
 
