@@ -22,6 +22,10 @@ class PolicyNotInstalled(PolicyError):
     """The packages or the environment that a policy needs are missing; the message says how to install them."""
 
 
+class PolicyUnreachable(PolicyError):
+    """The server of a policy does not answer."""
+
+
 class PolicyMismatch(PolicyError):
     """A policy whose actions or inputs do not fit the simulation."""
 

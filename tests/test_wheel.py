@@ -1,5 +1,7 @@
 """The wheels: complete, light, and usable in an empty environment."""
 
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -26,12 +28,6 @@ def walk(command, words):
     return count
 
 print(walk(get_command(app), []))
-"""
-SUITE = """
-name: first
-policies: [oracle, random]
-tasks: [null/Reach, pybullet/PandaReach-v3]
-seeds: {count: 1}
 """
 
 
@@ -101,9 +97,20 @@ def test_every_shipped_suite_is_valid_where_no_simulator_is_installed(program, s
 
 @pytest.mark.slow
 @pytest.mark.simulator
-def test_the_null_simulator_and_pybullet_play(program, wheels, tmp_path):
+def test_the_quick_start_is_followed_word_by_word(program, wheels, tmp_path):
     install(program.parents[1], f"robogauntlet[pybullet] @ {wheels[0].as_uri()}")
-    (tmp_path / "first.yaml").write_text(SUITE)
-    run(program, "run", "first.yaml", "--out", "run", cwd=tmp_path)
-    assert (tmp_path / "run" / "report.html").is_file()
-    assert "4 of 4 episodes" in (tmp_path / "run" / "report.md").read_text()
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = page.partition("\n## Quick start\n")[2].partition("\n## ")[0]
+    printed = ""
+    for language, text in re.findall(r"^```(\w*)\n(.*?)^```$", section, re.MULTILINE | re.DOTALL):
+        if language == "yaml":
+            (tmp_path / text.split()[1]).write_text(text)
+        elif language == "python":
+            (tmp_path / "quick.py").write_text(text)
+            printed += run(program.with_name("python"), "quick.py", cwd=tmp_path)
+        for line in text.splitlines() if not language else ():
+            if "robogauntlet" in (words := shlex.split(line.removeprefix("$ ")))[:1]:
+                printed += run(program, *words[1:], cwd=tmp_path)
+    for number in (10, 40):
+        assert f"{number} of {number} episodes" in printed
+    assert (tmp_path / "runs" / "first" / "report.html").is_file()

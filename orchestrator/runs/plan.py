@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
 from robogauntlet.policies import catalog as policies
-from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, check_fit
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, PolicyUnreachable, check_fit
 from robogauntlet.policies.references import FORMS, read_reference
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
@@ -32,6 +32,7 @@ from robogauntlet.support.errors import BadInput
 
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
+UNKNOWN = "unknown until its policy servers answer"
 
 
 class PlanError(Exception):
@@ -47,6 +48,7 @@ class Plan:
     text: str
     """The suite file, word for word."""
     suite_hash: str
+    """Or `UNKNOWN`."""
     cells: tuple[Cell, ...]
     sources: Mapping[str, PolicySource]
     unavailable: Mapping[str, str]
@@ -54,7 +56,8 @@ class Plan:
     unsupported: tuple[Unsupported, ...] = ()
     """Axes that some tasks of the suite do not support; their cells are not planned."""
     not_installed: Mapping[str, str] = field(default_factory=dict)
-    """Policies whose packages are not installed, each with the reason. Whether they fit the suite was not checked."""
+    """Policies whose packages are not installed, or whose server does not answer, each with the reason. Whether they
+    fit the suite was not checked."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -135,8 +138,9 @@ def make_plan(
         text: Its text, if it is not written yet; a run writes it.
         part: The part of the suite to plan. It may name policies that the suite lacks (see `read_reference`).
         only: Simulators that must be available.
-        require_installed: Whether a simulator of the suite and the packages of its policies must be installed, as a
-            run requires. If not, what is missing is listed in the plan, and a suite that needs a policy has no cells.
+        require_installed: Whether a simulator of the suite and the packages of its policies must be installed, and its
+            policy servers answer, as a run requires. If not, what is missing is listed in the plan, and a suite that
+            needs a policy has no cells.
 
     Raises:
         SuiteError: The file is wrong, or a policy of the part does not fit the suite.
@@ -171,12 +175,13 @@ def make_plan(
     digests = {name: str(source.digest) for name, source in sources.items()}
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
+    suite_hash = suite.content_hash(digests, names) if all(source.digest for source in sources.values()) else UNKNOWN
     simulator_names = dict.fromkeys(cell.simulator for cell in cells)
     return Plan(
         suite=suite,
         path=path,
         text=path.read_text(encoding="utf-8") if text is None else text,
-        suite_hash=suite.content_hash(digests, names),
+        suite_hash=suite_hash,
         cells=cells,
         sources=sources,
         unavailable=_unavailable_simulators(simulator_names, environments, only, require_one=require_installed),
@@ -236,11 +241,13 @@ def _resolve_policies(
         except PolicyError as error:
             problems.append(f"policy '{entry.name}': {error}")
             continue
+        sources[entry.name] = source
         if missing:
             not_installed[entry.name] = missing
+        if source.digest is None:
+            continue
         if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
             problems.append(f"policies '{first}' and '{entry.name}' are the same policy; remove one")
-        sources[entry.name] = source
     return sources, not_installed, problems
 
 
@@ -259,7 +266,10 @@ def _resolve_policy(entry: PolicyEntry, suite: Suite, environments: EnvironmentR
         except PolicyError:
             raise error from None
         return PolicySource(entry.kind, entry.options, digest), str(error)
-    source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
+    try:
+        source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
+    except PolicyUnreachable as error:
+        return PolicySource(entry.kind, options), str(error)
     try:
         spec = policies.spec(entry.kind, options)
     except PolicyNotInstalled as error:

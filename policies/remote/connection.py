@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidSta
 from websockets.frames import CloseCode
 from websockets.sync.client import ClientConnection, connect
 
-from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.contract import PolicyError, PolicyUnreachable
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
 from robogauntlet.policies.remote.server_options import ServerOptions
 from robogauntlet.support.errors import first_line, last_line
@@ -86,7 +86,7 @@ class ServerConnection:
                 if attempt == self._options.retries or left <= 0:
                     break
                 time.sleep(min(FIRST_PAUSE_S * 2**attempt, MAX_PAUSE_S, left))
-        raise PolicyError(
+        raise PolicyUnreachable(
             f"{self._server}: expected an answer within {attempt + 1} attempts and {seconds:g} s, got none: {reason}; "
             "start the server, correct the address, or raise retries"
         )

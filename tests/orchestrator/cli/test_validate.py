@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from robogauntlet.orchestrator.runs.plan import SHIPPED, make_plan
-from tests.processes import run_process
+from tests.processes import run_gauntlet, run_process
 
 MISSING = (
     *("torch", "mujoco", "robosuite", "sapien", "mani_skill", "pybullet", "panda_gym", "metaworld", "gymnasium"),
@@ -55,6 +55,17 @@ def test_mistakes_are_reported_without_simulators(suite):
     done = run_without_simulators("validate", suite)
     assert done.returncode == 2
     assert done.stderr.count("did you mean") == 2
+
+
+@pytest.mark.parametrize("verb", ["validate", "plan"])
+def test_a_policy_server_that_does_not_answer_is_a_note(tmp_path, verb):
+    file = tmp_path / "suite.yaml"
+    file.write_text(SUITE.replace("[oracle]", '[oracle, "openpi://127.0.0.1:9"]'))
+    done = run_gauntlet(verb, file)
+    assert done.returncode == 0
+    assert "4 episodes" in done.stdout
+    assert "hash unknown until its policy servers answer" in done.stdout
+    assert "policy server ws://127.0.0.1:9" in done.stdout + done.stderr
 
 
 def test_the_doctor_fails_where_no_simulator_is_installed():
