@@ -71,7 +71,11 @@ class StatefulFunctionPolicy:
         for episode in episodes:
             if episode.id not in self._playing:
                 self._playing[episode.id] = self._idle.pop() if self._idle else self._another()
-            self._playing[episode.id].reset()
+            try:
+                self._playing[episode.id].reset()
+            except Exception:
+                self.finish([episode])
+                raise
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """Call the object of each query's episode. Raises PolicyError if the result is not a chunk."""
@@ -115,7 +119,7 @@ def as_policy(target: Callable[..., Any], options: Mapping[str, Any], text: str)
         PolicyError: It makes none; the message says what to write.
     """
     name = text.rpartition(":")[2]
-    if _is_plain(target):
+    if is_plain(target):
         try:
             inspect.signature(target).bind(**dict.fromkeys(PARAMETERS), **options)
         except TypeError as error:
@@ -131,7 +135,7 @@ def as_policy(target: Callable[..., Any], options: Mapping[str, Any], text: str)
         made: Any = build()
     except Exception as error:  # it may raise anything
         raise PolicyError(f"policy '{text}': building it raised {describe(error)}") from None
-    if callable(getattr(made, "act", None)):
+    if is_contract(made):
         return _checked(made, text)
     if not callable(made):
         raise PolicyError(
@@ -173,7 +177,14 @@ def _checked(policy: Any, text: str) -> Policy:
     return policy
 
 
-def _is_plain(target: Any) -> bool:
+def is_contract(made: Any) -> bool:
+    """Whether an object is meant as a policy of the contract; a callable one may have something else called `act`."""
+    return callable(getattr(made, "act", None)) and (
+        isinstance(getattr(made, "spec", None), PolicySpec) or not callable(made)
+    )
+
+
+def is_plain(target: Any) -> bool:
     """Whether the target itself is a function of the observation."""
     if inspect.isclass(target):
         return False

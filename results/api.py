@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence, Set
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -105,12 +106,16 @@ class OpenRun:
         """
         if len(policies) == 1 or (other is not None and len(policies) != 2):
             raise RunError(f"{self.folder}: expected two policies to compare, got {', '.join(policies) or 'none'}")
+        if other is None and len(policies) != len(set(policies)):
+            raise RunError(f"{self.folder}: expected different policies to compare, got {', '.join(policies)}")
         run = self._for_comparison()
         if len(policies) != 2:
             found = pairwise.compare_all(run, only=policies, alpha=alpha, margin=margin)
         else:
             opened = other if other is None or isinstance(other, OpenRun) else open_run(other)
             runs = (run, run if opened is None else opened._for_comparison())
+            if opened is not None and run.name == runs[1].name and self.folder.resolve() != opened.folder.resolve():
+                runs = replace(run, name=str(self.folder)), replace(runs[1], name=str(opened.folder))
             sides = [PolicyRows.of_run(one, name) for one, name in zip(runs, policies, strict=True)]
             found = pairwise.compare_policies(*sides, alpha=alpha, margin=margin, allowed=allowed)
         return PrintablePairwise(**vars(found))

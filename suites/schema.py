@@ -63,8 +63,12 @@ def policy_entry(text: str) -> dict[str, Any]:
 
 
 def valid_name(text: str) -> str:
-    """Return a text as a name, with hyphens for characters that names may not have; "" if no character is left."""
-    return re.sub(r"[^A-Za-z0-9._]+", "-", text)[:LONGEST_NAME].strip("-._")
+    """Return a text as a name, with hyphens for characters that names may not have; "" if no character is left.
+
+    A longer text ends with a hash, so that texts that begin alike have different names.
+    """
+    name = re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 9]}-{content_hash(text, length=8)}"
 
 
 class _Model(BaseModel):

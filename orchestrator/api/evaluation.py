@@ -68,8 +68,8 @@ def evaluate(
         name: The policy's name in the run; by default made of the text, or that of the function or class.
         options: Options of a policy that is named by a text, such as `{"convention": "libero"}`.
         identity: What identifies the content of an object, such as the name or hash of its checkpoint. By default it is
-            the source of a function that uses nothing but its parameters and modules. Any other object counts as a new
-            policy at each call, so that its run cannot be continued.
+            the source of a function that uses nothing but its parameters and installed modules. Any other object counts
+            as a new policy at each call, so that its run cannot be continued.
         media: Record videos after the episodes: all (True), what fits into a fifth of the playing time (None), or none.
         quiet: Print no progress.
         **settings: Further keys of a suite, such as `image_size=224` or `workers=2`.

@@ -25,6 +25,8 @@ from robogauntlet.policies.contract import PolicyNotInstalled
 from robogauntlet.results.run_document import EnvironmentRecord
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 
+OBJECT_TOKEN = "ROBOGAUNTLET_OBJECT_TOKEN"
+"""Variable with the token of the server of this process's objects, see `orchestrator/api`; workers get it, too."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
@@ -103,9 +105,12 @@ class EnvironmentResolver:
         Raises:
             OSError: The folder with links to the source cannot be written.
         """
+        variables = dict(worker_environment(simulator))
+        if token := os.environ.get(OBJECT_TOKEN):
+            variables[OBJECT_TOKEN] = token  # Ray may have been started before it was set.
         if (environment := self.resolve(simulator)) is None:
-            return {"env_vars": worker_environment(simulator)}
-        variables = {**worker_environment(simulator), "PYTHONPATH": import_path()}
+            return {"env_vars": variables}
+        variables["PYTHONPATH"] = import_path()
         return {"env_vars": variables, "py_executable": str(environment.python)}
 
     def subprocess_env(self, simulator: Simulator) -> tuple[str, dict[str, str]]:

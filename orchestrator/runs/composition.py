@@ -59,14 +59,18 @@ def compose_plan(
     if seeds < 1:
         raise BadInput(f"seeds: expected 1 or more, got {seeds}")
     name = _suite_name(tasks)
-    suite = {
+    suite: dict[str, Any] = {
         "name": name,
         "policies": [policy.model_dump(exclude_defaults=True) for policy in policies],
         "tasks": list(tasks),
         "conditions": _conditions(conditions),
         "seeds": {"count": seeds},
-        **(settings or {}),
     }
+    if settings and (clash := suite.keys() & settings.keys()):
+        raise BadInput(
+            f"{', '.join(sorted(clash))}: expected further keys of a suite, got one that other arguments give"
+        )
+    suite |= settings or {}
     folder = folder or new_run_folder(name)
     try:
         text = yaml.safe_dump(suite, sort_keys=False, allow_unicode=True)

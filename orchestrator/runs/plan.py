@@ -215,7 +215,10 @@ def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite
             if entries and not set(text) & set(":/"):
                 raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
             raise
-        entries.setdefault(entry.name, entry)
+        if entries.setdefault(entry.name, entry) != entry:
+            raise BadInput(
+                f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
+            )
         chosen.append(entry.name)
     if len(entries) > len(suite.policies):
         suite = suite.model_copy(update={"policies": tuple(entries.values()), "needs": None})

@@ -116,6 +116,8 @@ class RunSession:
         self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
         self._ray = stack.enter_context(contextlib.ExitStack())
         continued, url = (folder / RUN_FILE).exists(), options.store
+        if not continued and plan.path.exists() and plan.path.read_text(encoding="utf-8") != plan.text:
+            raise FolderError(f"{plan.path}: expected no other suite in the folder of a new run; choose another folder")
         document = create_or_continue(plan, folder, url).model_copy(update={"command": options.command})
         self._document = document
         if continued and url is not None and without_password(url) != document.store_url:

@@ -139,6 +139,8 @@ class PairwiseComparisons:
     """Three or more policies without a baseline, with letters: those that share one do not differ significantly."""
     not_compared: tuple[str, ...] = ()
     """Pairs of policies that were not compared, with the reason."""
+    is_adaptive: bool = False
+    """Whether the number of pairs depends on outcomes, for which the p-values are not made."""
 
 
 def compare_policies(
@@ -156,7 +158,8 @@ def compare_policies(
         ValueError: alpha or margin outside (0, 1).
     """
     found = _adjusted([_compare(first, second, alpha, margin, allowed)], alpha)
-    return PairwiseComparisons(alpha, margin, None, 2, found)
+    adaptive = any(side.document.suite.adaptive is not None for side in (first, second))
+    return PairwiseComparisons(alpha, margin, None, 2, found, is_adaptive=adaptive)
 
 
 def compare_all(
@@ -176,7 +179,10 @@ def compare_all(
         raise RunError(f"{run.name}: expected two policies or more to compare, got {', '.join(sides) or 'none'}")
     baseline, pairs = _pairs(run.document, list(sides))
     compared, failed = [], []
-    for one, other in pairs if baseline is not None or len(sides) <= ALL_PAIRS else ():
+    every = baseline is not None or len(sides) <= ALL_PAIRS
+    for one, other in pairs:
+        if not every and _verdicts(sides[one]) & _verdicts(sides[other]):
+            continue  # The letters summarise it.
         try:
             compared.append(_compare(sides[one], sides[other], alpha, margin, frozenset(Difference)))
         except NotComparable as error:
@@ -184,7 +190,14 @@ def compare_all(
     standings = leaderboard(list(map(_played, sides.values())), alpha) if baseline is None and len(sides) > 2 else []
     count = len(sides) if baseline is None else len(pairs) + 1
     return PairwiseComparisons(
-        alpha, margin, baseline, count, _adjusted(compared, alpha), tuple(standings), tuple(failed)
+        alpha,
+        margin,
+        baseline,
+        count,
+        _adjusted(compared, alpha),
+        tuple(standings),
+        tuple(failed),
+        run.document.suite.adaptive is not None,
     )
 
 
@@ -196,6 +209,11 @@ def _pairs(document: RunDocument, names: Sequence[str]) -> tuple[str | None, lis
         if others:
             return sides.baseline, [(name, sides.baseline) for name in others]
     return None, list(combinations(names, 2))
+
+
+def _verdicts(one: PolicyRows) -> set[str]:
+    """Pairs in which the policy succeeded or failed."""
+    return set(one.rows.loc[one.rows["status"] != str(Status.ERROR), "pair_id"])
 
 
 def _played(one: PolicyRows) -> PolicyEpisodes:

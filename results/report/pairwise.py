@@ -99,7 +99,8 @@ def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterato
     (first, second), line, alpha = names(one), one.overall, comparisons.alpha
     rates = [percent(rate(won, line.pairs.trials)) for won in (line.pairs.first, line.pairs.second)]
     significant = f"The difference is significant at {100 * alpha:g} %."
-    found = significant if line.adjusted <= alpha else f"No difference is shown. {_detectable(line)}"
+    several = len(comparisons.comparisons) > 1
+    found = significant if line.adjusted <= alpha else f"No difference is shown. {_detectable(line, several)}"
     yield f"Success in {counted(line.pairs.trials, 'episode')}: {first} {rates[0]}, {second} {rates[1]}. {found}"
     if one.parts:
         differ = [line for line in one.tasks if line.adjusted <= alpha]
@@ -114,10 +115,11 @@ def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterato
         yield f"Both executed the same actions in {one.identical:,} of {counted(line.pairs.trials, 'pair')}."
 
 
-def _detectable(line: Line) -> str:
+def _detectable(line: Line, several: bool) -> str:
     if line.detectable is None:
         return "No difference can be detected with so few pairs."
-    return f"A difference of {100 * line.detectable:.1f} points is detected with a probability of {percent(POWER)}."
+    found = f"A difference of {100 * line.detectable:.1f} points is detected with a probability of {percent(POWER)}"
+    return f"{found}{' before adjustment' if several else ''}."
 
 
 def _left_out(one: PairwiseComparison) -> Iterator[str]:
@@ -136,6 +138,8 @@ def _left_out(one: PairwiseComparison) -> Iterator[str]:
 def summary(comparisons: PairwiseComparisons) -> list[str]:
     """Sentences on the whole: pairs that were not compared, and many policies."""
     lines = [f"Not compared: {reason}." for reason in comparisons.not_compared]
+    if comparisons.is_adaptive:
+        lines.append("The suite is adaptive: the number of pairs depends on outcomes, so the p-values are not exact.")
     if comparisons.baseline is None and comparisons.policies > ALL_PAIRS:
         lines.append(
             f"{comparisons.policies} policies have too many pairs to list; "
@@ -217,7 +221,7 @@ def standings_table(comparisons: PairwiseComparisons) -> TextTable | None:
         (row.policy, row.letters, percent(row.rate), formatting.span(row.interval), f"{row.verdicts:,}")
         for row in comparisons.standings
     )
-    return TextTable(("policy", "letters", "mean of tasks", "interval", "episodes"), rows, 2)
+    return TextTable(("policy", "letters", "mean of tasks", "interval of all episodes", "episodes"), rows, 2)
 
 
 def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:

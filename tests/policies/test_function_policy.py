@@ -1,6 +1,7 @@
 """Functions and callable objects as policies: an object with `reset` plays one episode at a time, from its reset on."""
 
 import numpy as np
+import pytest
 
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Observation
@@ -89,6 +90,31 @@ def test_one_object_refuses_a_second_simultaneous_episode():
     policy.finish([episode(0)])
     policy.reset([episode(1)])
     assert answers(policy, 1) == [1.0]
+
+
+def test_an_object_whose_reset_fails_once_plays_the_next_episode():
+    class Fragile(Counter):
+        def reset(self):
+            if not self.queries:
+                self.queries = 1
+                raise OSError("no memory")
+            super().reset()
+
+    fragile = Fragile()
+    policy = as_policy(lambda: fragile, {}, "m:fragile")
+    with pytest.raises(OSError, match="no memory"):
+        policy.reset([episode(0)])
+    policy.reset([episode(1)])
+    assert answers(policy, 1) == [1.0]
+
+
+def test_a_callable_with_an_activation_called_act_is_no_policy_of_the_contract():
+    class Network(Counter):
+        act = staticmethod(np.tanh)
+
+    policy = as_policy(Network, {}, "m:Network")
+    policy.reset([episode(0)])
+    assert answers(policy, 0) == [1.0]
 
 
 def test_servers_know_which_policy_keeps_state():

@@ -1,14 +1,19 @@
 """Objects of this process as policies: what they are, and which of them count as the same."""
 
+import importlib
+import linecache
+import sys
+
 import numpy as np
 import pytest
 
 from robogauntlet.orchestrator.api.served_object import ServedObject
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
+from tests import processes
 from tests.errors import one_line_error
 
-SPEED = 0.01
+SPEED, PACKAGE = 0.01, "numpy"
 
 
 def still(images, proprioception, instruction):
@@ -23,12 +28,31 @@ def fast(images, proprioception, instruction):
     return np.full((8, 7), SPEED)
 
 
+def of_a_text(images, proprioception, instruction):
+    return np.full((8, 7), len(PACKAGE))
+
+
 def fast_within(images, proprioception, instruction):
     return (lambda: np.full((8, 7), SPEED))()
 
 
 def with_default(images, proprioception, instruction, speed=SPEED):
     return np.full((8, 7), speed)
+
+
+def of_an_own_module(images, proprioception, instruction):
+    return np.full((8, 7), processes.SPEED)
+
+
+def that_imports(images, proprioception, instruction):
+    from tests import processes
+
+    return np.full((8, 7), processes.SPEED)
+
+
+def that_reads(images, proprioception, instruction):
+    with open("speed.txt") as file:  # noqa: PTH123
+        return np.full((8, 7), float(file.read()))
 
 
 def closure(speed):
@@ -63,12 +87,42 @@ def test_a_function_that_uses_nothing_else_is_identified_by_its_source():
     "target",
     [
         *(fast, fast_within, with_default, closure(0.1), Counting(), Counting),
+        *(of_a_text, of_an_own_module, that_imports, that_reads),
         lambda images, proprioception, instruction: np.zeros((8, 7)),
     ],
 )
 def test_what_may_depend_on_more_than_its_source_is_new_at_each_call_unless_identified(target):
     assert digest(target) != digest(target)
     assert digest(target, identity="a") == digest(target, identity="a") != digest(target, identity="b")
+
+
+def test_a_function_whose_file_has_changed_since_it_was_loaded_is_another(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "changing.py").write_text("def act(images, proprioception, instruction):\n    return [[0.0] * 7]\n")
+    loaded = importlib.import_module("changing").act
+    before = digest(loaded)
+    (tmp_path / "changing.py").write_text("def act(images, proprioception, instruction):\n    return [[0.1] * 7]\n")
+    sys.modules.pop("changing")
+    linecache.clearcache()
+    assert before != digest(loaded) != digest(importlib.import_module("changing").act)
+
+
+def test_other_programs_cannot_ask_it():
+    with ServedObject(still) as served:
+        options = {**served.entry.options, "token_variable": None, "retries": 0}
+        with one_line_error(PolicyError, "token"):
+            catalog.digest("openpi", options)
+
+
+def test_a_class_or_factory_of_any_options_is_not_taken_for_a_function():
+    class Open:
+        def __init__(self, **options):
+            self.options = options
+
+        def __call__(self, images, proprioception, instruction):
+            return np.zeros((8, 7))
+
+    ServedObject(Open).check_answer(("wrist",), 16, "reach")
 
 
 def test_it_is_named_after_the_function_or_class():

@@ -35,8 +35,8 @@ def test_run_now_plays_checks_and_records_a_run(run_command, suite):
     run_command("schedule", "add", "nightly", "nulls.yaml", "--cron", "@daily", "--no-media")
     result = run_command("schedule", "run-now", "nightly")
     assert result.code == 0, result.err
-    assert "nightly: done, 100 % of 5 episodes; the first of its suite" in result.out
-    assert "done: 100 % of 5 episodes" in run_command("schedule", "list").out
+    assert "nightly: done, 100 % [57, 100], 5 episodes; the first of its suite" in result.out
+    assert "done: 100 % [57, 100], 5 episodes" in run_command("schedule", "list").out
     assert "nulls" in run_command("history").out
 
 

@@ -6,6 +6,7 @@ import yaml
 from robogauntlet.orchestrator.runs.composition import SUITE_FILE, compose_plan, new_run_folder
 from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.schema import LONGEST_NAME, policy_entry
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
 
@@ -57,6 +58,27 @@ def test_further_keys_are_those_of_a_suite():
         suite_of(settings={"imagesize": 32})
     with one_line_error(BadInput, "expected numbers, text, lists and mappings in a suite, got a object"):
         suite_of(settings={"image_size": object()})
+
+
+def test_further_keys_do_not_replace_what_the_arguments_make():
+    with one_line_error(BadInput, "policies: expected further keys of a suite"):
+        suite_of(settings={"policies": ["random"]})
+
+
+def test_policies_whose_long_names_begin_alike_keep_different_names():
+    folder = "lerobot:" + "/deep" * 20
+    first, second = (policy_entry(f"{folder}/{step}/pretrained_model") for step in ("010000", "020000"))
+    assert first["name"] != second["name"]
+    assert max(len(first["name"]), len(second["name"])) <= LONGEST_NAME
+
+
+def test_another_suite_in_the_folder_of_a_new_run_is_kept_and_refused(run_command, tmp_path):
+    mine = tmp_path / "suite.yaml"
+    mine.write_text("name: mine\n")
+    result = run_command("run", "--policy", "oracle", "--task", "null/Reach", "--seeds", "1", "--out", ".")
+    assert "expected no other suite in the folder of a new run; choose another folder" in result.refusal
+    assert mine.read_text() == "name: mine\n"
+    assert not (tmp_path / "episodes.sqlite").exists()
 
 
 def test_a_new_run_gets_a_new_folder(tmp_path, monkeypatch):
