@@ -161,7 +161,7 @@ def make_plan(
     environments = EnvironmentResolver(suite.environments)
     sources, not_installed, problems = _resolve_policies(suite, environments)
     if require_installed:
-        problems += [f"policy '{name}': {reason}" for name, reason in not_installed.items()]
+        problems = [f"policy '{name}': {reason}" for name, reason in not_installed.items()] + problems
     unsupported = _unsupported_axes(suite)
     unsupported_tasks = Counter(gap.axis for gap in unsupported)
     problems += [
