@@ -44,7 +44,7 @@ def repeated(first: Play, again: Play, play_afresh: Callable[[], Play]) -> Itera
     numbers["largest_difference_new_process"] = unrepeatable
     text = (
         f"the same episode in a new process: other actions, by up to {unrepeatable:.2g}; draw noise from a "
-        "generator that is seeded anew at each episode, else rows cannot be repeated and state that leaks is not seen"
+        "generator that each episode seeds again, else rows cannot be repeated and state that leaks is not seen"
     )
     yield Finding("determinism", Level.WARNING, text, numbers)
 

@@ -89,7 +89,7 @@ class Line:
     p: float
     """McNemar's exact test, two-sided."""
     detectable: float | None
-    """The smallest difference that so many pairs show with a probability of 0.8, see `pairs.detectable_drop`."""
+    """The smallest difference that this many pairs show with a probability of 0.8, see `pairs.detectable_drop`."""
     adjusted: float = 1.0
     """The p-value adjusted by Holm's method."""
     no_worse: bool | None = None
