@@ -142,7 +142,7 @@ def open_history(url: str | None, root: Path | None = None) -> Iterator[History]
         if url is None:
             root.mkdir(parents=True, exist_ok=True)
         with closing(History.open(history_url(url, root))) as history:
-            record_run_folders(history, root)
+            record_run_folders(history, root, fail)
             yield history
     except OSError as error:
         raise BadInput(f"{root}: {error.strerror}") from None
