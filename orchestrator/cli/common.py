@@ -71,6 +71,10 @@ PolicyOptions = Annotated[
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]
+Trust = Annotated[
+    bool,
+    typer.Option("--trust", help="Import, contact, read and start what an imported run names, as its author chose."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 TOKEN = "ROBOGAUNTLET_TOKEN"
 Host = Annotated[

@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
+from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.record import OUTCOME, EpisodeResult
@@ -60,12 +61,14 @@ def episode_of(row: EpisodeResult) -> Episode:
     return Episode(row.policy, row.policy_digest, row.task, row.seed, protocol, Condition(row.axis, row.severity))
 
 
-def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
-    """The policies of a run, by name.
+def policy_sources(document: RunDocument, folder: Path, *, trust: bool = False) -> dict[str, PolicySource]:
+    """The policies of the run in a folder, by name.
 
     Raises:
+        NotTrusted: The run was imported and uses something of its author's choice; see `require_trust`.
         ReplayError: A policy has changed since the run, or cannot be used.
     """
+    require_trust(document, folder, trust=trust)
     digests = {cell.policy: cell.policy_digest for cell in document.plan}
     sources, environments = {}, environments_of(document)
     for entry in document.suite.policies:

@@ -21,7 +21,7 @@ from robogauntlet.orchestrator.runs.run_observer import RunObserver
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
-from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, store_url, write_run
+from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, shortened, store_url, write_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.episode import Cell
@@ -222,7 +222,7 @@ class RunSession:
             self._status, self._reason = RunStatus.STOPPED, f"{missing} episodes are missing"
         self._update(
             status=self._status,
-            reason=self._reason,
+            reason=None if self._reason is None else shortened(self._reason),
             finished_at=time.time(),
             skipped=self._observer.skipped_simulators,
             render_devices=self._observer.render_devices,

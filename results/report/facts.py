@@ -106,8 +106,8 @@ _STATUS = {
 
 
 def status_word(document: RunDocument) -> str:
-    """Return the status of the run in one or two words."""
-    return _STATUS[document.status]
+    """Return the status of the run in a few words, `Complete` or `Complete, imported`."""
+    return _STATUS[document.status] + (", imported" if document.origin == "imported" else "")
 
 
 def verdict(document: RunDocument, tables: Tables) -> str:

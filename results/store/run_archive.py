@@ -53,7 +53,7 @@ def import_run(
     name: str | None = None,
     check: Callable[[RunDocument], None] | None = None,
 ) -> tuple[Path, RunDocument]:
-    """Create a run folder from an exported run; return it and the document.
+    """Create a run folder from an exported run; return it and the document, whose origin is `imported`.
 
     Args:
         file: The exported run, from an untrusted source.
@@ -87,8 +87,9 @@ def import_run(
                 found = rows_hash(map(outcome_row, rows.results()))
                 if document.rows_hash is not None and found != document.rows_hash:
                     raise RunError(f"{file}: its rows hash to {found}, not {document.rows_hash}: it was changed")
+                url = None if store is None else without_password(store)
+                document = document.model_copy(update={"origin": "imported", "command": None, "store_url": url})
                 if store is not None:
-                    document = document.model_copy(update={"store_url": without_password(store)})
                     with closing(Store.open(store, document.run_id)) as there:
                         _copy(document, rows, there)
         except (RunError, StoreError) as error:
