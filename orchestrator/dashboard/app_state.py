@@ -15,7 +15,6 @@ from urllib.parse import urlencode
 
 from cachetools import TTLCache
 from fastapi import Depends, HTTPException, Request
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
@@ -26,6 +25,7 @@ from robogauntlet.results.analysis.leaderboard import LeaderboardRow
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
+from robogauntlet.results.report.templates import template_environment
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
@@ -113,13 +113,7 @@ class AppState:
         self._stopped = threading.Event()
         self._named: set[str] = set()
         """Lines about runs that cannot be recorded, each logged once."""
-        self._templates = Environment(
-            loader=FileSystemLoader([FOLDER / "templates", page.FOLDER]),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
+        self._templates = template_environment(FOLDER / "templates", page.FOLDER)
         self._templates.globals.update(
             text=formatting, views=live_view, when=when, verdict_text=verdict_text, query=query, asset=asset_address
         )
