@@ -163,4 +163,9 @@ def skipped_episodes(tables: Tables) -> dict[str, int]:
 
 
 def _moment(seconds: float | None) -> str:
-    return "not yet" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    if seconds is None:
+        return "not yet"
+    try:
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    except (OverflowError, OSError, ValueError):
+        return formatting.NOTHING
