@@ -121,9 +121,8 @@ class RunSession:
         document = create_or_continue(plan, folder, url).model_copy(update={"command": options.command})
         self._document = document
         if continued and url is not None and without_password(url) != document.store_url:
-            self._store = Store.open_begun(folder, document, url)  # another store, which must contain the run's rows
-        else:
-            self._store = Store.open(store_url(folder, document, url), document.run_id)
+            Store.open_begun(folder, document, url).close()  # another store, which must contain the run's rows
+        self._store = Store.open(store_url(folder, document, url), document.run_id)
         stack.callback(self._store.close)
         try:
             if not plan.path.exists():  # composed of options

@@ -16,7 +16,7 @@ from tests.results.synthetic import document, row, run_folder
 RUN_ID = "0123456789abcdef0123456789abcdef"
 
 
-def sent(root, *policies, digest="0" * 16, environments=None):
+def sent(root, *policies, digest="0" * 16):
     """An exported run of these policies, as a stranger sends it."""
     entries = [policy_entry(one) if isinstance(one, str) else one for one in policies]
     of = [Cell(entry["name"], digest, "null/Reach", Protocol(horizon=20)) for entry in entries[:1]]
@@ -28,7 +28,6 @@ def sent(root, *policies, digest="0" * 16, environments=None):
         name="small",
         policies=entries,
         tasks=["null/Reach"],
-        environments=environments or {},
         rows_hash=rows_hash(map(outcome_row, results)),
         command="touch stolen",
     )
@@ -69,21 +68,19 @@ def test_a_command_of_the_author_is_not_executed(run_command, tmp_path, verb):
 
 
 def test_all_that_a_run_would_use_is_listed_before_anything_is_used(run_command, tmp_path):
-    environments = {"null": {"interpreter": "/tmp/their-python"}}
     policies = (
         {"name": "b", "kind": "openpi", "options": {"address": "ws://far:1", "token_variable": "THEIR_TOKEN"}},
         {"name": "c", "kind": "lerobot", "options": {"checkpoint": "their/folder", "python": "/tmp/py"}},
         {"name": "d", "kind": "mergevla", "options": {"checkpoint": "/etc/weights"}},
         {"name": "e", "kind": "another-package's", "options": {"command": "\x1b[31mid"}},
     )
-    assert run_command("import", sent(tmp_path, *policies, environments=environments)).code == 0
+    assert run_command("import", sent(tmp_path, *policies)).code == 0
     line = run_command("verify", "runs/small-01234567").refusal
     for words in (
         "policy b contacts ws://far:1, sends the content of the variable THEIR_TOKEN",
         "policy c reads their/folder, starts /tmp/py",
         "policy d reads /etc/weights",
         "policy e gives another-package's \\x1b[31mid",
-        "null starts /tmp/their-python",
     ):
         assert words in line
 
