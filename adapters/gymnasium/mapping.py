@@ -95,7 +95,8 @@ class EnvironmentMapping(_Strict):
     @model_validator(mode="after")
     def _declared(self) -> EnvironmentMapping:
         """Check that the attributes which the expressions read are declared."""
-        places: dict[str, Any] = {"success": self.success, **{f"state.{name}": source for name, source in self.state.items()}}
+        places: dict[str, Any] = {f"state.{name}": source for name, source in self.state.items()}
+        places["success"] = self.success
         for camera in ("third_person", "wrist"):
             if isinstance(source := getattr(self.cameras, camera), Orbit):
                 places[f"cameras.{camera}.at"] = source.at
