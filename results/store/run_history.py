@@ -102,12 +102,18 @@ class History:
 
         Returns the number of removed rows.
         """
+        removed = self.remove(run_id)
+        with self.database.writing() as connection:
+            entry = self.database.insert(forgotten_runs).values(run_id=run_id, folder=folder)
+            connection.execute(entry.on_conflict_do_update(index_elements=["run_id"], set_={"folder": folder}))
+        return removed
+
+    def remove(self, run_id: str) -> int:
+        """Remove a run, and its rows if they are here; return their number. Raises StoreError."""
         with self.database.writing() as connection:
             removed = connection.execute(sa.delete(episodes).where(episodes.c.run_id == run_id)).rowcount
             for table in (cells, imported_runs, runs):
                 connection.execute(sa.delete(table).where(table.c.run_id == run_id))
-            entry = self.database.insert(forgotten_runs).values(run_id=run_id, folder=folder)
-            connection.execute(entry.on_conflict_do_update(index_elements=["run_id"], set_={"folder": folder}))
         return int(removed)
 
     def write_live_status(self, run_id: str, live: LiveStatus) -> None:
