@@ -21,6 +21,7 @@ from robogauntlet.results.run_document import RunDocument, RunError
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_archive import import_run
+from robogauntlet.support.text import visible
 
 RUN_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 router = APIRouter()
@@ -45,6 +46,8 @@ async def upload(app_state: CurrentAppState, request: Request) -> Response:
     finally:
         file.unlink(missing_ok=True)
     address = f"/runs/{quote(document.run_id, safe='')}"
+    sender = request.client.host if request.client else "unknown"
+    log.info("run %s of suite %s was uploaded from %s", document.run_id, visible(document.suite.name[:80]), sender)
     task = BackgroundTask(_report, folder)
     return PlainTextResponse(f"{address}\n", 201, {"location": address}, background=task)
 
