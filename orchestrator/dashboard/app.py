@@ -41,7 +41,7 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
         app.include_router(module.router)
     for kind in (Busy, StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
-    return SecurityMiddleware(app, host=settings.host, token=settings.token, sessions=app_state.sessions)
+    return SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access)
 
 
 def _explain(request: Request, error: Exception) -> Response:

@@ -17,8 +17,9 @@ from fastapi import Depends, HTTPException, Request
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
+from robogauntlet.orchestrator.dashboard.access import Access
 from robogauntlet.orchestrator.dashboard.answers import AnswerCache, Turns
-from robogauntlet.orchestrator.dashboard.security import Sessions
+from robogauntlet.orchestrator.dashboard.origins import Origin
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
@@ -55,6 +56,10 @@ class Settings:
     host: str = "127.0.0.1"
     token: str | None = field(default=None, repr=False)
     """Token that every request must carry; None, for loopback addresses only, if none is needed."""
+    read_token: str | None = field(default=None, repr=False)
+    """A second token, for requests that only read."""
+    public: Origin | None = None
+    """Origin of the pages in browsers, if a proxy is in front of the dashboard."""
     max_upload: int = 256 * 1024 * 1024
     """Largest size of an uploaded run (bytes)."""
 
@@ -74,7 +79,7 @@ class AppState:
     def __init__(self, history: History, schedule_store: ScheduleStore, settings: Settings) -> None:
         """Serve a history and the schedules in the same database."""
         self.history, self.schedule_store, self.settings = history, schedule_store, settings
-        self.sessions = Sessions()
+        self.access = Access(settings.token, settings.read_token)
         slow = Turns()
         self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64, turns=slow)
         self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64, turns=slow)
@@ -97,7 +102,7 @@ class AppState:
 
     def page(self, template: str, *, status: int = 200, **values: Any) -> Response:
         """Render a page."""
-        values = {"here": "", "now": time.time(), "has_token": self.settings.token is not None, **values}
+        values = {"here": "", "now": time.time(), "has_token": bool(self.access.tokens), **values}
         return HTMLResponse(self._templates.get_template(template).render(values), status)
 
     def error_page(self, message: str, status: int) -> Response:

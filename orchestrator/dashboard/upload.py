@@ -19,6 +19,7 @@ from robogauntlet.results.store.arriving import arriving_folder
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_archive import discard, import_run
+from robogauntlet.support.text import visible
 
 router = APIRouter()
 
@@ -40,6 +41,8 @@ async def upload(app_state: CurrentAppState, request: Request) -> Response:
         log.warning("an upload was not stored: %s", error)
         raise HTTPException(503, f"the run could not be stored: {error.strerror}") from None
     address = f"/runs/{quote(document.run_id, safe='')}"
+    sender = request.client.host if request.client else "unknown"
+    log.info("run %s of suite %s was uploaded from %s", document.run_id, visible(document.suite.name[:80]), sender)
     task = BackgroundTask(_report, folder)
     return PlainTextResponse(f"{address}\n", 201, {"location": address}, background=task)
 
