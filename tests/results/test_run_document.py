@@ -117,3 +117,10 @@ def test_a_message_of_any_length_is_stored_shortened(tmp_path):
     reason = shortened("why " * 100_000)
     write_run(tmp_path, document().model_copy(update={"reason": reason}))
     assert read_run(tmp_path).reason == reason
+
+
+def test_a_document_of_any_size_needs_no_memory(tmp_path):
+    with (tmp_path / RUN_FILE).open("wb") as file:
+        file.truncate(2**40)
+    with one_line_error(RunError, "expected a run document of at most"):
+        read_run(tmp_path)
