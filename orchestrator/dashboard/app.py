@@ -14,6 +14,7 @@ from starlette.types import ASGIApp
 
 from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs, upload
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
+from robogauntlet.orchestrator.dashboard.bodies import BodyDeadline
 from robogauntlet.orchestrator.dashboard.security import SecurityMiddleware, line
 from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -40,7 +41,10 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
         app.include_router(module.router)
     for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
-    return SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access)
+    return BodyDeadline(
+        SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access),
+        settings.body_grace_s,
+    )
 
 
 def _explain(request: Request, error: Exception) -> Response:
@@ -56,7 +60,10 @@ def _explain(request: Request, error: Exception) -> Response:
     else:
         status, message = 500, "An internal error; see the log of the server."
     if request.url.path.startswith("/api/"):
-        return JSONResponse({"error": message}, status)
-    if request.method == "POST" or request.url.path in PLAIN_TEXT_PATHS:
-        return line(message, status)
-    return cast(AppState, request.app.state.app_state).error_page(message, status)
+        answer: Response = JSONResponse({"error": message}, status)
+    elif request.method == "POST" or request.url.path in PLAIN_TEXT_PATHS:
+        answer = line(message, status)
+    else:
+        answer = cast(AppState, request.app.state.app_state).error_page(message, status)
+    answer.headers.update(getattr(error, "headers", None) or {})
+    return answer

@@ -6,20 +6,22 @@ import hashlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any
 from urllib.parse import urlencode
 
-from cachetools import TTLCache
+from anyio import CapacityLimiter
 from fastapi import Depends, HTTPException, Request
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
 from robogauntlet.orchestrator.dashboard.access import Access
+from robogauntlet.orchestrator.dashboard.answers import AnswerCache, SlowWork
+from robogauntlet.orchestrator.dashboard.bodies import GRACE_S
 from robogauntlet.orchestrator.dashboard.origins import Origin
+from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces, size_of
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
@@ -45,33 +47,6 @@ FILES = {
     "live.js": FOLDER / "static" / "live.js",
 }
 """Style sheets and the script; they need no token, since they are the same in every installation."""
-K = TypeVar("K", bound=Hashable)
-V = TypeVar("V")
-
-
-class AnswerCache(Generic[K, V]):
-    """A thread-safe cache of the most recently used answers; simultaneous requests compute an answer once."""
-
-    def __init__(self, size: int, seconds: float = float("inf")) -> None:
-        """Keep up to `size` answers, each for `seconds`."""
-        self._answers: TTLCache[K, V] = TTLCache(size, seconds)
-        self._lock, self._computing = threading.Lock(), threading.Lock()
-
-    def get(self, key: K, compute: Callable[[], V]) -> V:
-        """Return the answer for a key; compute it if it is not cached. Exceptions are raised and not cached."""
-        if (answer := self._cached(key)) is not None:
-            return answer
-        with self._computing:  # one at a time, since answers need memory
-            if (answer := self._cached(key)) is not None:
-                return answer
-            answer = compute()
-            with self._lock:
-                self._answers[key] = answer
-            return answer
-
-    def _cached(self, key: K) -> V | None:
-        with self._lock:
-            return self._answers.get(key)
 
 
 @dataclass(frozen=True)
@@ -89,6 +64,10 @@ class Settings:
     """Origin of the pages in browsers, if a proxy is in front of the dashboard."""
     max_upload: int = 256 * 1024 * 1024
     """Largest size of an uploaded run (bytes)."""
+    max_uploads: int = 20_000_000_000
+    """Largest size of all uploaded runs together (bytes)."""
+    body_grace_s: float = GRACE_S
+    """Time that every body of a request may take (s)."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +92,11 @@ class AppState:
         self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
+        self.slow, self.browsing = SlowWork(2, 5), SlowWork(4, 20)
+        """Comparisons and leaderboards; and pages that read the rows of many runs."""
+        self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
+        self.imports, self.reports, self.checks = CapacityLimiter(1), CapacityLimiter(1), CapacityLimiter(2)
+        """Threads that import uploaded runs, that write their reports, and that check health."""
         self.import_lock = threading.Lock()
         """Held while runs are written under the root or imported from it."""
         self._stopped = threading.Event()
@@ -145,6 +129,9 @@ class AppState:
 
     def _read_names(self) -> Names:
         return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())
+
+    def _size_of_uploads(self) -> int:
+        return sum(size_of(Path(folder)) for folder in queries.imported_folders(self.history))
 
     def begin(self) -> None:
         """Import new run folders every `SYNC_S`, until `end`."""

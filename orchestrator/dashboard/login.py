@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from functools import cache
 from urllib.parse import parse_qs
 
 from fastapi import APIRouter, HTTPException, Request
-from starlette.responses import FileResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse, Response
 
 from robogauntlet.orchestrator.dashboard.access import SESSION_S
 from robogauntlet.orchestrator.dashboard.app_state import FILES, CurrentAppState
 from robogauntlet.orchestrator.dashboard.security import COOKIE, wrong_token
 
 FORM_BYTES = 8192
+TYPES = {"report.css": "text/css", "dashboard.css": "text/css", "live.js": "text/javascript"}
 router = APIRouter()
 
 
 @router.get("/login")
-def form(app_state: CurrentAppState, next: str = "/") -> Response:
+async def form(app_state: CurrentAppState, next: str = "/") -> Response:
     """Show the login form."""
     if not app_state.access.tokens:
         return RedirectResponse("/", 303)
@@ -54,11 +56,16 @@ async def logout(app_state: CurrentAppState, request: Request) -> Response:
 
 
 @router.get("/static/{name}")
-def static(name: str) -> Response:
+async def static(name: str) -> Response:
     """Serve a style sheet or the script."""
     if name not in FILES:
         raise HTTPException(404, "No such file.")
-    return FileResponse(FILES[name], headers={"cache-control": "public, max-age=86400"})
+    return Response(_content(name), media_type=TYPES[name], headers={"cache-control": "public, max-age=86400"})
+
+
+@cache
+def _content(name: str) -> bytes:
+    return FILES[name].read_bytes()
 
 
 def _local(address: str) -> str:
