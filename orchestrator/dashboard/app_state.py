@@ -6,19 +6,19 @@ import hashlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Hashable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any
 from urllib.parse import urlencode
 
-from cachetools import TTLCache
 from fastapi import Depends, HTTPException, Request
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
 from robogauntlet.orchestrator.dashboard.access import Access
+from robogauntlet.orchestrator.dashboard.answers import AnswerCache, Turns
 from robogauntlet.orchestrator.dashboard.origins import Origin
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
@@ -45,33 +45,6 @@ FILES = {
     "live.js": FOLDER / "static" / "live.js",
 }
 """Style sheets and the script; they need no token, since they are the same in every installation."""
-K = TypeVar("K", bound=Hashable)
-V = TypeVar("V")
-
-
-class AnswerCache(Generic[K, V]):
-    """A thread-safe cache of the most recently used answers; simultaneous requests compute an answer once."""
-
-    def __init__(self, size: int, seconds: float = float("inf")) -> None:
-        """Keep up to `size` answers, each for `seconds`."""
-        self._answers: TTLCache[K, V] = TTLCache(size, seconds)
-        self._lock, self._computing = threading.Lock(), threading.Lock()
-
-    def get(self, key: K, compute: Callable[[], V]) -> V:
-        """Return the answer for a key; compute it if it is not cached. Exceptions are raised and not cached."""
-        if (answer := self._cached(key)) is not None:
-            return answer
-        with self._computing:  # one at a time, since answers need memory
-            if (answer := self._cached(key)) is not None:
-                return answer
-            answer = compute()
-            with self._lock:
-                self._answers[key] = answer
-            return answer
-
-    def _cached(self, key: K) -> V | None:
-        with self._lock:
-            return self._answers.get(key)
 
 
 @dataclass(frozen=True)
@@ -107,14 +80,18 @@ class AppState:
         """Serve a history and the schedules in the same database."""
         self.history, self.schedule_store, self.settings = history, schedule_store, settings
         self.access = Access(settings.token, settings.read_token)
-        self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
-        self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
-        self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(32)
-        self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
+        slow = Turns()
+        self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64, turns=slow)
+        self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64, turns=slow)
+        self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(
+            32, turns=slow
+        )
+        self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512, turns=Turns())
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
         self.import_lock = threading.Lock()
         """Held while runs are written under the root or imported from it."""
+        self.health_thread = ThreadPoolExecutor(1, "health")
         self._stopped = threading.Event()
         self._named: set[str] = set()
         """Lines about runs that cannot be recorded, each logged once."""
@@ -154,6 +131,7 @@ class AppState:
     def end(self) -> None:
         """Stop importing."""
         self._stopped.set()
+        self.health_thread.shutdown(wait=False)
 
     def _name_once(self, line: str) -> None:
         if line not in self._named:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
 from urllib.parse import parse_qs
 
 from fastapi import APIRouter, HTTPException, Request
-from starlette.responses import FileResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse, Response
 
 from robogauntlet.orchestrator.dashboard.access import SESSION_S
 from robogauntlet.orchestrator.dashboard.app_state import FILES, CurrentAppState
@@ -16,7 +17,7 @@ router = APIRouter()
 
 
 @router.get("/login")
-def form(app_state: CurrentAppState, next: str = "/") -> Response:
+async def form(app_state: CurrentAppState, next: str = "/") -> Response:
     """Show the login form."""
     if not app_state.access.tokens:
         return RedirectResponse("/", 303)
@@ -54,11 +55,17 @@ async def logout(app_state: CurrentAppState, request: Request) -> Response:
 
 
 @router.get("/static/{name}")
-def static(name: str) -> Response:
+async def static(name: str) -> Response:
     """Serve a style sheet or the script."""
     if name not in FILES:
         raise HTTPException(404, "No such file.")
-    return FileResponse(FILES[name], headers={"cache-control": "public, max-age=86400"})
+    kind = "text/css" if name.endswith(".css") else "text/javascript"
+    return Response(_content(name), headers={"cache-control": "public, max-age=86400"}, media_type=kind)
+
+
+@cache
+def _content(name: str) -> bytes:
+    return FILES[name].read_bytes()
 
 
 def _local(address: str) -> str:
