@@ -132,4 +132,4 @@ def test_the_run_that_the_documentation_keeps_can_be_read():
     folder = ROOT / "docs/reports/screening"
     rows = pd.read_parquet(folder / "episodes.parquet", columns=["episode_id"])
     run = read_run(folder)
-    assert (run.planned, run.status) == (len(rows), RunStatus.COMPLETE)
+    assert (run.planned, run.status) == (len(rows), "complete")
