@@ -11,6 +11,10 @@ from anyio import CapacityLimiter, to_thread
 from cachetools import TTLCache
 from fastapi import HTTPException
 
+WAITING = 5
+"""Slow answers that may wait to be computed."""
+RETRY_S = 10
+"""Time after which a refused client may ask again (s)."""
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
 
@@ -63,8 +67,8 @@ class SlowWork:
         task = self._tasks.get(key)
         if task is None:
             if len(self._tasks) >= self._most:
-                words = "Other slow pages are being computed; load this one again in ten seconds."
-                raise HTTPException(503, words, {"retry-after": "10"})
+                words = f"The server is busy with other slow pages: ask again in {RETRY_S} seconds."
+                raise HTTPException(503, words, {"retry-after": str(RETRY_S)})
             task = self._tasks[key] = asyncio.create_task(to_thread.run_sync(compute, limiter=self._limiter))
             task.add_done_callback(lambda done: self._end(key, done))
         return await asyncio.shield(task)  # the answer is cached even if this client has gone

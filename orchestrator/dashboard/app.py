@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import cast
 
@@ -49,8 +49,9 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
 
 def _explain(request: Request, error: Exception) -> Response:
     """Answer with one line in the format of the request; details go into the log."""
+    headers: Mapping[str, str] = {}
     if isinstance(error, HTTPException):
-        status, message = error.status_code, str(error.detail)
+        status, message, headers = error.status_code, str(error.detail), error.headers or {}
     elif isinstance(error, RequestValidationError):
         first = error.errors()[0]
         status, message = 400, f"{'.'.join(map(str, first['loc'][1:]))}: {first['msg']}"
@@ -65,5 +66,5 @@ def _explain(request: Request, error: Exception) -> Response:
         answer = line(message, status)
     else:
         answer = cast(AppState, request.app.state.app_state).error_page(message, status)
-    answer.headers.update(getattr(error, "headers", None) or {})
+    answer.headers.update(headers)
     return answer

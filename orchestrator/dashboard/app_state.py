@@ -18,7 +18,7 @@ from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
 from robogauntlet.orchestrator.dashboard.access import Access
-from robogauntlet.orchestrator.dashboard.answers import AnswerCache, SlowWork
+from robogauntlet.orchestrator.dashboard.answers import WAITING, AnswerCache, SlowWork
 from robogauntlet.orchestrator.dashboard.bodies import GRACE_S
 from robogauntlet.orchestrator.dashboard.origins import Origin
 from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces, size_of
@@ -92,7 +92,7 @@ class AppState:
         self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
-        self.slow, self.browsing = SlowWork(2, 5), SlowWork(4, 20)
+        self.slow, self.browsing = SlowWork(1, WAITING), SlowWork(4, 20)
         """Comparisons and leaderboards; and pages that read the rows of many runs."""
         self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
         self.imports, self.reports, self.checks = CapacityLimiter(1), CapacityLimiter(1), CapacityLimiter(2)

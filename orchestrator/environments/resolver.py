@@ -25,7 +25,7 @@ from robogauntlet.policies.contract import PolicyNotInstalled
 from robogauntlet.results.run_document import EnvironmentRecord
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 
-OBJECT_TOKEN = "ROBOGAUNTLET_OBJECT_TOKEN"
+OBJECT_TOKEN = "ROBOGAUNTLET_POLICY_TOKEN_OBJECT"
 """Variable with the token of the server of this process's objects, see `orchestrator/api`; workers get it, too."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 

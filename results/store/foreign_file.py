@@ -169,7 +169,7 @@ def _read_document(file: Path, connection: sqlite3.Connection) -> RunDocument:
 
 
 def _plan_fault(document: RunDocument) -> str | None:
-    """Return what a report could not show of a plan, or None."""
+    """Return what cannot be shown of a plan, or does not belong into a suite, or None."""
     suite, names = document.suite, {cell.policy for cell in document.plan}
     texts = (text for cell in document.plan for text in (cell.policy, cell.task, cell.axis, cell.simulator))
     if not all(text.isprintable() for text in texts):
@@ -178,6 +178,10 @@ def _plan_fault(document: RunDocument) -> str | None:
     named = {*sides, *suite.no_skill_baselines, *filter(None, [suite.oracle_gate])}
     if not named <= names:
         return f"its suite compares policy '{min(named - names)}', which it does not play"
+    if any(environment.interpreter is not None for environment in suite.environments.values()):
+        return "its suite names a program"
+    if len(suite.description) > LONGEST_TEXT:
+        return f"its suite has a description of more than {LONGEST_TEXT:,} characters"
     return None
 
 

@@ -2,19 +2,17 @@
 
 import asyncio
 import socket
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 import pytest
 from fastapi import HTTPException
 
-from robogauntlet.orchestrator.dashboard import compare, upload
+from robogauntlet.orchestrator.dashboard import upload
 from robogauntlet.orchestrator.dashboard.answers import AnswerCache, SlowWork
 from robogauntlet.orchestrator.dashboard.server import DeadlineProtocol
 from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces
-from tests.orchestrator.dashboard.conftest import fill, serving
+from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.test_uploading import begin_upload, exported, left_over  # noqa: F401
 
 MB = 1_000_000
@@ -180,31 +178,6 @@ def test_an_unexpected_error_in_an_upload_is_its_senders_mistake(tmp_path, expor
         assert (answer.status_code, len(answer.text.splitlines())) == (400, 1)
         assert "expected an exported run" in answer.text
         assert left_over(served.root) == []
-
-
-def test_other_pages_answer_while_comparisons_are_computed(tmp_path, monkeypatch):
-    fill(tmp_path, nights=2)
-    go = threading.Event()
-
-    def slow(*_, **__):
-        go.wait(60)
-        raise compare.RunError("slow")
-
-    monkeypatch.setattr(compare, "open_entry", slow)
-    with serving(tmp_path) as served, ThreadPoolExecutor(60) as pool:
-        first = served.history.runs()[0].run_id
-        paths = [f"/compare?policies={first}&margin=0.{number:03}" for number in range(1, 50)]
-        asked = [pool.submit(served.get, path) for path in paths]
-        while sum(one.done() for one in asked) < 42:  # 2 are computed, 5 wait
-            time.sleep(0.01)
-        for path in ("/healthz", "/login", "/", "/static/report.css"):
-            assert served.get(path, follow_redirects=False).status_code < 400
-        refused = [one.result() for one in asked if one.done()]
-        assert {answer.status_code for answer in refused} == {503}
-        assert {answer.headers["retry-after"] for answer in refused} == {"10"}
-        go.set()
-        statuses = [one.result().status_code for one in asked]
-    assert (statuses.count(200), statuses.count(503)) == (7, 42)
 
 
 def test_simultaneous_requests_of_a_slow_answer_share_its_computation():
