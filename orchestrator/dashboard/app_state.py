@@ -29,6 +29,7 @@ from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
 from robogauntlet.results.report.templates import template_environment
+from robogauntlet.results.store.arriving import remove_abandoned
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
@@ -152,6 +153,7 @@ class AppState:
             try:
                 with self.import_lock:
                     if self.settings.root.is_dir():
+                        remove_abandoned(self.settings.root)
                         record_run_folders(self.history, self.settings.root, self._name_once)
             except Exception as error:  # one broken run must not end the import of the others
                 log.warning("runs under %s were not imported: %s", self.settings.root, error)
