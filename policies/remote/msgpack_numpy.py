@@ -70,6 +70,11 @@ def unpack(frame: bytes) -> Any:
         raise PackingError(f"expected msgpack, got {len(frame)} bytes that are not: {reason}") from None
 
 
+def array_of(dtype: Any, shape: Any, data: bytes) -> np.ndarray:
+    """Return an array that another process describes. Raises PackingError if type and shape do not fit the bytes."""
+    return _array({b"dtype": dtype, b"shape": shape, b"data": data})
+
+
 def _check_size(frame: bytes) -> None:
     """Count a frame's values before any is made: a frame of 16 MiB can announce lists of many gigabytes.
 

@@ -84,6 +84,19 @@ def test_a_run_whose_comparison_names_nobody_is_refused(run_command, exported, t
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"environments": {"null": {"interpreter": "/tmp/their-python"}}}, "its suite names a program"),
+        ({"description": "x" * 3_000_000}, "its suite has a description of more than 100,000 characters"),
+    ],
+    ids=["program", "description"],
+)
+def test_a_suite_that_nobody_may_write_is_refused(run_command, exported, change, words):
+    forge(exported, lambda content: content["suite"].update(change))
+    assert words in run_command("import", exported).refusal
+
+
 @pytest.mark.parametrize("field", ["policy", "task", "axis", "simulator"])
 def test_names_with_control_characters_are_refused(run_command, exported, field):
     forge(exported, lambda content: content["plan"][0].update({field: "a\x1b[31m\u202eb"}))

@@ -205,15 +205,18 @@ def test_opening_what_exists_creates_nothing(tmp_path, path):
     assert list(tmp_path.iterdir()) == []
 
 
+SHARED = 0x40000002, 510
+"""Where SQLite locks a database that is open: first byte, and number of bytes."""
+
+
 def test_opening_a_store_does_not_end_the_locks_of_another_connection(store, path):
     """Closing a descriptor of the file would end all locks that this process has on it."""
-    with store.database.writing() as connection:
-        connection.execute(sa.text("BEGIN IMMEDIATE"))
-        Store.open(file_url(path), "run-1", create=False).close()
-        code = f"import sqlite3; sqlite3.connect({str(path)!r}, timeout=0).execute('BEGIN IMMEDIATE')"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-        connection.rollback()
-    assert "database is locked" in done.stderr
+    store.add([row(cells()[0], 0)])
+    code = "import fcntl, sys; fcntl.lockf(open(sys.argv[1], 'r+b'), fcntl.LOCK_EX | fcntl.LOCK_NB, {1}, {0})"
+    lock = [sys.executable, "-c", code.format(*SHARED), path]
+    assert b"BlockingIOError" in subprocess.run(lock, capture_output=True, check=False).stderr
+    Store.open(file_url(path), "run-1", create=False).close()
+    assert b"BlockingIOError" in subprocess.run(lock, capture_output=True, check=False).stderr
 
 
 @pytest.mark.parametrize("value", [2**63, "\ud800"])
