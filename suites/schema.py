@@ -34,6 +34,7 @@ from robogauntlet.suites.episode import (
 )
 from robogauntlet.suites.registry import KnownTask, Registry
 from robogauntlet.suites.resources import Inference, Resources
+from robogauntlet.suites.yaml_file import Place
 
 SHORT_FORMS = {"openpi": "address", "python": "callable", "lerobot": "checkpoint"}
 """Kind of policy to the option that may follow it after a colon."""
@@ -44,8 +45,6 @@ Names = Annotated[
     tuple[Name, ...], BeforeValidator(lambda value: [value] if isinstance(value, str) else value), Field(min_length=1)
 ]
 """A name, or a list of them."""
-Place = tuple[str | int, ...]
-"""Keys and list indices of a value in the file."""
 Mistake = tuple[Place, str]
 """Place in the file, and message."""
 
