@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from robogauntlet.results.store.sqlite_file import tune, use_write_ahead_log, wh
 from robogauntlet.support.errors import first_line
 
 BACKENDS = ("sqlite", "postgresql")
+_SECRET = re.compile("pass|secret|token|key", re.IGNORECASE)
+"""In names of a URL's query: `password`, `sslpassword`, `passfile`, `sslkey`, `oauth_client_secret`."""
 
 
 class StoreError(Exception):
@@ -54,7 +57,7 @@ class Database:
                 `create`: it has no tables of the schema.
         """
         parsed = parse(url)
-        where = parsed.render_as_string(hide_password=True)
+        where = _shown(parsed)
         try:
             engine = sa.create_engine(parsed)
         except (ImportError, sa.exc.SQLAlchemyError) as error:
@@ -164,19 +167,25 @@ def parse(url: str) -> sa.URL:
     """Parse a database URL. Raises StoreError: not a URL, or not of SQLite or PostgreSQL."""
     try:
         parsed = sa.make_url(url)
-    except sa.exc.ArgumentError:
-        raise StoreError(
-            f"not a store URL: {url}; expected sqlite:///FILE or postgresql+psycopg://HOST/DATABASE"
-        ) from None
+    except (sa.exc.ArgumentError, ValueError):
+        shown = "" if set(url) & set("@=") else f": {url}"  # What is no URL may hold a password at any place.
+        expected = "expected sqlite:///FILE or postgresql+psycopg://HOST:PORT/DATABASE, with a number as PORT"
+        raise StoreError(f"not a store URL{shown}; {expected}") from None
     if parsed.get_backend_name() not in BACKENDS:
-        where = parsed.render_as_string(hide_password=True)
+        where = _shown(parsed)
         raise StoreError(f"{where}: expected an sqlite or postgresql URL, got {parsed.get_backend_name()}")
     return parsed
 
 
+def _shown(url: sa.URL) -> str:
+    """A URL without its secrets, in the query too, where PostgreSQL's library takes them."""
+    hidden = {name: "***" for name in url.query if _SECRET.search(name)}
+    return url.update_query_dict(hidden).render_as_string(hide_password=True).replace("%2A%2A%2A", "***")
+
+
 def without_password(url: str) -> str:
-    """Return a database URL with its password hidden. Raises StoreError."""
-    return parse(url).render_as_string(hide_password=True)
+    """Return a database URL with its passwords hidden. Raises StoreError."""
+    return _shown(parse(url))
 
 
 def file_url(path: Path) -> str:
