@@ -184,6 +184,31 @@ def test_a_database_of_another_program_is_refused_and_unchanged(path, table):
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "statements",
+    [
+        (
+            "ALTER TABLE episodes RENAME TO old",
+            "CREATE VIEW episodes AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x FROM n) SELECT x FROM n",
+        ),
+        ("CREATE TRIGGER late AFTER INSERT ON episodes BEGIN DELETE FROM runs; END",),
+    ],
+    ids=["view", "trigger"],
+)
+@pytest.mark.parametrize("create", [True, False])
+def test_a_store_whose_rows_are_computed_is_refused(path, statements, create):
+    Store.open_file(path, "run-1").close()
+    execute(path, *statements)
+    with one_line_error(StoreError, "its episodes is computed by somebody's SQL"):
+        Store.open(file_url(path), "run-1", create=create)
+
+
+def test_a_person_may_add_views_of_their_own(path):
+    Store.open_file(path, "run-1").close()
+    execute(path, "CREATE VIEW failures AS SELECT * FROM episodes WHERE status = 'failure'")
+    Store.open_file(path, "run-1").close()
+
+
 @pytest.mark.parametrize("content", [b"", b"x", b"SQLite format 3\0"])
 def test_an_emptied_store_is_not_taken_for_a_new_one(path, content):
     path.write_bytes(content)
