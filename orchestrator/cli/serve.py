@@ -31,6 +31,9 @@ def serve(
         typer.Option(metavar="URL", help="Address of the dashboard in browsers, if a proxy is in front of it."),
     ] = None,
     max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
+    max_uploads_gb: Annotated[
+        float, typer.Option(min=0.001, max=1e6, help="Largest size of all uploaded runs together (GB).")
+    ] = 20.0,
     url: HistoryUrl = None,
 ) -> None:
     """Serve the dashboard.
@@ -41,6 +44,7 @@ def serve(
 
     from robogauntlet.orchestrator.dashboard.app import create_app
     from robogauntlet.orchestrator.dashboard.app_state import Settings
+    from robogauntlet.orchestrator.dashboard.server import server_config
     from robogauntlet.orchestrator.schedules.store import ScheduleStore
 
     public = None if public_url is None else _public(public_url)
@@ -49,12 +53,15 @@ def serve(
     os.nice(19)  # below Ray's workers, which have 15
     with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
         settings = Settings(
-            runs_root(url), host, token, read_token=read_token, public=public, max_upload=max_upload_mb * 1024 * 1024
+            runs_root(url),
+            host,
+            token,
+            read_token=read_token,
+            public=public,
+            max_upload=max_upload_mb * 1024 * 1024,
+            max_uploads=int(max_uploads_gb * 1e9),
         )
         app = create_app(history, schedule_store, settings)
-        config = uvicorn.Config(
-            app, log_level="warning", access_log=False, server_header=False, ws="none", timeout_graceful_shutdown=3
-        )
         shown = f"[{host}]" if ":" in host else host
         address = f"http://{shown}:{listening.getsockname()[1]}/"
         names = address if public is None else f"{public}/, behind it {address}"
@@ -62,7 +69,7 @@ def serve(
         _log_to_stderr()
         log.info("started at %s, %s", address, "a token is needed" if token else "no token is needed")
         with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
-            uvicorn.Server(config).run(sockets=[listening])
+            uvicorn.Server(server_config(app)).run(sockets=[listening])
 
 
 def _log_to_stderr() -> None:

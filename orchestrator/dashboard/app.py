@@ -13,8 +13,8 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp
 
 from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs, upload
-from robogauntlet.orchestrator.dashboard.answers import RETRY_S, Busy
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
+from robogauntlet.orchestrator.dashboard.bodies import BodyDeadline
 from robogauntlet.orchestrator.dashboard.security import SecurityMiddleware, line
 from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -39,9 +39,12 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
     app.state.app_state = app_state
     for module in (pages, runs, compare, failures, files, login, metrics, upload):
         app.include_router(module.router)
-    for kind in (Busy, StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
+    for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
-    return SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access)
+    return BodyDeadline(
+        SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access),
+        settings.body_grace_s,
+    )
 
 
 def _explain(request: Request, error: Exception) -> Response:
@@ -49,8 +52,6 @@ def _explain(request: Request, error: Exception) -> Response:
     headers: Mapping[str, str] = {}
     if isinstance(error, HTTPException):
         status, message, headers = error.status_code, str(error.detail), error.headers or {}
-    elif isinstance(error, Busy):
-        status, message, headers = 503, f"The server is busy: {error}.", {"retry-after": str(RETRY_S)}
     elif isinstance(error, RequestValidationError):
         first = error.errors()[0]
         status, message = 400, f"{'.'.join(map(str, first['loc'][1:]))}: {first['msg']}"

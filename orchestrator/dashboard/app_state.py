@@ -6,20 +6,22 @@ import hashlib
 import logging
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
+from anyio import CapacityLimiter
 from fastapi import Depends, HTTPException, Request
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
 from robogauntlet.orchestrator.dashboard.access import Access
-from robogauntlet.orchestrator.dashboard.answers import AnswerCache, Turns
+from robogauntlet.orchestrator.dashboard.answers import WAITING, AnswerCache, SlowWork
+from robogauntlet.orchestrator.dashboard.bodies import GRACE_S
 from robogauntlet.orchestrator.dashboard.origins import Origin
+from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces, size_of
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
@@ -27,6 +29,7 @@ from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
 from robogauntlet.results.report.templates import template_environment
+from robogauntlet.results.store.arriving import remove_abandoned
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
@@ -62,6 +65,10 @@ class Settings:
     """Origin of the pages in browsers, if a proxy is in front of the dashboard."""
     max_upload: int = 256 * 1024 * 1024
     """Largest size of an uploaded run (bytes)."""
+    max_uploads: int = 20_000_000_000
+    """Largest size of all uploaded runs together (bytes)."""
+    body_grace_s: float = GRACE_S
+    """Time that every body of a request may take (s)."""
 
 
 @dataclass(frozen=True)
@@ -80,18 +87,19 @@ class AppState:
         """Serve a history and the schedules in the same database."""
         self.history, self.schedule_store, self.settings = history, schedule_store, settings
         self.access = Access(settings.token, settings.read_token)
-        slow = Turns()
-        self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64, turns=slow)
-        self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64, turns=slow)
-        self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(
-            32, turns=slow
-        )
-        self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512, turns=Turns())
+        self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
+        self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
+        self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(32)
+        self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
+        self.slow, self.browsing = SlowWork(1, WAITING), SlowWork(4, 20)
+        """Comparisons and leaderboards; and pages that read the rows of many runs."""
+        self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
+        self.imports, self.reports, self.checks = CapacityLimiter(1), CapacityLimiter(1), CapacityLimiter(2)
+        """Threads that import uploaded runs, that write their reports, and that check health."""
         self.import_lock = threading.Lock()
         """Held while runs are written under the root or imported from it."""
-        self.health_thread = ThreadPoolExecutor(1, "health")
         self._stopped = threading.Event()
         self._named: set[str] = set()
         """Lines about runs that cannot be recorded, each logged once."""
@@ -123,6 +131,9 @@ class AppState:
     def _read_names(self) -> Names:
         return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())
 
+    def _size_of_uploads(self) -> int:
+        return sum(size_of(Path(folder)) for folder in queries.imported_folders(self.history))
+
     def begin(self) -> None:
         """Import new run folders every `SYNC_S`, until `end`."""
         self._stopped.clear()
@@ -131,7 +142,6 @@ class AppState:
     def end(self) -> None:
         """Stop importing."""
         self._stopped.set()
-        self.health_thread.shutdown(wait=False)
 
     def _name_once(self, line: str) -> None:
         if line not in self._named:
@@ -143,6 +153,7 @@ class AppState:
             try:
                 with self.import_lock:
                     if self.settings.root.is_dir():
+                        remove_abandoned(self.settings.root)
                         record_run_folders(self.history, self.settings.root, self._name_once)
             except Exception as error:  # one broken run must not end the import of the others
                 log.warning("runs under %s were not imported: %s", self.settings.root, error)

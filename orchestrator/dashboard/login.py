@@ -13,6 +13,7 @@ from robogauntlet.orchestrator.dashboard.app_state import FILES, CurrentAppState
 from robogauntlet.orchestrator.dashboard.security import COOKIE, wrong_token
 
 FORM_BYTES = 8192
+TYPES = {"report.css": "text/css", "dashboard.css": "text/css", "live.js": "text/javascript"}
 router = APIRouter()
 
 
@@ -59,8 +60,7 @@ async def static(name: str) -> Response:
     """Serve a style sheet or the script."""
     if name not in FILES:
         raise HTTPException(404, "No such file.")
-    kind = "text/css" if name.endswith(".css") else "text/javascript"
-    return Response(_content(name), headers={"cache-control": "public, max-age=86400"}, media_type=kind)
+    return Response(_content(name), media_type=TYPES[name], headers={"cache-control": "public, max-age=86400"})
 
 
 @cache

@@ -88,6 +88,10 @@ class Database:
         is_file = self.engine.dialect.name == "sqlite"
         if is_file and existing and not any(name.startswith("robogauntlet_") for name in existing):
             raise StoreError(f"{self.where}: expected a {schema.what}, this is a database of another program")
+        if is_file and (name := self._computed(schema)):
+            raise StoreError(
+                f"{self.where}: expected a {schema.what} of rows, its {name} is computed by somebody's SQL"
+            )
         if marker.name not in existing and (others := existing & set(schema.metadata.tables)):
             raise StoreError(
                 f"{self.where}: not a RoboGauntlet {schema.what}: it has a table {min(others)} of another program"
@@ -115,6 +119,15 @@ class Database:
                 for index in table.indexes:
                     connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
             connection.execute(self.insert_new(marker).values(version=schema.version))
+
+    def _computed(self, schema: Schema) -> str | None:
+        """A view in place of a table of the schema, or a trigger on one, of which people have made endless ones."""
+        master = sa.table("sqlite_master", *map(sa.column, ("type", "name", "tbl_name")))
+        query = sa.select(master.c.tbl_name).where(
+            master.c.type.in_(["view", "trigger"]), master.c.tbl_name.in_(list(schema.metadata.tables))
+        )
+        with self.engine.connect() as connection:
+            return connection.scalar(query.limit(1))
 
     def insert_new(self, table: sa.Table) -> Any:
         """An insertion that skips rows whose primary key exists."""

@@ -27,7 +27,7 @@ from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_r
 from robogauntlet.results.store.sqlite_file import why_no_database
 from robogauntlet.suites.episode import RenderProfile
 
-LONGEST_VALUE = 32 * 2**20
+LONGEST_VALUE = 16 * 2**20
 """Largest length of a value in the file, such as the run's document (bytes)."""
 LONGEST_TEXT = 100_000
 """Largest length of a text in a row (characters)."""
@@ -46,15 +46,15 @@ _TYPES: dict[type, frozenset[type]] = {
 class ForeignRun:
     """An exported run whose schema and document were checked. Its rows are checked as they are read."""
 
-    def __init__(self, file: Path, connection: sqlite3.Connection) -> None:
+    def __init__(self, file: Path, size: int, connection: sqlite3.Connection) -> None:
         """See `open_foreign`."""
-        self._file, self._connection = file, connection
+        self._file, self._size, self._connection = file, size, connection
         _check_schema(file, connection)
         self.document = _read_document(file, connection)
 
     def rows(self) -> Iterator[EpisodeResult]:
         """Yield all rows. Raises RunError for one that this program has not written for this run."""
-        check = _RowCheck(self.document)
+        check, left = _RowCheck(self.document), self._size
         names = ", ".join(FIELDS)
         with explained(self._file):
             # Not through an index, which may tell something else than the table.
@@ -63,6 +63,9 @@ class ForeignRun:
                     raise RunError(f"{self._file}: expected rows of one run, got rows of several")
                 if fault := check.fault(values):
                     raise RunError(f"{self._file}: a row is not one of this program: {fault}")
+                left -= check.length
+                if left < 0:  # a page of the file is used many times
+                    raise RunError(f"{self._file}: expected an exported run, its rows are larger than the file")
                 yield check.result
 
 
@@ -88,7 +91,7 @@ def open_foreign(file: Path) -> Iterator[ForeignRun]:
         with explained(file):
             connection.execute("PRAGMA trusted_schema=OFF")
             connection.execute("PRAGMA cell_size_check=ON")
-            foreign = ForeignRun(file, connection)
+            foreign = ForeignRun(file, size, connection)
         yield foreign
 
 
@@ -186,9 +189,10 @@ def _plan_fault(document: RunDocument) -> str | None:
 
 
 class _RowCheck:
-    """Checks the rows of one run; `result` is the last one."""
+    """Checks the rows of one run; `result` is the last one, with texts of together `length` characters."""
 
     result: EpisodeResult
+    length: int
 
     def __init__(self, document: RunDocument) -> None:
         suite, fields = document.suite, describe_fields()
@@ -217,10 +221,12 @@ class _RowCheck:
         for place in self._places[float]:
             if values[place] is not None and not math.isfinite(values[place]):
                 return f"{FIELDS[place]} is no finite number"
+        self.length = 0
         for place in self._places[str]:
-            text = values[place]
-            if text is not None and (len(text) > LONGEST_TEXT or "\0" in text):
+            text = values[place] or ""
+            if len(text) > LONGEST_TEXT or "\0" in text:
                 return f"{FIELDS[place]} is too long or has the character NUL"
+            self.length += len(text)
         for place in self._places[bool]:
             if values[place] not in (None, 0, 1):
                 return f"{FIELDS[place]} is neither true nor false"

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import sqlite3
 import time
 from urllib.parse import urlsplit
@@ -134,3 +135,13 @@ def test_an_aborted_upload_leaves_nothing(served):
     connection.close()
     while left_over(served.root):
         time.sleep(0.01)
+
+
+def test_what_a_dead_server_left_of_uploads_is_removed(tmp_path):
+    abandoned = tmp_path / "runs" / ".arriving-dead"
+    abandoned.mkdir(parents=True)
+    (abandoned / "body").write_bytes(b"x" * 1000)
+    os.utime(abandoned, (1.0, 1.0))
+    with serving(tmp_path / "runs"):
+        while abandoned.exists():
+            time.sleep(0.01)

@@ -184,6 +184,31 @@ def test_a_database_of_another_program_is_refused_and_unchanged(path, table):
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "statements",
+    [
+        (
+            "ALTER TABLE episodes RENAME TO old",
+            "CREATE VIEW episodes AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x FROM n) SELECT x FROM n",
+        ),
+        ("CREATE TRIGGER late AFTER INSERT ON episodes BEGIN DELETE FROM runs; END",),
+    ],
+    ids=["view", "trigger"],
+)
+@pytest.mark.parametrize("create", [True, False])
+def test_a_store_whose_rows_are_computed_is_refused(path, statements, create):
+    Store.open_file(path, "run-1").close()
+    execute(path, *statements)
+    with one_line_error(StoreError, "its episodes is computed by somebody's SQL"):
+        Store.open(file_url(path), "run-1", create=create)
+
+
+def test_a_person_may_add_views_of_their_own(path):
+    Store.open_file(path, "run-1").close()
+    execute(path, "CREATE VIEW failures AS SELECT * FROM episodes WHERE status = 'failure'")
+    Store.open_file(path, "run-1").close()
+
+
 @pytest.mark.parametrize("content", [b"", b"x", b"SQLite format 3\0"])
 def test_an_emptied_store_is_not_taken_for_a_new_one(path, content):
     path.write_bytes(content)
@@ -205,15 +230,18 @@ def test_opening_what_exists_creates_nothing(tmp_path, path):
     assert list(tmp_path.iterdir()) == []
 
 
+SHARED = 0x40000002, 510
+"""Where SQLite locks a database that is open: first byte, and number of bytes."""
+
+
 def test_opening_a_store_does_not_end_the_locks_of_another_connection(store, path):
     """Closing a descriptor of the file would end all locks that this process has on it."""
-    with store.database.writing() as connection:
-        connection.execute(sa.text("BEGIN IMMEDIATE"))
-        Store.open(file_url(path), "run-1", create=False).close()
-        code = f"import sqlite3; sqlite3.connect({str(path)!r}, timeout=0).execute('BEGIN IMMEDIATE')"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-        connection.rollback()
-    assert "database is locked" in done.stderr
+    store.add([row(cells()[0], 0)])
+    code = "import fcntl, sys; fcntl.lockf(open(sys.argv[1], 'r+b'), fcntl.LOCK_EX | fcntl.LOCK_NB, {1}, {0})"
+    lock = [sys.executable, "-c", code.format(*SHARED), path]
+    assert b"BlockingIOError" in subprocess.run(lock, capture_output=True, check=False).stderr
+    Store.open(file_url(path), "run-1", create=False).close()
+    assert b"BlockingIOError" in subprocess.run(lock, capture_output=True, check=False).stderr
 
 
 @pytest.mark.parametrize("value", [2**63, "\ud800"])

@@ -17,6 +17,7 @@ from robogauntlet.results.run_document import RunError, store_url
 from robogauntlet.results.store import foreign_file
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.foreign_file import ForeignRun
 from robogauntlet.results.store.run_archive import export_run, import_run
 from tests.errors import one_line_error
 from tests.results.synthetic import cells, document, execute, row, run_folder
@@ -148,6 +149,15 @@ def test_a_document_that_this_program_did_not_write_is_refused(tmp_path, change,
         text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | change
         connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
     refuse(file, words)
+
+
+def test_rows_are_not_larger_than_their_file(tmp_path):
+    """Rows of a forged file may share its pages, and would then need any amount of memory."""
+    file = export(tmp_path)
+    with closing(sqlite3.connect(file)) as connection:
+        assert len(list(ForeignRun(file, file.stat().st_size, connection).rows())) == len(RESULTS)
+        with one_line_error(RunError, "its rows are larger than the file"):
+            list(ForeignRun(file, 2000, connection).rows())
 
 
 def test_the_origin_is_not_the_senders_to_choose(tmp_path):
