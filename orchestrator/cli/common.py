@@ -27,6 +27,7 @@ from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.ranges import MAX_SEEDS
 from robogauntlet.suites.selection import SelectionError
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import visible
 
 INPUT_ERRORS = (
     BadInput,
@@ -44,6 +45,7 @@ EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 3
 EXIT_INTERRUPTED = 130
 
+TAB = "\t"
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 if not out.is_terminal and "COLUMNS" not in os.environ:
@@ -96,14 +98,19 @@ HistoryUrl = Annotated[
 
 
 def fail(message: str) -> None:
-    """Print each line of a message to standard error."""
+    """Print each line of a message to standard error, unprintable characters as escapes."""
     for line in message.splitlines():
-        err.print(f"robogauntlet: {line}", markup=False, soft_wrap=True)
+        err.print(f"robogauntlet: {visible(line, TAB)}", markup=False, soft_wrap=True)
 
 
 def print_line(line: str) -> None:
-    """Print a line as it is to standard output: no markup, no wrapping."""
-    out.print(line, markup=False, soft_wrap=True)
+    """Print a line to standard output without markup and wrapping, unprintable characters as escapes."""
+    print_text(line + "\n")
+
+
+def print_text(text: str) -> None:
+    """Print lines to standard output without markup and wrapping, unprintable characters as escapes."""
+    out.print(visible(text, "\n" + TAB), markup=False, soft_wrap=True, end="")
 
 
 def print_json(value: Any) -> None:

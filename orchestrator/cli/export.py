@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.replay.replay import environments_of, policy_sour
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
-from robogauntlet.results.report.formatting import counted
+from robogauntlet.results.report.formatting import counted, spreadsheet_cell
 from robogauntlet.results.report.parquet import write_parquet
 from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.episode_store import Store
@@ -123,7 +123,8 @@ def export(
 def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy: str | None) -> int:
     if form is Format.CSV:
         table = run.episodes()
-        table.to_csv(file, index=False)
+        texts = table.select_dtypes(exclude=["number", "bool"])
+        table.assign(**{name: texts[name].map(spreadsheet_cell) for name in texts}).to_csv(file, index=False)
         return len(table)
     rows = export_formats.of_policy(run.episodes(export_formats.COLUMNS), policy)
     plain = {Format.LEROBOT: export_formats.lerobot, Format.VLA_EVAL: export_formats.vla_eval}[form](document, rows)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import time
 from collections import Counter
 from collections.abc import Iterator
 
+from anyio import to_thread
 from fastapi import APIRouter
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -20,13 +22,21 @@ from robogauntlet.orchestrator.dashboard.security import line
 from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.results.analysis.comparison import Verdict
 
+HEALTH_S = 5.0
+"""Longest time for reading the history in the health check (s)."""
 router = APIRouter()
 
 
 @router.get("/healthz")
-def health(app_state: CurrentAppState) -> Response:
-    """Answer `ok`, or 503 with the reason."""
-    queries.check_readable(app_state.history)
+async def health(app_state: CurrentAppState) -> Response:
+    """Answer `ok`, or 503 with the reason; no other request delays it."""
+    try:
+        async with asyncio.timeout(HEALTH_S):
+            await to_thread.run_sync(
+                queries.check_readable, app_state.history, limiter=app_state.checks, abandon_on_cancel=True
+            )
+    except TimeoutError:
+        return line(f"the history was not read within {HEALTH_S:.0f} s", 503)
     return line("ok", 200)
 
 

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
-from robogauntlet.results.store.schema import cells, runs
+from robogauntlet.results.store.schema import cells, imported_runs, runs
 
 RECENT = 50
 """Number of runs, the newest, in which the tasks of a policy are searched."""
@@ -94,6 +94,13 @@ def policies_of_runs(history: History, run_ids: Sequence[str]) -> dict[str, list
         for run_id, policy in connection.execute(query.order_by(cells.c.policy)):
             found.setdefault(run_id, []).append(policy)
     return found
+
+
+def imported_folders(history: History) -> list[str]:
+    """Return the folders of imported runs. Raises StoreError."""
+    query = sa.select(runs.c.folder).where(runs.c.run_id.in_(sa.select(imported_runs.c.run_id)))
+    with history.database.reading() as connection:
+        return list(connection.scalars(query.where(runs.c.folder.is_not(None))))
 
 
 def check_readable(history: History) -> None:

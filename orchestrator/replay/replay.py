@@ -23,7 +23,6 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.record import OUTCOME, EpisodeResult
 from robogauntlet.results.run_document import RunDocument
-from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.support.errors import BadInput
 
@@ -52,13 +51,6 @@ class NotReplayed:
 
     simulator: str
     reason: str
-
-
-def episode_of(row: EpisodeResult) -> Episode:
-    """The episode of a row."""
-    view = View(tuple(row.cameras.split(",")), row.image_size, RenderProfile(row.render_profile))
-    protocol = Protocol(row.horizon, row.replan_every, view)
-    return Episode(row.policy, row.policy_digest, row.task, row.seed, protocol, Condition(row.axis, row.severity))
 
 
 def policy_sources(document: RunDocument, folder: Path, *, trust: bool = False) -> dict[str, PolicySource]:
@@ -101,7 +93,7 @@ def replay(
     wrap: Callable[[Simulation], Simulation] | None = None,
 ) -> Replayed:
     """Replay a row's episode; for the arguments see `EpisodeRunner.play_one`. Simulator errors become the result."""
-    result = runner.play_one(episode_of(row), watcher, wrap)
+    result = runner.play_one(row.episode, watcher, wrap)
     return Replayed(result, differences(row, result))
 
 

@@ -10,6 +10,7 @@ from robogauntlet.policies.zoo import SCHEME
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.schema import PolicyEntry, Suite
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import visible
 
 USES: Mapping[str, Mapping[str, str]] = {
     **{kind: {} for kind in ("oracle", "random", "zero", "untrained", "replay")},
@@ -73,5 +74,5 @@ def _of_the_zoo(value: object) -> bool:
 def _shown(value: object) -> str:
     """A value on one line, without control characters, shortened."""
     text = value if isinstance(value, str) else json.dumps(value, default=str)
-    plain = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    plain = visible(text)
     return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 4]} ..."

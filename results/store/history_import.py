@@ -27,15 +27,16 @@ def record_run_folders(history: History, root: Path, passed_over: Callable[[str]
     for file in sorted(root.absolute().glob(f"*/{RUN_FILE}")):
         folder = file.parent
         _, status = known.get(str(folder), ("", None))
-        if folder.name.startswith(".") or str(folder) in forgotten or status not in (None, str(RunStatus.RUNNING)):
+        if folder.name.startswith(".") or status not in (None, str(RunStatus.RUNNING)):
             continue
         try:
             document = read_run(folder)
-            if status != str(document.status):
+            if status != str(document.status) and forgotten.get(str(folder)) != document.run_id:
                 record_run_folder(history, folder, document)
                 taken += 1
         except (RunError, UnstorableValue) as error:
-            passed_over(f"{folder.name} is passed over: {error}")
+            if str(folder) not in forgotten:
+                passed_over(f"{folder.name} is passed over: {error}")
     return taken
 
 

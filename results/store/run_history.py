@@ -98,16 +98,22 @@ class History:
             connection.execute(sa.delete(forgotten_runs).where(forgotten_runs.c.run_id == document.run_id))
 
     def forget(self, run_id: str, folder: str | None) -> int:
-        """Remove a run with its rows, if they are here; `folder` is not recorded again by scans. Raises StoreError.
+        """Remove a run with its rows, if they are here. Scans do not record it again from `folder`. Raises StoreError.
 
         Returns the number of removed rows.
         """
+        removed = self.remove(run_id)
+        with self.database.writing() as connection:
+            entry = self.database.insert(forgotten_runs).values(run_id=run_id, folder=folder)
+            connection.execute(entry.on_conflict_do_update(index_elements=["run_id"], set_={"folder": folder}))
+        return removed
+
+    def remove(self, run_id: str) -> int:
+        """Remove a run, and its rows if they are here; return their number. Raises StoreError."""
         with self.database.writing() as connection:
             removed = connection.execute(sa.delete(episodes).where(episodes.c.run_id == run_id)).rowcount
             for table in (cells, imported_runs, runs):
                 connection.execute(sa.delete(table).where(table.c.run_id == run_id))
-            entry = self.database.insert(forgotten_runs).values(run_id=run_id, folder=folder)
-            connection.execute(entry.on_conflict_do_update(index_elements=["run_id"], set_={"folder": folder}))
         return int(removed)
 
     def write_live_status(self, run_id: str, live: LiveStatus) -> None:
@@ -260,11 +266,11 @@ class History:
         with self.database.reading() as connection:
             return {folder: (run_id, status) for folder, run_id, status in connection.execute(query)}
 
-    def forgotten_folders(self) -> set[str]:
-        """Folders of forgotten runs. Raises StoreError."""
-        query = sa.select(forgotten_runs.c.folder).where(forgotten_runs.c.folder.is_not(None))
+    def forgotten_folders(self) -> dict[str, str]:
+        """Folder to the id of the forgotten run in it. Raises StoreError."""
+        query = sa.select(forgotten_runs.c.folder, forgotten_runs.c.run_id)
         with self.database.reading() as connection:
-            return set(connection.scalars(query))
+            return {row[0]: row[1] for row in connection.execute(query.where(forgotten_runs.c.folder.is_not(None)))}
 
     @property
     def url(self) -> str:
