@@ -43,11 +43,11 @@ _TYPES: dict[type, frozenset[type]] = {
 }
 
 
-class ForeignRun:
+class ExportedRun:
     """An exported run whose schema and document were checked. Its rows are checked as they are read."""
 
     def __init__(self, file: Path, size: int, connection: sqlite3.Connection) -> None:
-        """See `open_foreign`."""
+        """See `open_exported`."""
         self._file, self._size, self._connection = file, size, connection
         _check_schema(file, connection)
         self.document = _read_document(file, connection)
@@ -70,7 +70,7 @@ class ForeignRun:
 
 
 @contextmanager
-def open_foreign(file: Path) -> Iterator[ForeignRun]:
+def open_exported(file: Path) -> Iterator[ExportedRun]:
     """Open an exported run during the block.
 
     Raises:
@@ -91,8 +91,8 @@ def open_foreign(file: Path) -> Iterator[ForeignRun]:
         with explained(file):
             connection.execute("PRAGMA trusted_schema=OFF")
             connection.execute("PRAGMA cell_size_check=ON")
-            foreign = ForeignRun(file, size, connection)
-        yield foreign
+            exported = ExportedRun(file, size, connection)
+        yield exported
 
 
 @contextmanager
