@@ -24,6 +24,7 @@ from robogauntlet.results.store.database import StoreError, parse
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.run_history import History, history_url
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.ranges import MAX_SEEDS
 from robogauntlet.suites.selection import SelectionError
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import visible
@@ -65,7 +66,9 @@ Tasks = Annotated[
     list[str] | None,
     typer.Option("--task", help="Only this task (simulator/task), or tasks that match a pattern. Repeatable."),
 ]
-SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N seeds of the suite.")]
+SeedCount = Annotated[
+    int | None, typer.Option("--seeds", min=1, max=MAX_SEEDS, help="Only the first N seeds of the suite.")
+]
 PolicyOptions = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
