@@ -26,12 +26,12 @@ from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, 
 from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_runs
 from robogauntlet.results.store.sqlite_file import why_no_database
 from robogauntlet.suites.episode import RenderProfile
+from robogauntlet.suites.ranges import MAX_STEPS
 
 LONGEST_VALUE = 16 * 2**20
 """Largest length of a value in the file, such as the run's document (bytes)."""
 LONGEST_TEXT = 100_000
 """Largest length of a text in a row (characters)."""
-LONGEST_HORIZON = 1_000_000
 MIN_TIME_S, BYTES_PER_S = 60.0, 1_000_000
 """Time for reading: the former (s), and a second for as many bytes of the file."""
 RUN_ID = re.compile("[0-9a-f]{32}")
@@ -183,8 +183,6 @@ def _plan_fault(document: RunDocument) -> str | None:
         return f"its suite compares policy '{min(named - names)}', which it does not play"
     if any(environment.interpreter is not None for environment in suite.environments.values()):
         return "its suite names a program"
-    if len(suite.description) > LONGEST_TEXT:
-        return f"its suite has a description of more than {LONGEST_TEXT:,} characters"
     return None
 
 
@@ -242,7 +240,7 @@ class _RowCheck:
             return "it is not planned"
         if (row.replan_every, row.cameras, row.image_size, row.render_profile) != self._protocol:
             return "its protocol is not that of the suite"
-        if row.horizon > LONGEST_HORIZON:
+        if row.horizon > MAX_STEPS:
             return "horizon is out of bounds"
         episode = row.episode
         if (row.simulator, row.pair_id, row.episode_id) != (episode.simulator, episode.pair_id, episode.id):

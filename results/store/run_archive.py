@@ -98,7 +98,7 @@ def discard(folder: Path, document: RunDocument, store: str | None) -> None:
 
 
 def _take_rows(file: Path, exported: ExportedRun, document: RunDocument, store: Store) -> None:
-    """Copy the rows of an exported run into a store of ours. If they are not what they should be, nothing is left there.
+    """Copy the rows of an exported run into a store of ours. If one of them is wrong, nothing is left there.
 
     Raises:
         RunError: A row is wrong or there twice, or the rows hash to something else than the document says.
