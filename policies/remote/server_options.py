@@ -15,11 +15,10 @@ from robogauntlet.policies.remote import libero
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.network import is_loopback
+from robogauntlet.support.secret_variables import POLICY_TOKEN
 
 NAME = "openpi"
-TOKEN = "ROBOGAUNTLET_POLICY_TOKEN"
-"""Environment variable with a server's token. Tokens of several servers have names that begin like this."""
-_TOKEN_VARIABLE = re.compile(rf"{TOKEN}(_[A-Z0-9_]{{1,60}})?")
+_TOKEN_VARIABLE = re.compile(rf"{POLICY_TOKEN}(_[A-Z0-9_]{{1,60}})?")
 CAMERA_KEYS = dict(zip(CAMERAS, ("observation/image", "observation/wrist_image"), strict=True))
 STATE_KEY, INSTRUCTION_KEY, ACTIONS_KEY = "observation/state", "prompt", "actions"
 Key = Annotated[str, Field(min_length=1, max_length=200)]
@@ -143,9 +142,8 @@ class ServerOptions(Convention):
     @classmethod
     def _a_policy_s(cls, value: str | None) -> str | None:
         if value is not None and not _TOKEN_VARIABLE.fullmatch(value):
-            raise ValueError(
-                f"expected {TOKEN} or {TOKEN}_NAME, since a suite names no other secret; got '{value[:200]}'"
-            )
+            expected = f"expected {POLICY_TOKEN} or {POLICY_TOKEN}_NAME"
+            raise ValueError(f"{expected}, since a suite names no other secret; got '{value[:200]}'")
         return value
 
     @model_validator(mode="after")

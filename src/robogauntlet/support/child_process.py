@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.secret_variables import without_secrets
 
 MAX_ANSWER_BYTES = 64 * 2**20
 """Largest answer of a process."""
@@ -44,7 +45,7 @@ class JsonChild:
 
         Args:
             command: Interpreter, script and arguments.
-            environment: Environment variables; by default those of this process.
+            environment: Environment variables; by default those of this process, without secrets.
             own_group: Whether it leads a process group, which is killed with it and does not receive Ctrl-C.
 
         Raises:
@@ -58,7 +59,7 @@ class JsonChild:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
-                env=environment,
+                env=without_secrets(os.environ) if environment is None else environment,
                 pass_fds=(write_end,),
                 bufsize=0,
                 start_new_session=own_group,
