@@ -20,9 +20,9 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.references import FORMS
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RUN_FILE, RunError
-from robogauntlet.results.store.database import StoreError, file_url, parse
+from robogauntlet.results.store.database import StoreError, parse
 from robogauntlet.results.store.history_import import record_run_folders
-from robogauntlet.results.store.run_history import HISTORY_FILE, History
+from robogauntlet.results.store.run_history import History, history_url
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.ranges import MAX_SEEDS
 from robogauntlet.suites.selection import SelectionError
@@ -126,16 +126,9 @@ def newest_run(root: Path = RUNS) -> Path:
     return newest.parent
 
 
-def history_url(url: str | None, root: Path = RUNS) -> str:
-    """Return the URL of the history: the given one, which must be valid, or that of the file beside the run folders."""
-    if url is None:
-        return file_url((root / HISTORY_FILE).absolute())
-    return parse(url).render_as_string(hide_password=False)
-
-
 def runs_root(url: str | None) -> Path:
     """Return the folder of the run folders: the folder of a history that is a file, else `runs`."""
-    parsed = parse(history_url(url))
+    parsed = parse(history_url(url, RUNS))
     return Path(parsed.database).parent if parsed.get_backend_name() == "sqlite" and parsed.database else RUNS
 
 

@@ -8,6 +8,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import urlencode
@@ -40,6 +41,8 @@ LIVE_S = 0.5
 """Lifetime of the cached live status (s); it limits the load of the database, however many browsers watch."""
 NAMES_S = 15.0
 """Lifetime of the cached lists of names (s)."""
+LONGEST_TEXT = 10_000
+"""Largest length of a name or a message on a page (characters); longer ones are cut."""
 log = logging.getLogger("robogauntlet.dashboard")
 FOLDER = Path(__file__).parent
 FILES = {
@@ -103,7 +106,7 @@ class AppState:
         self._stopped = threading.Event()
         self._named: set[str] = set()
         """Lines about runs that cannot be recorded, each logged once."""
-        self._templates = template_environment(FOLDER / "templates", page.FOLDER)
+        self._templates = template_environment(FOLDER / "templates", page.FOLDER, longest=LONGEST_TEXT)
         self._templates.globals.update(
             text=formatting, views=live_view, when=when, verdict_text=verdict_text, query=query, asset=asset_address
         )
@@ -129,7 +132,8 @@ class AppState:
         return self.names.get("all", self._read_names)
 
     def _read_names(self) -> Names:
-        return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())
+        lists = (self.history.suites(), queries.statuses(self.history), self.history.policies())
+        return Names(*(list(islice(names, queries.MOST_NAMES)) for names in lists))
 
     def _size_of_uploads(self) -> int:
         return sum(size_of(Path(folder)) for folder in queries.imported_folders(self.history))

@@ -22,6 +22,8 @@ from robogauntlet.orchestrator.dashboard.security import line
 from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.results.analysis.comparison import Verdict
 
+LONGEST_LABEL = 500
+"""Suites with longer names (characters) have no metric of their verdict; the program itself accepts no such name."""
 HEALTH_S = 5.0
 """Longest time for reading the history in the health check (s)."""
 router = APIRouter()
@@ -88,6 +90,8 @@ class _Gauges(Collector):
         meaning = "1 for the verdict of the last compared run of a suite."
         verdicts = GaugeMetricFamily("robogauntlet_last_verdict", meaning, labels=["suite", "verdict"])
         for suite, last in queries.last_verdicts(self._app_state.history).items():
+            if len(suite) > LONGEST_LABEL:
+                continue
             for verdict in Verdict:
                 verdicts.add_metric([suite, str(verdict)], float(last == str(verdict)))
         yield verdicts

@@ -12,7 +12,6 @@ import http
 import logging
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -22,6 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from robogauntlet.orchestrator.inference.batcher import Batcher
+from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, Query, check_chunk
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
 from robogauntlet.policies.remote.protocol import as_answer, as_metadata, episode_in, finished_in, greeting_of, query_in
@@ -87,7 +87,7 @@ class PolicyServer:
         self._options = options
         self.greeting = greeting_of(served.policy, served.digest)
         self._metadata = pack(as_metadata(self.greeting) | {"policy": served.name})
-        self._thread = ThreadPoolExecutor(1)
+        self._thread = DaemonThread()
         wait_s = options.wait_s if options.batch > 1 else 0.0
         self.batcher = Batcher[Query, Decision](served.policy.act, self._thread, max_batch=options.batch, wait_s=wait_s)
         self._players: dict[str, ServerConnection] = {}

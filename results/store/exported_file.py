@@ -26,12 +26,12 @@ from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, 
 from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_runs
 from robogauntlet.results.store.sqlite_file import why_no_database
 from robogauntlet.suites.episode import RenderProfile
+from robogauntlet.suites.ranges import MAX_STEPS
 
 LONGEST_VALUE = 16 * 2**20
 """Largest length of a value in the file, such as the run's document (bytes)."""
 LONGEST_TEXT = 100_000
 """Largest length of a text in a row (characters)."""
-LONGEST_HORIZON = 1_000_000
 MIN_TIME_S, BYTES_PER_S = 60.0, 1_000_000
 """Time for reading: the former (s), and a second for as many bytes of the file."""
 RUN_ID = re.compile("[0-9a-f]{32}")
@@ -43,11 +43,11 @@ _TYPES: dict[type, frozenset[type]] = {
 }
 
 
-class ForeignRun:
+class ExportedRun:
     """An exported run whose schema and document were checked. Its rows are checked as they are read."""
 
     def __init__(self, file: Path, size: int, connection: sqlite3.Connection) -> None:
-        """See `open_foreign`."""
+        """See `open_exported`."""
         self._file, self._size, self._connection = file, size, connection
         _check_schema(file, connection)
         self.document = _read_document(file, connection)
@@ -70,7 +70,7 @@ class ForeignRun:
 
 
 @contextmanager
-def open_foreign(file: Path) -> Iterator[ForeignRun]:
+def open_exported(file: Path) -> Iterator[ExportedRun]:
     """Open an exported run during the block.
 
     Raises:
@@ -91,8 +91,8 @@ def open_foreign(file: Path) -> Iterator[ForeignRun]:
         with explained(file):
             connection.execute("PRAGMA trusted_schema=OFF")
             connection.execute("PRAGMA cell_size_check=ON")
-            foreign = ForeignRun(file, size, connection)
-        yield foreign
+            exported = ExportedRun(file, size, connection)
+        yield exported
 
 
 @contextmanager
@@ -183,8 +183,6 @@ def _plan_fault(document: RunDocument) -> str | None:
         return f"its suite compares policy '{min(named - names)}', which it does not play"
     if any(environment.interpreter is not None for environment in suite.environments.values()):
         return "its suite names a program"
-    if len(suite.description) > LONGEST_TEXT:
-        return f"its suite has a description of more than {LONGEST_TEXT:,} characters"
     return None
 
 
@@ -242,7 +240,7 @@ class _RowCheck:
             return "it is not planned"
         if (row.replan_every, row.cameras, row.image_size, row.render_profile) != self._protocol:
             return "its protocol is not that of the suite"
-        if row.horizon > LONGEST_HORIZON:
+        if row.horizon > MAX_STEPS:
             return "horizon is out of bounds"
         episode = row.episode
         if (row.simulator, row.pair_id, row.episode_id) != (episode.simulator, episode.pair_id, episode.id):
