@@ -86,7 +86,7 @@ class OpenRun:
         margin: float | None = None,
         allowed: Set[Difference] = frozenset(),
     ) -> PrintablePairwise:
-        """Compare policies with each other on the clean episodes that they share: `run.compare("a", "b")`.
+        """Compare policies with each other on the episodes that they share: `run.compare("a", "b")`.
 
         `print` shows the result as text; notebooks show it as tables.
 

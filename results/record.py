@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from robogauntlet.suites.episode import Episode
+from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 
 
 class Status(StrEnum):
@@ -82,6 +82,14 @@ class EpisodeResult:
     routing_s: Annotated[float, "Time the policy took to infer its task, a part of inference_s (s)."] = 0.0
     wait_s: Annotated[float, "Time the worker had nothing to do before this episode (s)."] = 0.0
     wall_s: Annotated[float, "Time from the episode's start to its end, without build, load and wait (s)."] = 0.0
+
+    @property
+    def episode(self) -> Episode:
+        """The episode of the row. Raises ValueError for an unknown render profile."""
+        view = View(tuple(self.cameras.split(",")), self.image_size, RenderProfile(self.render_profile))
+        protocol = Protocol(self.horizon, self.replan_every, view)
+        condition = Condition(self.axis, self.severity)
+        return Episode(self.policy, self.policy_digest, self.task, self.seed, protocol, condition)
 
     @classmethod
     def from_episode(cls, episode: Episode, **outcome: Any) -> EpisodeResult:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 from urllib.parse import quote
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.files import write_whole
@@ -17,6 +17,17 @@ STORE_FILE = "episodes.sqlite"
 FORMAT: Literal[1] = 1
 EVERYWHERE = ("robogauntlet", "ray", "numpy", "scipy", "torch")
 """Distributions that every run records beside its simulators'."""
+MAX_COUNT = 2**53
+"""Largest integer of a document: JSON, JavaScript and databases agree on all numbers up to it."""
+LONGEST_REASON = 4_000
+"""Largest length of a message in a document (characters); longer ones are shortened."""
+LONGEST_SUITE = 4_000_000
+"""Largest length of a suite, as its text and as JSON (characters)."""
+Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
+Time = Annotated[float, Field(ge=0, le=7_258_118_400, allow_inf_nan=False)]
+"""Seconds since 1970, UTC, up to the year 2200."""
+Duration = Annotated[float, Field(ge=0, le=1e10, allow_inf_nan=False)]
+"""Seconds."""
 
 
 class RunStatus(StrEnum):
@@ -36,7 +47,10 @@ class RunError(Exception):
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", str_max_length=500)
+
+
+Text = Annotated[str, Field(max_length=2 * LONGEST_REASON)]
 
 
 class PlannedCell(_Model):
@@ -47,8 +61,8 @@ class PlannedCell(_Model):
     policy: str
     policy_digest: str
     axis: str
-    severity: int
-    planned: int
+    severity: Count
+    planned: Count
     """Episodes (seeds) planned."""
 
 
@@ -57,7 +71,7 @@ class Unsupported(_Model):
 
     axis: str
     task: str
-    reason: str
+    reason: Text
 
 
 class Decided(_Model):
@@ -66,11 +80,11 @@ class Decided(_Model):
     policy: str
     """The policy that is compared with the suite's baseline policy."""
     axis: str
-    severity: int
-    pairs: int
-    seeds: int
+    severity: Count
+    pairs: Count
+    seeds: Count
     """Seeds per task when it was decided."""
-    evidence: float
+    evidence: Annotated[float, Field(ge=0)]
     """E-value."""
 
 
@@ -96,7 +110,7 @@ class Provenance(_Model):
     python: str = ""
     platform: str = ""
     processor: str = ""
-    cores: int = 0
+    cores: Count = 0
     packages: dict[str, str] = Field(default_factory=dict)
     """Distribution to version."""
     environments: dict[str, EnvironmentRecord] = Field(default_factory=dict)
@@ -124,42 +138,58 @@ class RunDocument(_Model):
     """The suite, reduced to the selected part."""
     suite_hash: str
     """Hash of the planned episodes; equal for suites that plan the same ones."""
-    suite_text: str
+    suite_text: Annotated[str, Field(max_length=LONGEST_SUITE)]
     """The text of the suite file."""
-    suite_path: str
-    store_url: str | None = None
+    suite_path: Annotated[str, Field(max_length=4096)]
+    store_url: Text | None = None
     """URL of the store (password hidden), or None for the file in the run folder."""
-    started_at: float
+    origin: Literal["local", "imported"] = "local"
+    """Whether the run was played here or came as an exported file, whose author is not trusted."""
+    started_at: Time
     """Start of the first session (seconds since 1970, UTC)."""
-    finished_at: float | None = None
+    finished_at: Time | None = None
     """End of the last session."""
-    elapsed_s: float = 0.0
+    elapsed_s: Duration = 0.0
     """Time until the last episode had ended, over all sessions (s)."""
-    media_s: float = 0.0
+    media_s: Duration = 0.0
     """Time spent afterwards on videos and snapshots, over all sessions (s)."""
-    media_left_out: int = 0
+    media_left_out: Count = 0
     """Videos and snapshots that were not recorded, for lack of time or because of an error."""
-    command: str | None = None
+    command: Annotated[str, Field(max_length=LONGEST_SUITE)] | None = None
     """The command that continues the run."""
     status: RunStatus = RunStatus.RUNNING
-    reason: str | None = None
+    reason: Text | None = None
     plan: tuple[PlannedCell, ...]
     unsupported: tuple[Unsupported, ...] = ()
-    instructions: dict[str, str] = Field(default_factory=dict)
+    instructions: dict[str, Text] = Field(default_factory=dict)
     """Task to its instruction."""
     decided: tuple[Decided, ...] = ()
-    workers: dict[str, int] = Field(default_factory=dict)
+    workers: dict[str, Count] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session; empty if all simulators shared `shared_workers`."""
-    shared_workers: int | None = None
+    shared_workers: Count | None = None
     inference: str = "worker"
     """Place of inference of policies that use images in the last session: "worker" or "served"."""
-    skipped: dict[str, str] = Field(default_factory=dict)
+    skipped: dict[str, Text] = Field(default_factory=dict)
     """Simulator to the reason why it could not run here."""
     render_devices: dict[str, str] = Field(default_factory=dict)
     """Simulator to its render device."""
     rows_hash: str | None = None
     """Hash of all stored rows without telemetry."""
     provenance: Provenance = Provenance()
+
+    @field_validator("suite")
+    @classmethod
+    def _suite_of_moderate_size(cls, suite: Suite) -> Suite:
+        if (length := len(suite.model_dump_json())) > LONGEST_SUITE:
+            raise ValueError(f"expected at most {LONGEST_SUITE:,} characters, got {length:,}")
+        return suite
+
+    @field_validator("plan")
+    @classmethod
+    def _countable_plan(cls, plan: tuple[PlannedCell, ...]) -> tuple[PlannedCell, ...]:
+        if (planned := sum(cell.planned for cell in plan)) > MAX_COUNT:
+            raise ValueError(f"expected at most {MAX_COUNT} planned episodes, got {planned}")
+        return plan
 
     @property
     def planned(self) -> int:
@@ -194,12 +224,17 @@ def parse_run(text: str, where: str) -> RunDocument:
     try:
         return RunDocument.model_validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        place = ascii(".".join(map(str, first["loc"])))[1:-1][:100] or "the file"  # names in it may be hostile
         raise RunError(
             f"{where}: expected a run document of format {FORMAT}, got another one ({place}: {first['msg']}); "
             "read it with the RoboGauntlet that wrote it, or run the suite again"
         ) from None
+
+
+def shortened(message: str) -> str:
+    """Return a message as documents hold it: of at most `LONGEST_REASON` characters."""
+    return message if len(message) <= LONGEST_REASON else f"{message[: LONGEST_REASON - 4]} ..."
 
 
 def write_run(folder: Path, document: RunDocument) -> None:

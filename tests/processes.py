@@ -10,11 +10,14 @@ GAUNTLET = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import mai
 """The `robogauntlet` command."""
 
 
+def environment_of(*paths, **variables):
+    """The environment of a command with further folders of modules and variables."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT / "src", *paths))), **variables}
+
+
 def run_process(command, cwd=ROOT, *, paths=(), timeout=300, **variables):
     """Run a command with further folders of modules and variables; return its exit code and output."""
-    python_path = os.pathsep.join(map(str, (ROOT / "src", *paths)))
-    environment = {**os.environ, "PYTHONPATH": python_path, **variables}
-    words = [*map(str, command)]
+    environment, words = environment_of(*paths, **variables), [*map(str, command)]
     return subprocess.run(words, capture_output=True, text=True, timeout=timeout, cwd=cwd, env=environment, check=False)
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from robogauntlet.adapters.contract import AdapterError, TaskDescription
-from robogauntlet.adapters.gymnasium.expressions import check_expression
+from robogauntlet.adapters.gymnasium.expressions import check_attribute, check_expression, undeclared
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import first_line
@@ -79,6 +79,8 @@ class EnvironmentMapping(_Strict):
     action: Annotated[dict[Literal["dx", "dy", "dz", "rx", "ry", "rz", "gripper"], Drive], Field(min_length=1)]
     """Numbers that are left out are ignored."""
     base: Base = Base()
+    reads: tuple[Annotated[str, AfterValidator(check_attribute)], ...] = ()
+    """Attributes of the environment without its wrappers that expressions read, such as `robot.position`."""
     state: dict[str, Expression | list[Expression | float]]
     """Privileged state, by the contract's names. Positions and orientations (matrices or quaternions xyzw) are
     converted to the base frame. Lists are concatenated; lists of plain numbers are not converted."""
@@ -89,6 +91,20 @@ class EnvironmentMapping(_Strict):
     terminates: bool = False
     """Whether the environment cannot be stepped after `terminated`."""
     cameras: Cameras = Cameras()
+
+    @model_validator(mode="after")
+    def _declared(self) -> EnvironmentMapping:
+        """Check that the attributes which the expressions read are declared."""
+        places: dict[str, Any] = {f"state.{name}": source for name, source in self.state.items()}
+        places["success"] = self.success
+        for camera in ("third_person", "wrist"):
+            if isinstance(source := getattr(self.cameras, camera), Orbit):
+                places[f"cameras.{camera}.at"] = source.at
+        for place, source in places.items():
+            for text in source if isinstance(source, list | tuple) else [source]:
+                if isinstance(text, str) and (path := undeclared(text, self.reads)):
+                    raise ValueError(f"{place}: '{text}' reads '{path}' of the environment; add it to `reads`")
+        return self
 
 
 def mapping_files() -> Iterator[tuple[str, Path]]:
@@ -132,6 +148,8 @@ def load_description(path: Path) -> TaskDescription:
 
 def _message(problem: Any) -> str:
     """Return one of pydantic's errors as a line."""
+    if not problem["loc"] and problem["type"] == "value_error":
+        return str(problem["ctx"]["error"])
     where = [str(part) for part in problem["loc"]] or ["file"]
     place = ".".join(where)
     match problem["type"]:

@@ -120,7 +120,7 @@ class GymnasiumSimulation(BaseSimulation):
         self._env.close()
 
     def _value(self, expression: str) -> Any:
-        return value_of(expression, {**self._outcome, "unwrapped": self._world})
+        return value_of(expression, {**self._outcome, "unwrapped": self._world}, self._mapping.reads)
 
     def _read(self, name: str, source: Any) -> FloatArray:
         """Return one entry of the state."""

@@ -18,7 +18,9 @@ from robogauntlet.adapters.contract import (
     Simulation,
     TaskDescription,
 )
-from robogauntlet.suites.episode import SUCCESS_HOLD
+from robogauntlet.orchestrator.perturbations import perturbed
+from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages
+from robogauntlet.suites.episode import SUCCESS_HOLD, Cell
 
 MAX_INSTRUCTION = 200
 
@@ -31,16 +33,26 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
             (text).
         action_space: (7,) float64 in the units of `robogauntlet.adapters.contract`; what is beyond is clipped, as in a
             run.
-        simulation: The simulation, with the true state.
+        simulation: The simulation of the episode, with the true state.
+        horizon: Control steps after which an episode is truncated.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (gymnasium declares it so)
 
     def __init__(
-        self, simulation: Simulation, description: TaskDescription, horizon: int, render_mode: str | None = None
+        self, simulation: Simulation, description: TaskDescription, cell: Cell, render_mode: str | None = None
     ) -> None:
-        """See `robogauntlet.make`."""
-        self.simulation, self.horizon, self.render_mode = simulation, horizon, render_mode
+        """See `robogauntlet.make`.
+
+        Args:
+            simulation: The clean simulation of the task.
+            description: Its description.
+            cell: Condition and protocol of the episodes.
+            render_mode: `rgb_array` or None.
+        """
+        self.simulation = self._clean = simulation
+        self.horizon, self.render_mode = cell.protocol.horizon, render_mode
+        self._cell, self._references = cell, ReferenceImages()
         spec, view = simulation.action_spec, simulation.observation_spec
         self.metadata = {**self.metadata, "render_fps": spec.control_hz}
         image = spaces.Box(0, 255, (view.image_size, view.image_size, 3), np.uint8)
@@ -61,14 +73,20 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Start the clean episode of a seed, which is the episode of that seed in a run; without one, of a random seed.
+        """Start the episode of a seed, which is the episode of that seed in a run; without one, of a random seed.
 
         Returns:
             The observation, and a mapping with `seed`.
+
+        Raises:
+            NotDelivered: The condition's level was not delivered.
         """
         super().reset(seed=seed)
         chosen = int(self.np_random.integers(2**31)) if seed is None else seed
+        self.simulation = perturbed(self._clean, self._cell.episode(chosen), self._references)
         self.simulation.reset(chosen)
+        if isinstance(self.simulation, Perturbed):
+            self.simulation.check_start()
         self._steps = self._held = 0
         return self._observe(), {"seed": chosen}
 
@@ -108,7 +126,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
 
     def close(self) -> None:
         """Free the simulation. Safe to call twice."""
-        self.simulation.close()
+        self._clean.close()
 
     def _observe(self) -> dict[str, Any]:
         seen = self.simulation.observe()

@@ -7,7 +7,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robogauntlet.adapters import catalog
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.orchestrator.runs.composition import read_condition
+from robogauntlet.orchestrator.runs.plan import why_unadjusted
+from robogauntlet.suites.axes import axis_of, why_unsupported
+from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, View
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
@@ -25,6 +28,7 @@ def make(
     image_size: int = 96,
     render_profile: str = RenderProfile.STANDARD,
     horizon: int | None = None,
+    condition: str = CLEAN,
 ) -> TaskEnvironment:
     """Open a task in this process as a `gymnasium.Env`, to step a policy in a loop of your own.
 
@@ -37,6 +41,9 @@ def make(
         image_size: Height and width of their images (px), 16 to 1024.
         render_profile: `standard`, `fast` or `fast-2`.
         horizon: Control steps after which an episode is truncated; by default that of the task.
+        condition: `clean`, or one perturbation axis at one severity, `AXIS:SEVERITY`. Each seed has the disturbance
+            that it has in a run with the same horizon, cameras, image size and profile, and the default of eight
+            actions between queries. A perturbation that cannot be delivered raises `NotDelivered` during `reset`.
 
     Raises:
         AdapterError: There is no such task, or its simulator is not installed.
@@ -50,11 +57,15 @@ def make(
         raise BadInput(f"render_profile: unknown '{render_profile}'{did_you_mean(render_profile, RenderProfile)}")
     if horizon is not None and horizon < 1:
         raise BadInput(f"horizon: expected 1 or more, got {horizon}")
+    shift = read_condition(condition)
     description = catalog.task_descriptions().get(task)
     available = description.cameras if description else ()
     for camera in cameras or () if description else ():
         if camera not in available:
             raise BadInput(f"cameras: {task} has no camera '{camera}'{did_you_mean(camera, available)}")
+    axis = axis_of(shift)
+    if description and axis and (why := why_unadjusted(axis, task) or why_unsupported(axis, description.instruction)):
+        raise BadInput(f"condition '{condition}': unsupported in {task}: {why}")
     try:
         from robogauntlet.orchestrator.api.task_environment import TaskEnvironment
     except ModuleNotFoundError as error:
@@ -65,4 +76,5 @@ def make(
     view = View(tuple(cameras or available), image_size, RenderProfile(render_profile))
     simulation = catalog.open_simulation(task, view)
     assert description is not None  # else it was refused
-    return TaskEnvironment(simulation, description, horizon or description.horizon, render_mode)
+    protocol = Protocol(horizon or description.horizon, view=view)
+    return TaskEnvironment(simulation, description, Cell("own loop", "own loop", task, protocol, shift), render_mode)

@@ -34,6 +34,7 @@ VERBS = {
     "history": ("history:history", "List runs, or show the success of a policy over its runs."),
     "leaderboard": ("leaderboard:leaderboard", "Compare the policies of a suite by their newest complete runs."),
     "accept": ("accept:accept", "Make a run the baseline of later runs."),
+    "forget": ("forget:forget", "Remove a run from the history."),
     "export": ("export:export", "Write a run as one file, or its episodes as datasets."),
     "import": ("import_run:import_run", "Create a run folder from an exported run."),
     "log": ("log:log", "Send the results of a run to an experiment tracker."),

@@ -26,6 +26,7 @@ from robogauntlet.results.store.run_history import HISTORY_FILE, History
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.selection import SelectionError
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import visible
 
 INPUT_ERRORS = (
     BadInput,
@@ -43,6 +44,7 @@ EXIT_BAD_INPUT = 2
 EXIT_STOPPED = 3
 EXIT_INTERRUPTED = 130
 
+TAB = "\t"
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
 if not out.is_terminal and "COLUMNS" not in os.environ:
@@ -71,6 +73,10 @@ PolicyOptions = Annotated[
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
 ]
+Trust = Annotated[
+    bool,
+    typer.Option("--trust", help="Import, contact, read and start what an imported run names, as its author chose."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 TOKEN = "ROBOGAUNTLET_TOKEN"
 Host = Annotated[
@@ -89,14 +95,19 @@ HistoryUrl = Annotated[
 
 
 def fail(message: str) -> None:
-    """Print each line of a message to standard error."""
+    """Print each line of a message to standard error, unprintable characters as escapes."""
     for line in message.splitlines():
-        err.print(f"robogauntlet: {line}", markup=False, soft_wrap=True)
+        err.print(f"robogauntlet: {visible(line, TAB)}", markup=False, soft_wrap=True)
 
 
 def print_line(line: str) -> None:
-    """Print a line as it is to standard output: no markup, no wrapping."""
-    out.print(line, markup=False, soft_wrap=True)
+    """Print a line to standard output without markup and wrapping, unprintable characters as escapes."""
+    print_text(line + "\n")
+
+
+def print_text(text: str) -> None:
+    """Print lines to standard output without markup and wrapping, unprintable characters as escapes."""
+    out.print(visible(text, "\n" + TAB), markup=False, soft_wrap=True, end="")
 
 
 def print_json(value: Any) -> None:
@@ -138,7 +149,7 @@ def open_history(url: str | None, root: Path | None = None) -> Iterator[History]
         if url is None:
             root.mkdir(parents=True, exist_ok=True)
         with closing(History.open(history_url(url, root))) as history:
-            record_run_folders(history, root)
+            record_run_folders(history, root, fail)
             yield history
     except OSError as error:
         raise BadInput(f"{root}: {error.strerror}") from None

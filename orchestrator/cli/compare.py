@@ -8,7 +8,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import StoreUrl, out
+from robogauntlet.orchestrator.cli.common import StoreUrl, out, print_text
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results import api
 from robogauntlet.results.analysis.comparison import Comparison, Difference, Verdict
@@ -164,7 +164,7 @@ def conclude(comparison: Comparison, form: Format, file: Path | None, *, tables:
 def write(text: str, file: Path | None) -> None:
     """Write a text into a file, or print it. Raises BadInput if the file cannot be written."""
     if file is None:
-        out.print(text, markup=False, soft_wrap=True, end="")
+        print_text(text)
         return
     try:
         file.write_text(text, encoding="utf-8")

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich.table import Table
+from rich.text import Text
 
-from robogauntlet.orchestrator.cli.common import out
+from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.report import Report
 from robogauntlet.results.report.formatting import NOTHING, TextTable, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
 from robogauntlet.suites.episode import Condition
+from robogauntlet.support.text import visible
 
 MAX_CONDITIONS = 4
 """With more conditions, only the first is printed per task; the report has all of them."""
@@ -33,7 +35,7 @@ def print_summary(report: Report) -> None:
     else:
         _print_table(_fitting(summary_table(tables)), "Per simulator")
     for finding in findings:
-        out.print(f"- {finding}", markup=False)
+        print_line(f"- {finding}")
     if findings:
         out.print()
     if merging is None:
@@ -89,10 +91,10 @@ def _fitting(table: TextTable) -> TextTable:
 
 
 def rich_table(table: TextTable, *, title: str) -> Table:
-    """Return the table for the terminal."""
-    drawn = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    """Return the table for the terminal. Its texts are shown as they are, unprintable characters as escapes."""
+    drawn = Table(title=Text(visible(title)), title_justify="left", box=None, pad_edge=False)
     for i, name in enumerate(table.header):
-        drawn.add_column(name, justify="left" if i < table.labels else "right", no_wrap=True)
+        drawn.add_column(Text(visible(name)), justify="left" if i < table.labels else "right", no_wrap=True)
     for row in table.rows:
-        drawn.add_row(*row)
+        drawn.add_row(*(Text(visible(cell)) for cell in row))
     return drawn

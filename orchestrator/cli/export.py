@@ -11,14 +11,14 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, out, print_line
+from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, Trust, out, print_line
 from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, EpisodeFilter, write_datasets
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
 from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
-from robogauntlet.results.report.formatting import counted
+from robogauntlet.results.report.formatting import counted, spreadsheet_cell
 from robogauntlet.results.report.parquet import write_parquet
 from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.episode_store import Store
@@ -86,6 +86,7 @@ def export(
         typer.Option("--out", help="File, or folder of the datasets, to write; by default named after the run."),
     ] = None,
     store: StoreUrl = None,
+    trust: Trust = False,
 ) -> None:
     """Write a run as one file, or its episodes as datasets.
 
@@ -96,7 +97,7 @@ def export(
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
         policies = () if policy is None else (policy,)
         selected = EpisodeFilter(policies, tuple(task or ()), tuple(condition or ()), statuses, limit)
-        _write_datasets(run, selected, file, store)
+        _write_datasets(run, selected, file, store, trust)
         return
     if task or condition or status or limit:
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
@@ -122,7 +123,8 @@ def export(
 def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy: str | None) -> int:
     if form is Format.CSV:
         table = run.episodes()
-        table.to_csv(file, index=False)
+        texts = table.select_dtypes(exclude=["number", "bool"])
+        table.assign(**{name: texts[name].map(spreadsheet_cell) for name in texts}).to_csv(file, index=False)
         return len(table)
     rows = export_formats.of_policy(run.episodes(export_formats.COLUMNS), policy)
     plain = {Format.LEROBOT: export_formats.lerobot, Format.VLA_EVAL: export_formats.vla_eval}[form](document, rows)
@@ -130,7 +132,7 @@ def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy
     return len(rows)
 
 
-def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None) -> None:
+def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str | None, trust: bool) -> None:
     def listener(written: DatasetExport, count: int) -> Callable[[], None]:
         if written.existing:
             out.print(f"continuing: {written.existing} of {counted(written.wanted, 'episode')} are recorded already")
@@ -142,8 +144,8 @@ def _write_datasets(run: Path, selected: EpisodeFilter, folder: Path, store: str
     if not chosen:
         raise BadInput(f"{run}: no episode matches the options")
     with ExitStack() as progress:
-        sources, environments = policy_sources(document), environments_of(document)
-        written = write_datasets(chosen, document, sources, folder, listener, environments)
+        sources = policy_sources(document, run, trust=trust)
+        written = write_datasets(chosen, document, sources, folder, listener, environments_of(document))
     for writer in written.writers.values():
         print_line(f"{writer.folder}: {counted(writer.episodes, 'episode')}, {counted(writer.frames, 'frame')}")
     conclude_recording(written)

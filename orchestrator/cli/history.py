@@ -74,7 +74,7 @@ def _runs_table(entries: Sequence[RunEntry]) -> TextTable:
             when(entry.started_at),
             entry.name,
             entry.suite,
-            entry.status,
+            entry.status_text,
             verdict_text(entry.verdict, accepted=entry.accepted),
             run_rate(entry.counts, entry.policies),
             count(entry.counts.done),

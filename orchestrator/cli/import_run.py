@@ -7,11 +7,18 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import HistoryUrl, history_url, open_history, print_line, runs_root
+from robogauntlet.orchestrator.cli.common import (
+    INPUT_ERRORS,
+    HistoryUrl,
+    history_url,
+    open_history,
+    print_line,
+    runs_root,
+)
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.store import run_archive
 from robogauntlet.results.store.history_import import record_run_folder
-from robogauntlet.support.errors import BadInput
+from robogauntlet.support.errors import BadInput, describe
 
 
 def import_run(
@@ -28,13 +35,21 @@ def import_run(
     """
     from robogauntlet.results.report import write_report
 
+    if folder is not None and folder.name in ("", ".."):  # pathlib has no name for '' and '.'
+        raise BadInput(f"--out: expected the name of a new folder, got '{folder}'")
     root = folder.absolute().parent if folder else runs_root(url)
     history_url(url)  # a wrong URL is refused before anything is written
     try:
         run, document = run_archive.import_run(file, root, store=store, name=folder.name if folder else None)
-        write_report(run, store_url=store)
-        with open_history(url) as history:
-            record_run_folder(history, run, document)
+        try:
+            write_report(run, store_url=store)
+            with open_history(url) as history:
+                record_run_folder(history, run, document)
+        except BaseException as error:
+            run_archive.discard(run, document, store)
+            if not isinstance(error, Exception) or isinstance(error, (*INPUT_ERRORS, OSError)):
+                raise
+            raise BadInput(f"{file}: expected a run with a report, it cannot be made: {describe(error)}") from error
     except OSError as error:
         raise BadInput(f"{root}: cannot be written: {error.strerror}") from None
     print_line(f"{counted(document.planned, 'planned episode')} of {document.suite.name} in {run}")

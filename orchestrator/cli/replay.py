@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import StoreUrl, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.cli.common import StoreUrl, Trust, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources, replay_with_video
 from robogauntlet.results.media_paths import video_path
@@ -23,6 +23,7 @@ def replay_episode(
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
     video: Annotated[Path | None, typer.Option(help="MP4 file to write; by default in the run folder.")] = None,
     store: StoreUrl = None,
+    trust: Trust = False,
 ) -> None:
     """Replay a stored episode, compare it with its row and record a video.
 
@@ -36,7 +37,8 @@ def replay_episode(
         raise BadInput(f"{folder}: no episode {episode_id}; ids are in its episodes.parquet")
     video = video or video_path(folder, row.episode_id)
     try:
-        replay = replay_with_video(row, policy_sources(document), video, environments_of(document))
+        sources = policy_sources(document, folder, trust=trust)
+        replay = replay_with_video(row, sources, video, environments_of(document))
     except RayLost as error:
         raise BadInput(str(error)) from None
     result = replay.result

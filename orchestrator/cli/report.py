@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, newest_run, print_line
+from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, newest_run, print_line, print_text
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.results.report.figures import FOLDER, FigureFormat, check_matplotlib, write_figures
 from robogauntlet.results.report.success_table import TableFormat, render_table, success_table
@@ -48,7 +48,7 @@ def report(
         raise BadInput("--condition: expected with --table, such as --table latex --condition clean")
     folder = folder or newest_run()
     if table is not None:
-        typer.echo(_success_table(folder, store, condition, table), nl=False)
+        print_text(_success_table(folder, store, condition, table))
         return
     from robogauntlet.results.report import write_report
 

@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.cli.common import (
     PolicyOptions,
     SeedCount,
     Tasks,
+    Trust,
     fail,
     history_url,
     out,
@@ -29,9 +30,10 @@ from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_
 from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
+from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
 from robogauntlet.policies.references import option_text, read_options, read_reference
-from robogauntlet.results.run_document import RunStatus
+from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.durations import format_duration
@@ -84,6 +86,7 @@ def run(
         ),
     ] = None,
     history: HistoryUrl = None,
+    trust: Trust = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print a line for each episode.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
 ) -> None:
@@ -94,6 +97,8 @@ def run(
     """
     out.quiet = quiet
     required = tuple(require or ())
+    if out_folder is not None and (out_folder / RUN_FILE).exists():
+        require_trust(read_run(out_folder), out_folder, trust=trust)
     policy_options, part = read_options(option or ()), SuiteSelection()
     if suite is None:
         missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, fail, newest_run, out, print_line
+from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, Trust, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
+from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 
@@ -18,6 +19,7 @@ def verify(
     sample: Annotated[int, typer.Option(min=0, help="Number of random episodes to replay.")] = 12,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random choice.")] = 0,
     store: StoreUrl = None,
+    trust: Trust = False,
 ) -> None:
     """Check the rows of a run against their hash and replay a sample of its episodes.
 
@@ -28,9 +30,11 @@ def verify(
 
     folder = folder or newest_run()
     document = read_run(folder)
+    if sample:
+        require_trust(document, folder, trust=trust)
     with closing(Store.open_begun(folder, document, store)) as rows:
         stored = verify.sample_rows(rows.results(), sample, seed)
-    sources = policy_sources(document) if stored.sample else {}
+    sources = policy_sources(document, folder, trust=trust) if stored.sample else {}
     environments = environments_of(document)
     problems = []
     rows_text = f"{stored.rows:,} rows, hash {stored.rows_hash}"

@@ -15,7 +15,6 @@ from urllib.parse import urlencode
 
 from cachetools import TTLCache
 from fastapi import Depends, HTTPException, Request
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
@@ -26,7 +25,7 @@ from robogauntlet.results.analysis.leaderboard import LeaderboardRow
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
-from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.report.templates import template_environment
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
@@ -112,13 +111,9 @@ class AppState:
         self.import_lock = threading.Lock()
         """Held while runs are written under the root or imported from it."""
         self._stopped = threading.Event()
-        self._templates = Environment(
-            loader=FileSystemLoader([FOLDER / "templates", page.FOLDER]),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
+        self._named: set[str] = set()
+        """Lines about runs that cannot be recorded, each logged once."""
+        self._templates = template_environment(FOLDER / "templates", page.FOLDER)
         self._templates.globals.update(
             text=formatting, views=live_view, when=when, verdict_text=verdict_text, query=query, asset=asset_address
         )
@@ -155,13 +150,18 @@ class AppState:
         """Stop importing."""
         self._stopped.set()
 
+    def _name_once(self, line: str) -> None:
+        if line not in self._named:
+            self._named.add(line)
+            log.warning("%s", line)
+
     def _import_runs(self) -> None:
         while True:
             try:
                 with self.import_lock:
                     if self.settings.root.is_dir():
-                        record_run_folders(self.history, self.settings.root)
-            except (StoreError, OSError) as error:
+                        record_run_folders(self.history, self.settings.root, self._name_once)
+            except Exception as error:  # one broken run must not end the import of the others
                 log.warning("runs under %s were not imported: %s", self.settings.root, error)
             if self._stopped.wait(SYNC_S):
                 return

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from fastapi import APIRouter
+from fastapi import APIRouter, HTTPException
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -19,6 +20,8 @@ from robogauntlet.results.store.history_records import RunEntry
 
 RECENT = 60
 """Number of runs to choose from, the newest."""
+LEAST_MARGIN, LARGEST_MARGIN = 0.0001, 0.9999
+"""Range of a margin, as of `robogauntlet compare --margin` (a share)."""
 router = APIRouter()
 
 
@@ -37,12 +40,20 @@ class ChosenPolicy:
 
 @router.get("/compare")
 def show_comparison(
-    app_state: CurrentAppState, first: str = "", second: str = "", policies: str = "", run: str = "", baseline: str = ""
+    app_state: CurrentAppState,
+    first: str = "",
+    second: str = "",
+    policies: str = "",
+    run: str = "",
+    baseline: str = "",
+    margin: str = "",
 ) -> Response:
     """Compare `first` with `second` (ID:POLICY each), the `policies` of a run, or a `run` with a `baseline`.
 
-    Each comparison is computed at its first request.
+    `margin` is the decrease of success that still counts as no worse, a share. Each comparison is computed at its
+    first request.
     """
+    share = _margin(margin)
     chosen = [_chosen(app_state, text) for text in (first, second)]
     entries = [app_state.run_named(name) if name else None for name in (policies, run, baseline)]
     pairwise: PairwiseComparisons | None = None
@@ -50,11 +61,11 @@ def show_comparison(
     problem = ""
     try:
         if chosen[0] is not None and chosen[1] is not None:
-            pairwise = _compare_policies(app_state, chosen[0], chosen[1])
+            pairwise = _compare_policies(app_state, chosen[0], chosen[1], share)
         elif entries[0] is not None:
-            pairwise = _compare_all(app_state, entries[0])
+            pairwise = _compare_all(app_state, entries[0], share)
         elif entries[1] is not None and entries[2] is not None:
-            comparison = _compare_runs(app_state, entries[1], entries[2])
+            comparison = _compare_runs(app_state, entries[1], entries[2], share)
     except RunError as error:
         problem = str(error)
     recent = app_state.history.runs(limit=RECENT)
@@ -69,6 +80,8 @@ def show_comparison(
         comparison=comparison,
         report=report,
         problem=problem,
+        margin=share,
+        margins=(LEAST_MARGIN, LARGEST_MARGIN),
         recent=recent,
         listed=listed,
         policies=queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed]),
@@ -81,26 +94,45 @@ def _chosen(app_state: AppState, text: str) -> ChosenPolicy | None:
     return ChosenPolicy(app_state.run_named(run_id), policy) if run_id else None
 
 
-def _key(*parts: RunEntry | str) -> tuple[object, ...]:
+def _margin(text: str) -> float | None:
+    """Return a margin, None for an empty text. Raises HTTPException unless it is a share in the range."""
+    if not text.strip():
+        return None
+    try:
+        share = float(text) if text.isascii() else math.nan
+    except ValueError:
+        share = math.nan
+    if not LEAST_MARGIN <= share <= LARGEST_MARGIN:
+        raise HTTPException(
+            400, f"margin: expected a share from {LEAST_MARGIN} to {LARGEST_MARGIN}, or nothing; got '{text[:40]}'"
+        )
+    return share
+
+
+def _key(margin: float | None, *parts: RunEntry | str) -> tuple[object, ...]:
     """A key that changes when one of the runs does."""
-    return tuple(p if isinstance(p, str) else (p.run_id, p.status, p.finished_at, p.counts) for p in parts)
+    return margin, *(p if isinstance(p, str) else (p.run_id, p.status, p.finished_at, p.counts) for p in parts)
 
 
-def _compare_policies(app_state: AppState, one: ChosenPolicy, other: ChosenPolicy) -> PairwiseComparisons:
+def _compare_policies(
+    app_state: AppState, one: ChosenPolicy, other: ChosenPolicy, margin: float | None
+) -> PairwiseComparisons:
     def compute() -> PairwiseComparisons:
         opened = open_entry(app_state.history, one.entry)
         beside = None if one.entry.run_id == other.entry.run_id else open_entry(app_state.history, other.entry)
-        return opened.compare(one.policy, other.policy, other=beside)
+        return opened.compare(one.policy, other.policy, other=beside, margin=margin)
 
-    return app_state.pairwise.get(_key(one.entry, one.policy, other.entry, other.policy), compute)
-
-
-def _compare_all(app_state: AppState, entry: RunEntry) -> PairwiseComparisons:
-    return app_state.pairwise.get(_key(entry), lambda: open_entry(app_state.history, entry).compare())
+    return app_state.pairwise.get(_key(margin, one.entry, one.policy, other.entry, other.policy), compute)
 
 
-def _compare_runs(app_state: AppState, run: RunEntry, baseline: RunEntry) -> Comparison:
-    history = app_state.history
-    return app_state.comparisons.get(
-        _key(run, baseline), lambda: compare(open_entry(history, run), open_entry(history, baseline))
+def _compare_all(app_state: AppState, entry: RunEntry, margin: float | None) -> PairwiseComparisons:
+    return app_state.pairwise.get(
+        _key(margin, entry), lambda: open_entry(app_state.history, entry).compare(margin=margin)
     )
+
+
+def _compare_runs(app_state: AppState, run: RunEntry, baseline: RunEntry, margin: float | None) -> Comparison:
+    def compute() -> Comparison:
+        return compare(open_entry(app_state.history, run), open_entry(app_state.history, baseline), margin=margin)
+
+    return app_state.comparisons.get(_key(margin, run, baseline), compute)

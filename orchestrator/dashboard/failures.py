@@ -97,7 +97,7 @@ def _failed(url: str, run_id: str, ids: Sequence[str]) -> list[tuple[Any, str]]:
     columns = (e.episode_id, e.policy, e.task, e.axis, e.severity, e.seed, e.steps)
     query = sa.select(*columns, *shared).where(e.run_id == run_id, e.status == str(Status.FAILURE))
     query = query.order_by(e.task, e.policy, e.axis, e.severity, e.seed)
-    with closing(Store.open(url, run_id)) as store, store.database.reading() as connection:
+    with closing(Store.open(url, run_id, create=False)) as store, store.database.reading() as connection:
         video_of = {tuple(shared): name for *shared, name in connection.execute(videos)}
         same_pair = connection.execute(query.where(e.pair_id.in_({pair for pair, *_ in video_of})))
         return [(row, video_of[key]) for row in same_pair if (key := tuple(row[len(columns) :])) in video_of]

@@ -29,7 +29,8 @@ def state_text_of(entry: RunEntry, now: float) -> str:
     state = state_of(entry, now)
     if entry.live is not None and state == RunStatus.COMPLETE and now - entry.live.at <= STALE_S:
         return f"{state}, {entry.live.phase}"
-    return f"silent for {brief(now - _last_report_at(entry))}" if state == SILENT else state
+    text = f"silent for {brief(now - _last_report_at(entry))}" if state == SILENT else state
+    return f"{text}, imported" if entry.imported else text
 
 
 def counts_of(entry: RunEntry) -> Counts:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import secrets
-import shutil
 from pathlib import Path
 from urllib.parse import quote
 
@@ -18,11 +15,11 @@ from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState, log
 from robogauntlet.results.report import write_report
 from robogauntlet.results.run_document import RunDocument, RunError
+from robogauntlet.results.store.arriving import arriving_folder
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
-from robogauntlet.results.store.run_archive import import_run
+from robogauntlet.results.store.run_archive import discard, import_run
 
-RUN_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 router = APIRouter()
 
 
@@ -32,18 +29,16 @@ async def upload(app_state: CurrentAppState, request: Request) -> Response:
     limit = app_state.settings.max_upload
     if int(request.headers.get("content-length", "0") or 0) > limit:
         raise HTTPException(413, _too_large(limit))
-    file = app_state.settings.root / f".upload-{secrets.token_hex(8)}"
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        await _receive(request, file, limit)
-        folder, document = await run_in_threadpool(_import, app_state, file)
+        with arriving_folder(app_state.settings.root) as arriving:
+            file = arriving / "body"
+            await _receive(request, file, limit)
+            folder, document = await run_in_threadpool(_import, app_state, file)
     except ClientDisconnect:
         return Response(status_code=400)  # the client has gone
     except OSError as error:
         log.warning("an upload was not stored: %s", error)
         raise HTTPException(503, f"the run could not be stored: {error.strerror}") from None
-    finally:
-        file.unlink(missing_ok=True)
     address = f"/runs/{quote(document.run_id, safe='')}"
     task = BackgroundTask(_report, folder)
     return PlainTextResponse(f"{address}\n", 201, {"location": address}, background=task)
@@ -69,8 +64,6 @@ def _import(app_state: AppState, file: Path) -> tuple[Path, RunDocument]:
     """Import the run. Raises HTTPException if it is not a run or exists already, StoreError."""
 
     def check(document: RunDocument) -> None:
-        if not RUN_ID.fullmatch(document.run_id):
-            raise RunError("its run id is not one of this program")
         if document.store_url is not None:
             raise RunError("its rows are in another store")
         if queries.run_of(app_state.history, document.run_id) is not None:
@@ -83,8 +76,8 @@ def _import(app_state: AppState, file: Path) -> tuple[Path, RunDocument]:
             raise HTTPException(400, _public_message(str(error), app_state.settings.root, file)) from None
         try:
             record_run_folder(app_state.history, folder, document)
-        except StoreError:
-            shutil.rmtree(folder, ignore_errors=True)
+        except BaseException:
+            discard(folder, document, None)
             raise
     return folder, document
 
@@ -100,7 +93,7 @@ def _public_message(message: str, root: Path, file: Path) -> str:
 def _report(folder: Path) -> None:
     try:
         write_report(folder)
-    except (RunError, StoreError, OSError) as error:
+    except Exception as error:  # whatever the sender's run provokes, it has no report
         log.warning("%s: no report was written: %s", folder, error)
 
 

@@ -19,7 +19,7 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
-from robogauntlet.orchestrator.replay.replay import NotReplayed, episode_of, replay, replay_rows
+from robogauntlet.orchestrator.replay.replay import NotReplayed, replay, replay_rows
 from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedEpisode, encode_episode
 from robogauntlet.results.folder_lock import lock_folder
@@ -139,7 +139,7 @@ def write_datasets(
     with lock_folder(folder):
         for row in rows:
             if row.task not in export.writers:
-                source = {"task": row.task, "run_id": document.run_id, "protocol": asdict(episode_of(row).protocol)}
+                source = {"task": row.task, "run_id": document.run_id, "protocol": asdict(row.episode.protocol)}
                 export.writers[row.task] = DatasetWriter(folder / dataset_name(row.task), source, keeps=PLAYED)
         existing = {name for writer in export.writers.values() for name in writer.about("episode_id")}
         missing = [row for row in rows if row.episode_id not in existing]

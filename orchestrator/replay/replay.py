@@ -18,11 +18,11 @@ from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.rollout import Watcher
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
+from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.record import OUTCOME, EpisodeResult
 from robogauntlet.results.run_document import RunDocument
-from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.support.errors import BadInput
 
@@ -53,19 +53,14 @@ class NotReplayed:
     reason: str
 
 
-def episode_of(row: EpisodeResult) -> Episode:
-    """The episode of a row."""
-    view = View(tuple(row.cameras.split(",")), row.image_size, RenderProfile(row.render_profile))
-    protocol = Protocol(row.horizon, row.replan_every, view)
-    return Episode(row.policy, row.policy_digest, row.task, row.seed, protocol, Condition(row.axis, row.severity))
-
-
-def policy_sources(document: RunDocument) -> dict[str, PolicySource]:
-    """The policies of a run, by name.
+def policy_sources(document: RunDocument, folder: Path, *, trust: bool = False) -> dict[str, PolicySource]:
+    """The policies of the run in a folder, by name.
 
     Raises:
+        NotTrusted: The run was imported and uses something of its author's choice; see `require_trust`.
         ReplayError: A policy has changed since the run, or cannot be used.
     """
+    require_trust(document, folder, trust=trust)
     digests = {cell.policy: cell.policy_digest for cell in document.plan}
     sources, environments = {}, environments_of(document)
     for entry in document.suite.policies:
@@ -98,7 +93,7 @@ def replay(
     wrap: Callable[[Simulation], Simulation] | None = None,
 ) -> Replayed:
     """Replay a row's episode; for the arguments see `EpisodeRunner.play_one`. Simulator errors become the result."""
-    result = runner.play_one(episode_of(row), watcher, wrap)
+    result = runner.play_one(row.episode, watcher, wrap)
     return Replayed(result, differences(row, result))
 
 

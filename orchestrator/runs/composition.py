@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import chain, count
@@ -12,8 +13,9 @@ import yaml
 
 from robogauntlet.orchestrator.runs.plan import Plan, make_plan
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import CLEAN
+from robogauntlet.suites.episode import CLEAN, Condition
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import LONGEST_NAME, PolicyEntry, valid_name
 from robogauntlet.support.errors import BadInput
 
@@ -22,6 +24,7 @@ SUITE_FILE = "suite.yaml"
 SEEDS = 20
 """Number of seeds, if none is given."""
 RUNS = Path("runs")
+SEVERITY = re.compile(r"[0-9]{1,9}")
 
 
 def new_run_folder(suite: str) -> Path:
@@ -89,18 +92,37 @@ def _suite_name(tasks: Sequence[str]) -> str:
     return (first or "tasks")[: LONGEST_NAME - len(more)] + more
 
 
+def read_condition(text: str) -> Condition:
+    """Return the one condition that a text names: `clean`, a control such as `again`, or `AXIS:SEVERITY`.
+
+    Raises:
+        BadInput: There is no such axis or severity, or the text names several.
+    """
+    if text == CLEAN:
+        return Condition()
+    axis, severities = _axis_and_severities(text)
+    if axis not in AXES:
+        raise BadInput(f"condition '{text}': unknown axis '{axis}'{did_you_mean(axis, [CLEAN, *AXES])}")
+    if len(severities) != 1:
+        raise BadInput(f"condition '{text}': expected one severity, such as {axis}:2, got {len(severities)}")
+    if not 1 <= severities[0] <= _levels(axis):
+        raise BadInput(f"condition '{text}': expected a severity from 1 to {_levels(axis)}, got {severities[0]}")
+    return Condition(axis, severities[0])
+
+
 def _conditions(texts: Sequence[str]) -> list[Any]:
     """The entries of a suite. An unknown axis is left to the suite's own checks."""
-    entries: list[Any] = [CLEAN]
-    for text in texts:
-        axis, colon, listed = text.partition(":")
-        if text == CLEAN:
-            continue
-        severities = listed.split(",") if colon else [str(number + 1) for number in range(_levels(axis))]
-        if not all(severity.isdecimal() for severity in severities):
-            raise BadInput(f"condition '{text}': expected clean, AXIS or AXIS:SEVERITY[,SEVERITY], such as noise:2,4")
-        entries.append({"axis": axis, "severities": [int(severity) for severity in severities]})
-    return entries
+    named = [_axis_and_severities(text) for text in texts if text != CLEAN]
+    return [CLEAN, *({"axis": axis, "severities": severities} for axis, severities in named)]
+
+
+def _axis_and_severities(text: str) -> tuple[str, list[int]]:
+    """The parts of `AXIS`, which has all its severities, or `AXIS:SEVERITY[,SEVERITY]`."""
+    axis, colon, listed = text.partition(":")
+    severities = listed.split(",") if colon else [str(number + 1) for number in range(_levels(axis))]
+    if not all(SEVERITY.fullmatch(severity) for severity in severities):
+        raise BadInput(f"condition '{text}': expected clean, AXIS or AXIS:SEVERITY[,SEVERITY], such as noise:2,4")
+    return axis, [int(severity) for severity in severities]
 
 
 def _levels(axis: str) -> int:

@@ -22,7 +22,7 @@ from robogauntlet.orchestrator.runs.run_observer import RunObserver
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
-from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, store_url, write_run
+from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunStatus, shortened, store_url, write_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.suites.episode import Cell
@@ -122,9 +122,8 @@ class RunSession:
         document = create_or_continue(plan, folder, url).model_copy(update={"command": options.command})
         self._document = document
         if continued and url is not None and without_password(url) != document.store_url:
-            self._store = Store.open_begun(folder, document, url)  # another store, which must contain the run's rows
-        else:
-            self._store = Store.open(store_url(folder, document, url), document.run_id)
+            Store.open_begun(folder, document, url).close()  # another store, which must contain the run's rows
+        self._store = Store.open(store_url(folder, document, url), document.run_id)
         stack.callback(self._store.close)
         try:
             if not plan.path.exists():  # composed of options
@@ -224,7 +223,7 @@ class RunSession:
             self._status, self._reason = RunStatus.STOPPED, f"{missing} episodes are missing"
         self._update(
             status=self._status,
-            reason=self._reason,
+            reason=None if self._reason is None else shortened(self._reason),
             finished_at=time.time(),
             skipped=self._observer.skipped_simulators,
             render_devices=self._observer.render_devices,

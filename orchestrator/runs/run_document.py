@@ -14,7 +14,15 @@ from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.environments.environment import EnvironmentUser, environment_users
 from robogauntlet.orchestrator.runs.plan import Plan, PlanError, check_same
 from robogauntlet.results.analysis.comparison import OWN
-from robogauntlet.results.run_document import EVERYWHERE, RUN_FILE, Provenance, RunDocument, RunStatus, read_run
+from robogauntlet.results.run_document import (
+    EVERYWHERE,
+    RUN_FILE,
+    Provenance,
+    RunDocument,
+    RunStatus,
+    read_run,
+    shortened,
+)
 from robogauntlet.results.store.database import without_password
 
 
@@ -54,7 +62,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
         unsupported=plan.unsupported,
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
         workers=workers,
-        skipped=dict(plan.unavailable),
+        skipped={name: shortened(reason) for name, reason in plan.unavailable.items()},
         provenance=_new_provenance(plan),
     )
 

@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.scheduling.scheduler import Observer
 from robogauntlet.results.live_status import LiveStatus, LiveWorker
 from robogauntlet.results.record import EpisodeResult
-from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.run_document import RunDocument, shortened
 
 SHOWN_WARNINGS = 10
 """Number of messages in the live status, the latest ones."""
@@ -32,7 +32,7 @@ class RunObserver(Observer[EpisodeResult]):
         self._run_id, self._phase = document.run_id, "playing"
         self._progress, self._history_writer, self._on_tick = progress, history_writer, on_tick
         self.render_devices: dict[str, str] = dict(document.render_devices)
-        self.skipped_simulators: dict[str, str] = dict(unavailable)
+        self.skipped_simulators: dict[str, str] = {name: shortened(why) for name, why in unavailable.items()}
         self.warnings: list[str] = [f"{name} is skipped: {reason}" for name, reason in unavailable.items()]
         """Messages for the user, a line each."""
 
@@ -43,7 +43,7 @@ class RunObserver(Observer[EpisodeResult]):
 
     def on_skipped(self, simulator: str, reason: str, episodes: int) -> None:
         """A simulator cannot run here."""
-        self.skipped_simulators[simulator] = reason
+        self.skipped_simulators[simulator] = shortened(reason)
         self.on_warning(f"{simulator} is skipped ({episodes} episodes): {reason}")
 
     def on_results(self, results: Sequence[EpisodeResult]) -> None:

@@ -1,8 +1,9 @@
-"""Comparison of policies with each other, in one run or in two, on the clean episodes that both played.
+"""Comparison of policies with each other, in one run or in two, on the episodes that both played.
 
-Episodes are paired by `pair_id` (task, seed and protocol). Each comparison gives the difference of the success rates
-with Newcombe's paired interval and McNemar's exact test, over all tasks, per simulator and per task. The p-values over
-all tasks are adjusted together by Holm's method, and so are those of simulators and tasks.
+Episodes are paired by `pair_id` (task, condition, seed and protocol). Each comparison gives the difference of the
+success rates with Newcombe's paired interval and McNemar's exact test: of clean episodes over all tasks, per simulator
+and per task, and of perturbed ones per condition (`pairwise_conditions`). The p-values over all tasks are adjusted
+together by Holm's method, and so are those of simulators and tasks, and those of each axis.
 """
 
 from __future__ import annotations
@@ -15,6 +16,12 @@ from typing import TYPE_CHECKING
 from robogauntlet.results.analysis import comparison
 from robogauntlet.results.analysis.comparison import Difference, Run, setting_differences
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow, PolicyEpisodes, leaderboard
+from robogauntlet.results.analysis.pairwise_conditions import (
+    ConditionLine,
+    adjusted_by_axis,
+    condition_lines,
+    perturbed_rows,
+)
 from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import RunDocument, RunError, RunStatus
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
@@ -35,7 +42,7 @@ if TYPE_CHECKING:
 
 PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile")
 """Fields of the record that have the protocol of an episode."""
-COLUMNS = (*comparison.COLUMNS, "severity", "seed", *PROTOCOL)
+COLUMNS = (*comparison.COLUMNS, "axis", "severity", "seed", *PROTOCOL)
 """Fields of the record that a comparison needs."""
 ALL_PAIRS = 4
 """Number of policies up to which every pair is compared; letters summarise the pairs of more."""
@@ -57,12 +64,13 @@ class Side:
 
 @dataclass(frozen=True, eq=False)
 class PolicyRows:
-    """The clean episodes of a policy in a run."""
+    """The episodes of a policy in a run, columns `COLUMNS`, errors included."""
 
     side: Side
     document: RunDocument
     rows: pd.DataFrame
-    """Columns `COLUMNS`, errors included."""
+    """The clean ones."""
+    perturbed: pd.DataFrame
 
     @classmethod
     def of_run(cls, run: Run, policy: str) -> PolicyRows:
@@ -71,8 +79,9 @@ class PolicyRows:
         if policy not in digests:
             raise RunError(f"{run.name}: the run has no policy '{policy}'{did_you_mean(policy, digests)}")
         rows = run.rows
-        own = rows[(rows["policy_digest"] == digests[policy]) & (rows["severity"] == 0)]
-        return cls(Side(policy, run.name, digests[policy]), run.document, own)
+        own = rows[rows["policy_digest"] == digests[policy]]
+        side = Side(policy, run.name, digests[policy])
+        return cls(side, run.document, own[own["severity"] == 0], perturbed_rows(own))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,13 +116,17 @@ class PairwiseComparison:
     """Simulators with several tasks, if there are several simulators."""
     tasks: tuple[Line, ...]
     identical: int
-    """Pairs in which both policies executed the same actions."""
+    """Clean pairs in which both policies executed the same actions."""
     errors: tuple[int, int]
-    """Episodes of each that ended in an error; they are left out."""
+    """Clean episodes of each that ended in an error; they are left out."""
     unpaired: tuple[int, int]
-    """Episodes of each with a verdict, of which the other has no verdict; they are left out."""
+    """Clean episodes of each with a verdict, of which the other has no verdict; they are left out."""
     differences: Mapping[Difference, str] = field(default_factory=dict)
     """What else differs, in words."""
+    conditions: tuple[ConditionLine, ...] = ()
+    """Perturbed conditions, controls excepted; in none of the lines above."""
+    perturbed_left_out: tuple[int, int] = (0, 0)
+    """Perturbed episodes of each that are in no pair."""
 
     @property
     def parts(self) -> tuple[Line, ...]:
@@ -213,7 +226,7 @@ def _pairs(document: RunDocument, names: Sequence[str]) -> tuple[str | None, lis
 
 def _verdicts(one: PolicyRows) -> set[str]:
     """Pairs in which the policy succeeded or failed."""
-    return set(one.rows.loc[one.rows["status"] != str(Status.ERROR), "pair_id"])
+    return set(_with_verdict(one.rows)["pair_id"])
 
 
 def _played(one: PolicyRows) -> PolicyEpisodes:
@@ -224,8 +237,8 @@ def _played(one: PolicyRows) -> PolicyEpisodes:
 def _compare(
     first: PolicyRows, second: PolicyRows, alpha: float, margin: float | None, allowed: Set[Difference]
 ) -> PairwiseComparison:
-    sides = [one.rows[one.rows["status"] != str(Status.ERROR)] for one in (first, second)]
-    shared = sides[0].merge(sides[1], on="pair_id", suffixes=("", "_before"))
+    sides = [_with_verdict(one.rows) for one in (first, second)]
+    shared, perturbed = _paired(*sides), _paired(*(_with_verdict(one.perturbed) for one in (first, second)))
     names = " and ".join(f"{one.side.run}:{one.side.policy}" for one in (first, second))
     if shared.empty:
         raise NotComparable(f"{names} share no episode: {_why_none(first, second)}")
@@ -247,7 +260,17 @@ def _compare(
         errors=(errors[0], errors[1]),
         unpaired=(len(sides[0]) - len(shared), len(sides[1]) - len(shared)),
         differences=differences | settings,
+        conditions=condition_lines(perturbed, first.document, alpha),
+        perturbed_left_out=(len(first.perturbed) - len(perturbed), len(second.perturbed) - len(perturbed)),
     )
+
+
+def _with_verdict(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[rows["status"] != str(Status.ERROR)]
+
+
+def _paired(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
+    return first.merge(second, on="pair_id", suffixes=("", "_before"))
 
 
 def _is_unfinished(one: PolicyRows) -> bool:
@@ -289,7 +312,7 @@ def _line(simulator: str | None, task: str | None, pairs: Pairs, alpha: float, m
 
 
 def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[PairwiseComparison, ...]:
-    """Add adjusted p-values: one family over all tasks, one of all simulators and tasks.
+    """Add adjusted p-values: one family over all tasks, one of all simulators and tasks, one of each axis.
 
     Simulators and tasks whose test cannot reach alpha are not in the second family and have 1, see `pairs.can_reject`.
     """
@@ -301,16 +324,18 @@ def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[Pai
         return tuple(replace(line, adjusted=found.get(id(line), otherwise)) for line in lines)
 
     adjusted = []
-    for one, p in zip(compared, overall, strict=True):
+    conditions = adjusted_by_axis([one.conditions for one in compared], alpha)
+    for one, p, shifts in zip(compared, overall, conditions, strict=True):
         otherwise = 1.0 if one.parts else p  # A single task is the line over all tasks.
         simulators, tasks = with_p(one.simulators, otherwise), with_p(one.tasks, otherwise)
-        adjusted.append(replace(one, overall=replace(one.overall, adjusted=p), simulators=simulators, tasks=tasks))
+        line = replace(one.overall, adjusted=p)
+        adjusted.append(replace(one, overall=line, simulators=simulators, tasks=tasks, conditions=shifts))
     return tuple(adjusted)
 
 
 def _why_none(first: PolicyRows, second: PolicyRows) -> str:
     """Why two policies have no episode in common, in words."""
-    sides = [one.rows[one.rows["status"] != str(Status.ERROR)] for one in (first, second)]
+    sides = [_with_verdict(one.rows) for one in (first, second)]
     for one, rows in zip((first, second), sides, strict=True):
         if rows.empty:
             errors = f", {len(one.rows):,} ended in an error" if len(one.rows) else ""

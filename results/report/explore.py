@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from html import escape
 from typing import Any
 
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.condition_comparison import condition_text
+from robogauntlet.results.report.formatting import escape_html
 from robogauntlet.results.report.page import FOLDER, SERIES
 from robogauntlet.results.report.robustness import axis_curves, axis_heading, known_rates, severity_text
+from robogauntlet.results.report.templates import template_environment
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
@@ -25,29 +26,25 @@ ALL = "all simulators"
 
 def render_explorer(document: RunDocument, tables: Tables, robustness: Robustness) -> str:
     """Return the page as HTML (about 5 MB, mostly Plotly)."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from plotly.offline import get_plotlyjs
 
-    environment = Environment(
-        loader=FileSystemLoader(FOLDER),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     curves = [curve for axis in robustness.axes for curve in axis_curves(robustness, axis)]
     last = (robustness.oracle_gate, *robustness.no_skill_baselines)
     simulators = sorted({curve.simulator for curve in curves if curve.simulator is not None})
-    return environment.get_template("explore.html.jinja").render(
-        name=document.suite.name,
-        axes=[(axis, axis_heading(axis)) for axis in dict.fromkeys(curve.axis for curve in curves)],
-        policies=list(dict.fromkeys(curve.policy for curve in curves)),
-        simulators=[ALL, *simulators],
-        all_policies=sorted(tables.policies, key=lambda policy: policy in last),
-        data={"axes": _axes(curves), "lines": _lines(curves, tables.policies), "maps": _maps(tables, last)},
-        plotly=get_plotlyjs(),
-        style=(FOLDER / "report.css").read_text(encoding="utf-8"),
-        script=(FOLDER / "explore.js").read_text(encoding="utf-8"),
+    return (
+        template_environment(FOLDER)
+        .get_template("explore.html.jinja")
+        .render(
+            name=document.suite.name,
+            axes=[(axis, axis_heading(axis)) for axis in dict.fromkeys(curve.axis for curve in curves)],
+            policies=list(dict.fromkeys(curve.policy for curve in curves)),
+            simulators=[ALL, *simulators],
+            all_policies=sorted(tables.policies, key=lambda policy: policy in last),
+            data={"axes": _axes(curves), "lines": _lines(curves, tables.policies), "maps": _maps(tables, last)},
+            plotly=get_plotlyjs(),
+            style=(FOLDER / "report.css").read_text(encoding="utf-8"),
+            script=(FOLDER / "explore.js").read_text(encoding="utf-8"),
+        )
     )
 
 
@@ -73,7 +70,7 @@ def _line(found: PolicyCurve, colour: int, dash: int) -> dict[str, Any]:
     episodes = [n for n, rate in zip(found.episodes, found.curve.rates, strict=True) if not math.isnan(rate.value)]
     low, high = ([abs(_end(rate, end) - rate.value) for _, rate in points] for end in ("low", "high"))
     simulator = found.simulator or ALL
-    name = escape(f"{found.policy}, {simulator}")
+    name = escape_html(f"{found.policy}, {simulator}")
     return {
         "meta": {"axis": found.axis, "policy": found.policy, "simulator": simulator, "series": colour % SERIES},
         "type": "scatter",
@@ -112,7 +109,7 @@ def _maps(tables: Tables, last: Collection[str | None]) -> dict[str, Any]:
             ],
         }
     return {
-        "tasks": [escape(task).replace("/", "<br>") for task in tasks],
+        "tasks": [escape_html(task).replace("/", "<br>") for task in tasks],
         "conditions": [str(condition) for condition in tables.conditions],
         "levels": [_level(condition) for condition in tables.conditions],
         "of": maps,

@@ -79,6 +79,10 @@ DEFINITIONS = {
     "for the test to reach 0.05; the others have 1.",
     "detectable": "The smallest difference, in percentage points, that as many pairs show with a probability of 80 % "
     "(p at most 0.05, not adjusted), if as large a share of them disagrees.",
+    "perturbed pairs": "Episodes under a perturbation, paired by task, axis, severity, seed and protocol. Tasks are "
+    "added up, severities are not, since they share their seeds. Adjusted by Holm's method over the severities of an "
+    "axis in all comparisons: of many axes without a difference, one in twenty shows one. Controls are not compared, "
+    "and no oracle gate applies: every pair counts.",
     "letters": "Policies that share a letter do not differ significantly (McNemar's exact test on the episodes of "
     "both, adjusted by Holm's method).",
     "control": "A condition in which a policy that uses images and instruction should fail: remaining success does not "
@@ -94,7 +98,7 @@ DEFINITIONS = {
 MERGING_TERMS = ("expert", "oracle-routed", "routed", "loss", "pairs", "retention")
 ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
-PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "letters")
+PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "letters")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {
@@ -106,8 +110,8 @@ _STATUS = {
 
 
 def status_word(document: RunDocument) -> str:
-    """Return the status of the run in one or two words."""
-    return _STATUS[document.status]
+    """Return the status of the run in a few words, `Complete` or `Complete, imported`."""
+    return _STATUS[document.status] + (", imported" if document.origin == "imported" else "")
 
 
 def verdict(document: RunDocument, tables: Tables) -> str:
@@ -159,4 +163,9 @@ def skipped_episodes(tables: Tables) -> dict[str, int]:
 
 
 def _moment(seconds: float | None) -> str:
-    return "not yet" if seconds is None else datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    if seconds is None:
+        return "not yet"
+    try:
+        return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    except (OverflowError, OSError, ValueError):
+        return formatting.NOTHING

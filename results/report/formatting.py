@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables, Tally
 from robogauntlet.results.analysis.timing import PHASES, PhaseTiming
 from robogauntlet.results.statistics.rates import Estimate, Interval, RateBounds
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.text import visible
 
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""First characters of a text that a spreadsheet takes for a formula."""
 NOTHING = "–"
 """Shown where there is no value."""
 
@@ -183,12 +188,23 @@ def markdown(table: TextTable) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def spreadsheet_cell(value: Any) -> Any:
+    """A value for a CSV file: a text that a spreadsheet would compute gets a leading apostrophe; others stay."""
+    is_formula = isinstance(value, str) and value.startswith(FORMULA_STARTS)
+    return f"'{value}" if is_formula else value
+
+
 def escape(text: str) -> str:
-    """Escape text for Markdown, on one line."""
-    text = " ".join(text.split()).replace("\\", "\\\\").replace("&", "&amp;").replace("<", "&lt;")
+    """Escape text for Markdown, on one line, unprintable characters as escapes."""
+    text = visible(" ".join(text.split())).replace("\\", "\\\\").replace("&", "&amp;").replace("<", "&lt;")
     for character in "|`*_":
         text = text.replace(character, "\\" + character)
     return text.replace("](", "]\\(")
+
+
+def escape_html(text: str) -> str:
+    """Escape text for HTML and SVG, unprintable characters as escapes."""
+    return html.escape(visible(text))
 
 
 def words(name: str) -> tuple[str, ...]:

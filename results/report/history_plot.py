@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
 
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
-from robogauntlet.results.report.formatting import NOTHING, TextTable, count, percent, span
+from robogauntlet.results.report.formatting import NOTHING, TextTable, count, escape_html, percent, span
 from robogauntlet.results.store.history_records import Counts, PolicyRunResult
 
 WIDTH, HEIGHT, LEFT, BOTTOM = 760, 260, 44, 34
@@ -17,8 +16,13 @@ MARKS = {"regressed": "▼", "improved": "▲", "not comparable": "≠"}
 
 
 def when(seconds: float | None) -> str:
-    """A time (seconds since 1970) as `2026-11-22 02:00` (UTC)."""
-    return NOTHING if seconds is None else f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
+    """A time (seconds since 1970) as `2026-11-22 02:00` (UTC); `–` if there is none or no calendar has it."""
+    if seconds is None:
+        return NOTHING
+    try:
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
+    except (OverflowError, OSError, ValueError):
+        return NOTHING
 
 
 def verdict_text(verdict: str | None, *, accepted: bool = False) -> str:
@@ -104,7 +108,7 @@ def plot(results: Sequence[PolicyRunResult], title: str, link: str | None = None
     last = f", last {percent(shown[-1].counts.rate)}" if shown else ""
     parts = [
         f'<svg class="history-plot" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
-        f'aria-label="{escape(f"{title}: {len(shown)} runs{last}")}">',
+        f'aria-label="{escape_html(f"{title}: {len(shown)} runs{last}")}">',
         "<style>.history-plot text{font:12px system-ui,sans-serif;fill:currentColor}"
         ".history-plot .grid{stroke:currentColor;stroke-opacity:.15}"
         ".history-plot .bar{stroke:#0072b2;stroke-width:2;stroke-opacity:.45}.history-plot .dot{fill:#0072b2}"
@@ -136,9 +140,9 @@ def write_plot(path: Path, results: Sequence[PolicyRunResult], title: str) -> No
         drawn = (
             '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="color-scheme" content="light dark">'
             '<meta name="viewport" content="width=device-width">'
-            f"<title>{escape(title)}</title>"
+            f"<title>{escape_html(title)}</title>"
             "<body style='font:16px system-ui,sans-serif;max-width:900px;margin:32px auto'>"
-            f"<h1 style='font-size:20px'>{escape(title)}</h1>{drawn}"
+            f"<h1 style='font-size:20px'>{escape_html(title)}</h1>{drawn}"
             "<p>Success with 95 % intervals. ▼ regressed against the baseline run; dashed lines: the policy's content "
             "changed. Hover over a point to see its run.</p></body></html>"
         )
@@ -162,7 +166,7 @@ def _dot(point: _Point, link: str | None) -> str:
     shape = f'<circle class="{kind}" cx="{point.x:.1f}" cy="{y:.1f}" r="4.5"/>'
     if kind == "bad":  # another shape as well as another colour
         shape = f'<path class="bad" d="M{point.x - 6:.1f} {y - 5:.1f}h12l-6 11z"/>'
-    drawn = f"<g>{bar}{shape}<title>{escape(words)}</title></g>"
+    drawn = f"<g>{bar}{shape}<title>{escape_html(words)}</title></g>"
     if link is None:
         return drawn
-    return f'<a href="{escape(link.format(run=run.run_id))}" aria-label="{escape(words)}">{drawn}</a>'
+    return f'<a href="{escape_html(link.format(run=run.run_id))}" aria-label="{escape_html(words)}">{drawn}</a>'

@@ -17,6 +17,7 @@ from robogauntlet.results.report import pairwise as pairwise_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.media import Media, Video, task_picture
 from robogauntlet.results.report.summary import ERROR_GROUPS, Report
+from robogauntlet.results.report.templates import template_environment
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.episode import Condition
 
@@ -62,49 +63,47 @@ class Card:
 
 def render_page(folder: Path, report: Report, media: Media) -> str:
     """Return the page as HTML; its commands that replay an episode name the run folder."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    loader = FileSystemLoader(FOLDER)
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     document, tables = report.document, report.tables
     shown = _shown(tables)
     series = {policy: place % SERIES for place, policy in enumerate(tables.policies)}
-    return environment.get_template("report.html.jinja").render(
-        document=document,
-        tables=tables,
-        text=formatting,
-        definitions=facts.DEFINITIONS,
-        status=facts.status_word(document),
-        verdict=facts.verdict(document, tables),
-        provenance=facts.provenance(document),
-        gaps=facts.gaps(tables),
-        skipped_episodes=facts.skipped_episodes(tables),
-        error_groups=tables.errors[:ERROR_GROUPS],
-        series=series,
-        matrix=[row for row in _matrix(tables) if report.robustness is None or row.total.condition == shown],
-        several=len(tables.conditions) > 1,
-        shown=shown,
-        forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},
-        simulators_with_results={c.simulator for c in tables.cells if c.tally.verdicts and c.condition == shown},
-        cards=_cards(folder, document, tables, media.representative),
-        media=media,
-        phases=PHASES,
-        pairwise=report.pairwise,
-        pairwise_text=pairwise_text,
-        merging=report.merging,
-        merging_text=merging_text,
-        robustness=report.robustness,
-        robustness_text=robustness_text,
-        condition_texts=condition_texts,
-        findings=report.findings,
-        shift_terms=list(facts.SHIFT_TERMS),
-        robustness_terms=list(facts.ROBUSTNESS_TERMS),
-        merging_terms=list(facts.MERGING_TERMS),
-        router_terms=list(facts.ROUTER_TERMS),
-        run=shlex.quote(str(folder)),
-        style=(FOLDER / "report.css").read_text(encoding="utf-8"),
+    return (
+        template_environment(FOLDER)
+        .get_template("report.html.jinja")
+        .render(
+            document=document,
+            tables=tables,
+            text=formatting,
+            definitions=facts.DEFINITIONS,
+            status=facts.status_word(document),
+            verdict=facts.verdict(document, tables),
+            provenance=facts.provenance(document),
+            gaps=facts.gaps(tables),
+            skipped_episodes=facts.skipped_episodes(tables),
+            error_groups=tables.errors[:ERROR_GROUPS],
+            series=series,
+            matrix=[row for row in _matrix(tables) if report.robustness is None or row.total.condition == shown],
+            several=len(tables.conditions) > 1,
+            shown=shown,
+            forest={simulator: _forest(tables, simulator) for simulator in tables.simulators},
+            simulators_with_results={c.simulator for c in tables.cells if c.tally.verdicts and c.condition == shown},
+            cards=_cards(folder, document, tables, media.representative),
+            media=media,
+            phases=PHASES,
+            pairwise=report.pairwise,
+            pairwise_text=pairwise_text,
+            merging=report.merging,
+            merging_text=merging_text,
+            robustness=report.robustness,
+            robustness_text=robustness_text,
+            condition_texts=condition_texts,
+            findings=report.findings,
+            shift_terms=list(facts.SHIFT_TERMS),
+            robustness_terms=list(facts.ROBUSTNESS_TERMS),
+            merging_terms=list(facts.MERGING_TERMS),
+            router_terms=list(facts.ROUTER_TERMS),
+            run=shlex.quote(str(folder)),
+            style=(FOLDER / "report.css").read_text(encoding="utf-8"),
+        )
     )
 
 

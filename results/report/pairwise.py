@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 from robogauntlet.results.analysis.pairwise import ALL_PAIRS, Line, PairwiseComparison, PairwiseComparisons
+from robogauntlet.results.analysis.pairwise_conditions import ConditionLine
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.facts import DEFINITIONS, PAIRWISE_TERMS
 from robogauntlet.results.report.formatting import (
@@ -78,7 +79,7 @@ def title(one: PairwiseComparison) -> str:
     return " against ".join(names(one))
 
 
-def difference(line: Line) -> str:
+def difference(line: Line | ConditionLine) -> str:
     """A difference with its interval: `-3.3 [-9.6, 1.7] points`."""
     return f"{formatting.points(line.difference)} points"
 
@@ -106,6 +107,10 @@ def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterato
         differ = [line for line in one.tasks if line.adjusted <= alpha]
         listed = f": {', '.join(f'{line.task} ({difference(line)})' for line in differ)}" if differ else ""
         yield f"Tasks with a difference after adjustment: {len(differ)} of {len(one.tasks)}{listed}."
+    if one.conditions:
+        shown = [line for line in one.conditions if line.adjusted <= alpha]
+        listed = f": {', '.join(f'{line.condition} ({difference(line)})' for line in shown)}" if shown else ""
+        yield f"Perturbed conditions with a difference: {len(shown)} of {len(one.conditions)}{listed}."
     if line.no_worse is not None and comparisons.margin is not None:
         is_shown = "It is shown" if line.no_worse else "It is not shown"
         yield f"{is_shown} that {first} is no worse than {second} by more than {100 * comparisons.margin:g} points."
@@ -131,6 +136,11 @@ def _left_out(one: PairwiseComparison) -> Iterator[str]:
             f"Left out, since the other has no verdict: {counted(one.unpaired[0], 'episode')} of {first}, "
             f"{one.unpaired[1]:,} of {second}."
         )
+    if any(one.perturbed_left_out):
+        yield (
+            f"Perturbed episodes without a verdict of both: {one.perturbed_left_out[0]:,} of {first}, "
+            f"{one.perturbed_left_out[1]:,} of {second}; left out."
+        )
     for kind, words in one.differences.items():
         yield f"{str(kind).capitalize()}: {words}."
 
@@ -150,12 +160,14 @@ def summary(comparisons: PairwiseComparisons) -> list[str]:
 
 def method(comparisons: PairwiseComparisons) -> str:
     """How the numbers were computed."""
-    return (
+    under = any(one.conditions for one in comparisons.comparisons)
+    clean = (
         "Clean episodes, paired by task, seed and protocol. Difference: success rate of the first policy minus that of "
         f"the second in percentage points, with Newcombe's paired interval ({100 * (1 - comparisons.alpha):g} %). "
         "p: McNemar's exact test, two-sided; adjusted by Holm's method over all comparisons, and over those simulators "
         f"and tasks in which enough pairs disagree for the test to reach {comparisons.alpha:g}."
     )
+    return f"{clean} {DEFINITIONS['perturbed pairs']}" if under else clean
 
 
 def _lines(one: PairwiseComparison) -> list[tuple[str, str, Line]]:
@@ -180,6 +192,14 @@ def table(one: PairwiseComparison) -> TextTable:
     return TextTable(("task", *_header(*names(one))), tuple(rows), 1)
 
 
+def condition_table(one: PairwiseComparison) -> TextTable | None:
+    """The perturbed conditions of a comparison, all tasks together; None without any."""
+    if not one.conditions:
+        return None
+    rows = tuple((str(line.condition), f"{line.tasks:,}", *_numbers(line)) for line in one.conditions)
+    return TextTable(("condition", "tasks", *_header(*names(one))), rows, 1)
+
+
 def overview_table(comparisons: PairwiseComparisons) -> TextTable:
     """Several comparisons over all tasks, with a row each."""
     baseline = comparisons.baseline
@@ -198,7 +218,7 @@ def _header(first: str, second: str) -> tuple[str, ...]:
     return ("pairs", first, second, "difference", "only first", "only second", *tested)
 
 
-def _numbers(line: Line) -> tuple[str, ...]:
+def _numbers(line: Line | ConditionLine) -> tuple[str, ...]:
     pairs = line.pairs
     return (
         f"{pairs.trials:,}",
@@ -226,8 +246,10 @@ def standings_table(comparisons: PairwiseComparisons) -> TextTable | None:
 
 def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:
     """Terms of the section, with their definitions."""
-    wanted = [term for term in PAIRWISE_TERMS if comparisons.comparisons or term == "letters"]
-    return [(term, DEFINITIONS[term]) for term in wanted if comparisons.standings or term != "letters"]
+    absent = set() if comparisons.comparisons else set(PAIRWISE_TERMS) - {"letters"}
+    absent |= set() if comparisons.standings else {"letters"}
+    absent |= set() if any(one.conditions for one in comparisons.comparisons) else {"perturbed pairs"}
+    return [(term, DEFINITIONS[term]) for term in PAIRWISE_TERMS if term not in absent]
 
 
 def task_forest(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Forest:
@@ -288,6 +310,8 @@ def as_text(comparisons: PairwiseComparisons) -> str:
     for one in comparisons.comparisons:
         found = "\n".join(f"- {sentence}" for sentence in sentences(one, comparisons))
         parts += [f"{headline(one)}\n{found}", aligned(table(one))]
+        if perturbed := condition_table(one):
+            parts.append(aligned(perturbed))
     return "\n\n".join([*parts, *summary(comparisons), method(comparisons)]) + "\n"
 
 
@@ -306,6 +330,8 @@ def markdown_section(comparisons: PairwiseComparisons) -> str:
     for one in comparisons.comparisons:
         found = "\n".join(f"- {escape(sentence)}" for sentence in sentences(one, comparisons))
         parts += [f"### {escape(headline(one))}", found, markdown(table(one))]
+        if perturbed := condition_table(one):
+            parts.append(markdown(perturbed))
     return "\n\n".join([*parts, *map(escape, summary(comparisons))])
 
 

@@ -16,6 +16,7 @@ from robogauntlet.results.report.formatting import (
     share,
     short_task,
     span,
+    spreadsheet_cell,
 )
 from robogauntlet.suites.episode import Condition
 
@@ -88,8 +89,11 @@ def _markdown(table: SuccessTable) -> str:
 def _csv(table: SuccessTable) -> str:
     import pandas as pd
 
-    header = [f"{policy} {name}" for policy in table.policies for name in ("rate", "low", "high")]
-    lines = [(row.simulator, row.task, *(x for tally in row.tallies for x in _numbers(tally))) for row in table.rows]
+    header = [spreadsheet_cell(f"{policy} {name}") for policy in table.policies for name in ("rate", "low", "high")]
+    lines = [
+        (*map(spreadsheet_cell, (row.simulator, row.task)), *(x for tally in row.tallies for x in _numbers(tally)))
+        for row in table.rows
+    ]
     text: str = pd.DataFrame(lines, columns=["simulator", "task", *header]).to_csv(index=False, lineterminator="\n")
     return text
 

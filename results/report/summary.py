@@ -16,6 +16,7 @@ from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
 from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
 from robogauntlet.results.report.findings import findings
+from robogauntlet.results.report.formatting import spreadsheet_cell
 from robogauntlet.results.run_document import Provenance, RunDocument, RunStatus
 from robogauntlet.results.statistics.rates import CONFIDENCE
 from robogauntlet.suites.axes import AXES
@@ -168,7 +169,7 @@ def render_csv(tables: Tables) -> str:
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(CSV_HEADER)
-    writer.writerows(_csv_line(cell) for cell in tables.cells)
+    writer.writerows(map(spreadsheet_cell, _csv_line(cell)) for cell in tables.cells)
     return file.getvalue()
 
 

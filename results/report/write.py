@@ -17,7 +17,6 @@ from robogauntlet.results.report.parquet import read_frame, write_parquet
 from robogauntlet.results.report.summary import Report, ReportPaths, build_summary, render_csv
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.files import replacing, write_whole
 
 
@@ -52,8 +51,9 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
     if robustness.is_perturbed(document):
         perturbed = robustness.build_robustness(document, read_frame(paths.episodes, robustness.COLUMNS))
     if tables.total.done and len({cell.policy for cell in document.plan}) > 1:
-        clean = read_frame(paths.episodes, pairwise.COLUMNS, where=("axis", [CLEAN]))
-        compared = pairwise.compare_all(Run(folder.absolute().name, document, clean))
+        rows = read_frame(paths.episodes, pairwise.COLUMNS)
+        compared = pairwise.compare_all(Run(folder.absolute().name, document, rows))
+        del rows
     report = Report(paths, document, tables, merging, perturbed, compared)
     write_whole(paths.summary, build_summary(report).model_dump_json(indent=1) + "\n")
     write_whole(paths.cells, render_csv(tables))

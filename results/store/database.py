@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import sqlite3
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,13 +12,18 @@ from urllib.parse import quote
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-BUSY_S = 30.0
-"""Time to wait for another process that writes (s)."""
+from robogauntlet.results.store.sqlite_file import tune, use_write_ahead_log, why_no_database, why_not_opened
+from robogauntlet.support.errors import first_line
+
 BACKENDS = ("sqlite", "postgresql")
 
 
 class StoreError(Exception):
     """The store cannot be opened, read or written; the message says why and what to do."""
+
+
+class UnstorableValue(StoreError):
+    """A value that the database cannot hold, such as a number beyond 64 bits."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,11 +46,12 @@ class Database:
         self.where = where
 
     @classmethod
-    def open(cls, url: str, schema: Schema) -> Database:
-        """Open the database at an SQLAlchemy URL; create missing tables.
+    def open(cls, url: str, schema: Schema, *, create: bool = True) -> Database:
+        """Open the database at an SQLAlchemy URL; create missing tables unless `create` is false.
 
         Raises:
-            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged).
+            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged); without
+                `create`: it has no tables of the schema.
         """
         parsed = parse(url)
         where = parsed.render_as_string(hide_password=True)
@@ -55,16 +59,32 @@ class Database:
             engine = sa.create_engine(parsed)
         except (ImportError, sa.exc.SQLAlchemyError) as error:
             raise StoreError(f"{where}: {error}") from None
-        if parsed.get_backend_name() == "sqlite":
-            sa.event.listen(engine, "connect", _tune_sqlite)
         database = cls(engine, where)
-        with database.explained():
-            database._prepare(schema)
+        if parsed.get_backend_name() == "sqlite":
+            sa.event.listen(engine, "connect", tune)
+            if (file := database.file) and (reason := why_no_database(file, create=create)):
+                raise StoreError(f"{where}: expected a {schema.what}, {reason}")
+        try:
+            with database.explained():
+                database._prepare(schema, create)
+        except BaseException:
+            database.close()
+            raise
         return database
 
-    def _prepare(self, schema: Schema) -> None:
+    @property
+    def file(self) -> Path | None:
+        """The file of an SQLite database, if its URL names one plainly."""
+        url = self.engine.url
+        plain = url.get_backend_name() == "sqlite" and "uri" not in url.query
+        return Path(url.database) if plain and url.database not in (None, "", ":memory:") else None
+
+    def _prepare(self, schema: Schema, create: bool) -> None:
         existing = set(sa.inspect(self.engine).get_table_names())
         marker = schema.version_table
+        is_file = self.engine.dialect.name == "sqlite"
+        if is_file and existing and not any(name.startswith("robogauntlet_") for name in existing):
+            raise StoreError(f"{self.where}: expected a {schema.what}, this is a database of another program")
         if marker.name not in existing and (others := existing & set(schema.metadata.tables)):
             raise StoreError(
                 f"{self.where}: not a RoboGauntlet {schema.what}: it has a table {min(others)} of another program"
@@ -72,16 +92,22 @@ class Database:
         if marker.name in existing:
             with self.engine.connect() as connection:
                 version = connection.scalar(sa.select(sa.func.max(marker.c.version)))
-            if version == schema.version:
+            if version == schema.version and (not create or existing >= set(schema.metadata.tables)):
                 return
-            if version is not None:
+            if version not in (None, schema.version):
                 raise StoreError(
                     f"{self.where}: expected a {schema.what} of version {schema.version}, got version {version}; "
                     "open it with the RoboGauntlet that wrote it, or name another"
                 )
+        if not create:
+            raise StoreError(f"{self.where}: expected a {schema.what}, this database has none of its tables")
+        if is_file:
+            with self.engine.connect() as connection:
+                use_write_ahead_log(connection)
         # Another process may be creating the tables now, or was killed between two: SQLite commits each.
         with self.engine.begin() as connection:
-            for table in schema.metadata.sorted_tables:
+            # The marker comes first: a database with other tables and without it belongs to another program.
+            for table in sorted(schema.metadata.sorted_tables, key=lambda table: table is not marker):
                 connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
                 for index in table.indexes:
                     connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
@@ -113,15 +139,21 @@ class Database:
         """Raise database errors of the block as StoreError with one line."""
         try:
             yield
+        except (sa.exc.DataError, sa.exc.IntegrityError) as error:
+            raise UnstorableValue(f"{self.where}: {str(error.orig).splitlines()[0]}") from error
         except sa.exc.DBAPIError as error:
             reason = str(error.orig).splitlines()[0]
             if "not a database" in reason:
                 reason = "expected a store, this file is something else"
+            if "unable to open" in reason and self.file is not None:
+                reason = why_not_opened(self.file) or reason
             if "readonly database" in reason:
                 reason = "expected a store in a place that can be written, which reading takes too; copy it to one"
             raise StoreError(f"{self.where}: {reason}") from error
         except sa.exc.SQLAlchemyError as error:
             raise StoreError(f"{self.where}: {str(error).splitlines()[0]}") from error
+        except (OverflowError, TypeError, ValueError) as error:  # of the driver
+            raise UnstorableValue(f"{self.where}: a value cannot be stored or read: {first_line(error)}") from error
 
     def close(self) -> None:
         """Free the connections."""
@@ -150,21 +182,3 @@ def without_password(url: str) -> str:
 def file_url(path: Path) -> str:
     """Return the URL of an SQLite store in a file, with special characters of its name quoted."""
     return f"sqlite:///{quote(str(path))}"
-
-
-def _tune_sqlite(connection: sqlite3.Connection, _record: Any) -> None:
-    cursor = connection.cursor()
-    cursor.execute(f"PRAGMA busy_timeout={int(1000 * BUSY_S)}")
-    cursor.execute("PRAGMA trusted_schema=OFF")  # The file may be from an untrusted source.
-    deadline = time.monotonic() + BUSY_S
-    while True:
-        try:
-            cursor.execute("PRAGMA journal_mode=WAL")
-            break
-        except sqlite3.OperationalError as error:
-            # SQLite ignores the time-out here while another process opens the store.
-            if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
-                raise
-            time.sleep(0.01)
-    cursor.execute("PRAGMA synchronous=NORMAL")
-    cursor.close()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
     """Read a run's episodes from the store at a URL, see `OpenRun.episodes`. Raises StoreError."""
-    return frame_of(Store.open(url, run_id), fields)
+    return frame_of(Store.open(url, run_id, create=False), fields)
 
 
 def frame_of(store: Store, fields: Sequence[str] = FIELDS) -> pd.DataFrame:

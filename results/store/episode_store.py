@@ -9,7 +9,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import FIELDS, EpisodeResult
+from robogauntlet.results.record import FIELDS, EpisodeResult, rows_hash
 from robogauntlet.results.run_document import RunDocument, store_url
 from robogauntlet.results.store.database import Database, StoreError, file_url, parse
 from robogauntlet.results.store.schema import SCHEMA, episodes, runs
@@ -26,15 +26,15 @@ class Store:
         self._run_id = run_id
 
     @classmethod
-    def open(cls, url: str, run_id: str) -> Store:
-        """Open the store at an SQLAlchemy URL for one run; create missing tables.
+    def open(cls, url: str, run_id: str, *, create: bool = True) -> Store:
+        """Open the store at an SQLAlchemy URL for one run; create missing tables unless `create` is false.
 
         On PostgreSQL, `History.record` has to record the run before rows are added.
 
         Raises:
             StoreError: It cannot be reached, is not a store, or has another version.
         """
-        return cls(Database.open(url, SCHEMA), run_id)
+        return cls(Database.open(url, SCHEMA, create=create), run_id)
 
     @classmethod
     def open_begun(cls, folder: Path, document: RunDocument, url: str | None = None) -> Store:
@@ -42,25 +42,27 @@ class Store:
 
         Raises:
             RunError: The rows are in a database whose URL was not given.
-            StoreError: As `open`; or it does not exist, or has other runs only.
+            StoreError: As `open`; or it does not exist, has other runs only, or has lost the rows of an ended run.
         """
         address = store_url(folder, document, url)
         found = parse(address)
         file = found.database if found.get_backend_name() == "sqlite" and "uri" not in found.query else None
         if file is not None and not Path(file).exists():
             raise StoreError(f"{file}: expected the store of the run in {folder}, there is no such file")
-        store = cls.open(address, document.run_id)
+        store = cls.open(address, document.run_id, create=False)
         if url is not None and not store.knows_run():
             where = store.database.where
             store.close()
             raise StoreError(f"{where}: expected the store of the run in {folder}, it has nothing of this run")
+        if document.rows_hash not in (None, rows_hash(())) and not store.has_rows():
+            where = store.database.where
+            store.close()
+            raise StoreError(f"{where}: expected the rows of the run in {folder}, it has none; restore it from a copy")
         return store
 
     @classmethod
     def open_file(cls, path: Path, run_id: str) -> Store:
         """Open an SQLite store in a file. Raises StoreError."""
-        if path.is_dir():
-            raise StoreError(f"{path}: expected a store file, this is a directory")
         return cls.open(file_url(path), run_id)
 
     def knows_run(self) -> bool:
@@ -68,6 +70,12 @@ class Store:
         with self.database.reading() as connection:
             queries = (sa.select(table.c.run_id).where(table.c.run_id == self._run_id) for table in (runs, episodes))
             return any(connection.scalar(query.limit(1)) is not None for query in queries)
+
+    def has_rows(self) -> bool:
+        """Whether the store has rows of the run. Raises StoreError."""
+        query = sa.select(episodes.c.run_id).where(episodes.c.run_id == self._run_id).limit(1)
+        with self.database.reading() as connection:
+            return connection.scalar(query) is not None
 
     def add(self, results: Sequence[EpisodeResult]) -> int:
         """Store rows in one transaction, skipping known episodes; return the number of new rows.

@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 from robogauntlet.results.run_document import RUN_FILE, RunDocument, RunError, RunStatus, read_run
-from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.database import StoreError, UnstorableValue
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_history import History
 
 
-def record_run_folders(history: History, root: Path) -> int:
+def record_run_folders(history: History, root: Path, passed_over: Callable[[str], None] = lambda line: None) -> int:
     """Record the runs in folders directly under `root` that are missing in the history or have another status there.
 
-    Other folders, and documents of another format, are skipped. Returns the number of recorded runs.
+    Forgotten runs and hidden folders are skipped. `passed_over` is called with a line for each run that cannot be read
+    or recorded. Returns the number of recorded runs.
 
     Raises:
         StoreError: The history cannot be read or written.
     """
-    known = history.folders()
+    known, forgotten = history.folders(), history.forgotten_folders()
     taken = 0
     for file in sorted(root.absolute().glob(f"*/{RUN_FILE}")):
-        _, status = known.get(str(file.parent), ("", None))
-        if status not in (None, str(RunStatus.RUNNING)):
+        folder = file.parent
+        _, status = known.get(str(folder), ("", None))
+        if folder.name.startswith(".") or status not in (None, str(RunStatus.RUNNING)):
             continue
         try:
-            document = read_run(file.parent)
-        except RunError:
-            continue
-        if status == str(document.status):
-            continue
-        record_run_folder(history, file.parent, document)
-        taken += 1
+            document = read_run(folder)
+            if status != str(document.status) and forgotten.get(str(folder)) != document.run_id:
+                record_run_folder(history, folder, document)
+                taken += 1
+        except (RunError, UnstorableValue) as error:
+            passed_over(f"{folder.name} is passed over: {error}")
     return taken
 
 

@@ -94,6 +94,8 @@ class RunEntry:
     """While it runs."""
     policies: int = 1
     """Number of policies, by content. The counts of several policies have no rate in common."""
+    imported: bool = False
+    """Whether it came as an exported file, whose author is not trusted."""
 
     @classmethod
     def from_document(cls, document: RunDocument, folder: Path) -> RunEntry:
@@ -108,6 +110,7 @@ class RunEntry:
             folder=str(folder.absolute()),
             rows_url=document.store_url,
             policies=len({cell.policy_digest for cell in document.plan}),
+            imported=document.origin == "imported",
         )
 
     @property
@@ -117,8 +120,14 @@ class RunEntry:
 
     @property
     def is_baseline_material(self) -> bool:
-        """Whether it may be the baseline of later runs: complete, and not itself found worse."""
-        return self.status == "complete" and (self.accepted or self.verdict in (None, *GOOD))
+        """Whether it may be the baseline of later runs: complete, and accepted or neither imported nor found worse."""
+        good = not self.imported and self.verdict in (None, *GOOD)
+        return self.status == "complete" and (self.accepted or good)
+
+    @property
+    def status_text(self) -> str:
+        """The status for people, `complete` or `complete, imported`."""
+        return f"{self.status}, imported" if self.imported else self.status
 
 
 @dataclass(frozen=True)

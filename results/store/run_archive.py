@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import STORE_FILE, RunDocument, RunError, write_run
+from robogauntlet.results.store.arriving import arriving_folder
 from robogauntlet.results.store.database import StoreError, file_url, without_password
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.foreign_file import ForeignRun, open_foreign
 from robogauntlet.results.store.run_history import History
 
 BATCH = 10_000
-MAGIC = b"SQLite format 3\0"
 
 
 def export_run(document: RunDocument, rows: Store, file: Path) -> int:
@@ -53,7 +56,7 @@ def import_run(
     name: str | None = None,
     check: Callable[[RunDocument], None] | None = None,
 ) -> tuple[Path, RunDocument]:
-    """Create a run folder from an exported run; return it and the document.
+    """Create a run folder from an exported run; return it and the document, whose origin is `imported`.
 
     Args:
         file: The exported run, from an untrusted source.
@@ -63,43 +66,65 @@ def import_run(
         check: Called with the document before the folder is created; raises RunError to refuse it.
 
     Raises:
-        RunError: It is no exported run, its rows were changed, or the folder exists.
-        StoreError: It cannot be read, or has another version; or the store cannot be written.
+        RunError: It is no exported run, has another version, its rows were changed, or the folder exists.
+        StoreError: The store cannot be written.
         OSError: The folder cannot be written.
     """
-    _check_file(file)
-    root.mkdir(parents=True, exist_ok=True)
-    arriving = root / f".arriving-{os.getpid()}-{file.name[:40]}"
-    shutil.rmtree(arriving, ignore_errors=True)
-    arriving.mkdir()
+    url = None if store is None else without_password(store)
+    with open_foreign(file) as foreign:
+        document = foreign.document
+        if check is not None:
+            check(document)
+        folder = root / (name or f"{document.suite.name}-{document.run_id[:8]}")
+        if folder.exists():
+            raise RunError(f"{folder}: expected a new folder, there is one already; name another with --out")
+        document = document.model_copy(update={"origin": "imported", "command": None, "store_url": url})
+        with arriving_folder(root) as arriving:
+            run = arriving / "run"
+            run.mkdir()
+            write_run(run, document)
+            with closing(Store.open(store or file_url(run / STORE_FILE), document.run_id)) as rows:
+                _take_rows(file, foreign, document, rows)
+            run.rename(folder)
+    return folder, document
+
+
+def discard(folder: Path, document: RunDocument, store: str | None) -> None:
+    """Remove a run that was just imported, with its rows in `store`, if they are there. Raises nothing."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if store is not None:
+        with contextlib.suppress(StoreError), closing(History.open(store)) as history:
+            history.remove(document.run_id)
+
+
+def _take_rows(file: Path, foreign: ForeignRun, document: RunDocument, store: Store) -> None:
+    """Copy the rows of a foreign run into a store of ours. If they are not what they should be, nothing is left there.
+
+    Raises:
+        RunError: A row is wrong or there twice, or the rows hash to something else than the document says.
+        StoreError: The store cannot be written.
+    """
+    history = History(store.database)
+    if store.knows_run():
+        raise RunError(f"{store.database.where}: run {document.run_id} is there already")
+
+    def copied() -> Iterator[tuple[Any, ...]]:
+        results = foreign.rows()
+        while batch := list(islice(results, BATCH)):
+            if store.add(batch) != len(batch):
+                raise RunError(f"{file}: expected each episode once, one is there twice")
+            yield from map(outcome_row, batch)
+
     try:
-        copy = arriving / STORE_FILE
-        shutil.copyfile(file, copy)  # Opening a store may write into it.
-        try:
-            with closing(History.open(file_url(copy))) as history:
-                document = _only_run(history)
-                if check is not None:
-                    check(document)
-                folder = root / (name or f"{document.suite.name}-{_plain(document.run_id)[:8]}")
-                if folder.exists():
-                    raise RunError(f"{folder}: expected a new folder, there is one already; name another with --out")
-                rows = Store(history.database, document.run_id)
-                found = rows_hash(map(outcome_row, rows.results()))
-                if document.rows_hash is not None and found != document.rows_hash:
-                    raise RunError(f"{file}: its rows hash to {found}, not {document.rows_hash}: it was changed")
-                if store is not None:
-                    document = document.model_copy(update={"store_url": without_password(store)})
-                    with closing(Store.open(store, document.run_id)) as there:
-                        _copy(document, rows, there)
-        except (RunError, StoreError) as error:
-            raise type(error)(str(error).replace(str(copy), str(file))) from None
-        if store is not None:
-            copy.unlink()
-        write_run(arriving, document)
-        arriving.rename(folder)
-        return folder, document
-    finally:
-        shutil.rmtree(arriving, ignore_errors=True)
+        history.record(document)
+        found = rows_hash(copied())
+        if document.rows_hash is not None and found != document.rows_hash:
+            raise RunError(f"{file}: its rows hash to {found}, not {document.rows_hash}: it was changed")
+        history.record(document, counted=history.count_cells(document.run_id))
+    except BaseException:
+        with contextlib.suppress(StoreError):
+            history.remove(document.run_id)
+        raise
 
 
 def _copy(document: RunDocument, rows: Store, there: Store) -> int:
@@ -111,26 +136,3 @@ def _copy(document: RunDocument, rows: Store, there: Store) -> int:
         count += there.add(batch)
     history.record(document, counted=history.count_cells(document.run_id))
     return count
-
-
-def _check_file(file: Path) -> None:
-    try:
-        with file.open("rb") as opened:
-            start = opened.read(len(MAGIC))
-    except OSError as error:
-        raise RunError(f"{file}: expected an exported run: {error.strerror}") from None
-    if start != MAGIC:
-        raise RunError(f"{file}: expected an exported run (`robogauntlet export`), this is something else")
-
-
-def _only_run(history: History) -> RunDocument:
-    entries = history.runs(limit=2)
-    if len(entries) != 1:
-        found = "several" if entries else "none"
-        raise RunError(f"{history.database.where}: expected one exported run, got {found}")
-    return history.document(entries[0].run_id)
-
-
-def _plain(text: str) -> str:
-    """Replace all characters that are unsafe in a folder's name."""
-    return "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in text)[:60] or "run"

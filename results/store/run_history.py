@@ -14,7 +14,15 @@ from robogauntlet.results.live_status import LiveStatus
 from robogauntlet.results.run_document import RunDocument, RunError, parse_run
 from robogauntlet.results.store.database import Database
 from robogauntlet.results.store.history_records import GOOD, CellCounts, CellKey, Counts, PolicyRunResult, RunEntry
-from robogauntlet.results.store.schema import SCHEMA, cells, counted_cells, episodes, runs
+from robogauntlet.results.store.schema import (
+    SCHEMA,
+    cells,
+    counted_cells,
+    episodes,
+    forgotten_runs,
+    imported_runs,
+    runs,
+)
 
 HISTORY_FILE = "history.sqlite"
 ENTRY_COLUMNS = (
@@ -55,7 +63,7 @@ class History:
         counted: Mapping[CellKey, Counts] | None = None,
         schedule: str | None = None,
     ) -> None:
-        """Write or update a run. Raises StoreError.
+        """Write or update a run, also one that was forgotten. Raises StoreError.
 
         Args:
             document: The run.
@@ -85,6 +93,28 @@ class History:
                 connection.execute(sa.delete(cells).where(cells.c.run_id == document.run_id))
             if rows:
                 connection.execute(self.database.insert_new(cells), rows)
+            if document.origin == "imported":
+                connection.execute(self.database.insert_new(imported_runs).values(run_id=document.run_id))
+            connection.execute(sa.delete(forgotten_runs).where(forgotten_runs.c.run_id == document.run_id))
+
+    def forget(self, run_id: str, folder: str | None) -> int:
+        """Remove a run with its rows, if they are here. Scans do not record it again from `folder`. Raises StoreError.
+
+        Returns the number of removed rows.
+        """
+        removed = self.remove(run_id)
+        with self.database.writing() as connection:
+            entry = self.database.insert(forgotten_runs).values(run_id=run_id, folder=folder)
+            connection.execute(entry.on_conflict_do_update(index_elements=["run_id"], set_={"folder": folder}))
+        return removed
+
+    def remove(self, run_id: str) -> int:
+        """Remove a run, and its rows if they are here; return their number. Raises StoreError."""
+        with self.database.writing() as connection:
+            removed = connection.execute(sa.delete(episodes).where(episodes.c.run_id == run_id)).rowcount
+            for table in (cells, imported_runs, runs):
+                connection.execute(sa.delete(table).where(table.c.run_id == run_id))
+        return int(removed)
 
     def write_live_status(self, run_id: str, live: LiveStatus) -> None:
         """Write the live status of a run. Raises StoreError."""
@@ -125,7 +155,8 @@ class History:
         names = ("planned", "successes", "failures", "errors")
         sums = [sa.func.coalesce(sa.func.sum(cells.c[name]), 0).label(name) for name in names]
         policies = sa.func.count(sa.distinct(cells.c.policy_digest)).label("policies")
-        query = sa.select(*columns, *sums, policies).outerjoin(cells, cells.c.run_id == runs.c.run_id)
+        imported = runs.c.run_id.in_(sa.select(imported_runs.c.run_id)).label("imported")
+        query = sa.select(*columns, *sums, policies, imported).outerjoin(cells, cells.c.run_id == runs.c.run_id)
         query = query.where(runs.c.run_id.in_(ids)).group_by(*columns)
         with self.database.reading() as connection:
             return list(map(_entry, connection.execute(query.order_by(runs.c.started_at.desc(), runs.c.run_id))))
@@ -212,14 +243,19 @@ class History:
     def baseline(self, document: RunDocument) -> RunEntry | None:
         """The baseline of a run: the last good run of its suite that started before it. Raises StoreError.
 
-        A run is good if it is complete and its verdict is none or one of `GOOD`, or if it was accepted.
+        A run is good if it is complete and was accepted, or if its verdict is none or one of `GOOD` and it was not
+        imported.
         """
+        imported = runs.c.run_id.in_(sa.select(imported_runs.c.run_id))
         clause = sa.and_(
             runs.c.suite == document.suite.name,
             runs.c.started_at < document.started_at,
             runs.c.run_id != document.run_id,
             runs.c.status == "complete",
-            sa.or_(runs.c.accepted.is_(True), runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD)),
+            sa.or_(
+                runs.c.accepted.is_(True),
+                sa.and_(~imported, sa.or_(runs.c.verdict.is_(None), runs.c.verdict.in_(GOOD))),
+            ),
         )
         last = sa.select(runs.c.run_id).where(clause).order_by(runs.c.started_at.desc()).limit(1)
         return next(iter(self.entries(last)), None)
@@ -229,6 +265,12 @@ class History:
         query = sa.select(runs.c.folder, runs.c.run_id, runs.c.status).where(runs.c.folder.is_not(None))
         with self.database.reading() as connection:
             return {folder: (run_id, status) for folder, run_id, status in connection.execute(query)}
+
+    def forgotten_folders(self) -> dict[str, str]:
+        """Folder to the id of the forgotten run in it. Raises StoreError."""
+        query = sa.select(forgotten_runs.c.folder, forgotten_runs.c.run_id)
+        with self.database.reading() as connection:
+            return {row[0]: row[1] for row in connection.execute(query.where(forgotten_runs.c.folder.is_not(None)))}
 
     @property
     def url(self) -> str:
@@ -256,7 +298,7 @@ def _entry(row: Any) -> RunEntry:
     values = {name: getattr(row, name) for name in ENTRY_COLUMNS}
     reasons = tuple((row.reasons or "").splitlines())
     counts, live = _counts(row), _live(row.live)
-    flags = {"accepted": bool(row.accepted), "policies": row.policies}
+    flags = {"accepted": bool(row.accepted), "policies": row.policies, "imported": bool(row.imported)}
     return RunEntry(**values, counts=counts, reasons=reasons, live=live, **flags)
 
 

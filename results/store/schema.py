@@ -60,6 +60,14 @@ episodes = sa.Table(
         for name, (kind, nullable, _) in describe_fields().items()
     ),
 )
+imported_runs = sa.Table("imported_runs", metadata, sa.Column("run_id", sa.Text, primary_key=True))
+"""Runs whose document has the origin `imported`."""
+forgotten_runs = sa.Table(
+    "forgotten_runs",
+    metadata,
+    sa.Column("run_id", sa.Text, primary_key=True),
+    sa.Column("folder", sa.Text),  # which is not recorded again when folders are scanned
+)
 what_is_there = sa.Index(
     "robogauntlet_what_is_there",
     *(episodes.c[name] for name in ("run_id", "policy_digest", "task", "axis", "severity", "seed", "status")),

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunError, read_run, store_url, write_run
+from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunError, read_run, shortened, store_url, write_run
 from robogauntlet.results.store.episode_store import Store
 from tests.errors import one_line_error
 from tests.results.synthetic import document
@@ -78,3 +78,42 @@ def test_an_address_that_is_given_wins_and_a_database_needs_one(tmp_path):
     assert store_url(tmp_path, hidden, "postgresql://reader:secret@host/db") == "postgresql://reader:secret@host/db"
     with pytest.raises(RunError, match=r"its rows are in postgresql.*; give that address with --store"):
         store_url(tmp_path, hidden)
+
+
+BEYOND = {
+    "started_at": 1e20,
+    "finished_at": -1e20,
+    "elapsed_s": float("inf"),
+    "media_left_out": 2**63,
+    "shared_workers": -1,
+    "run_id": "x" * 3_000_000,
+    "reason": "x" * 3_000_000,
+    "suite_text": "x" * 5_000_000,
+    "skipped": {"x" * 600: "absent"},
+    "\n\x1b[31m" * 1000: 1,
+}
+
+
+@pytest.mark.parametrize(("field", "value"), BEYOND.items(), ids=lambda value: str(value)[:20])
+def test_a_value_out_of_bounds_is_refused_in_one_short_line(tmp_path, field, value):
+    content = json.loads(document().model_dump_json()) | {field: value}
+    (tmp_path / RUN_FILE).write_text(json.dumps(content))
+    with one_line_error(RunError, r"run\.json") as caught:
+        read_run(tmp_path)
+    assert len(str(caught.value)) < 500
+    assert "\x1b" not in str(caught.value)
+
+
+@pytest.mark.parametrize("planned", [2**63, 2**53 + 1, 2**52, -1, 1.5, "many"])
+def test_a_plan_that_no_database_can_hold_is_refused(tmp_path, planned):
+    content = json.loads(document().model_dump_json())
+    content["plan"] = [cell | {"planned": planned} for cell in content["plan"]]
+    (tmp_path / RUN_FILE).write_text(json.dumps(content))
+    with one_line_error(RunError, r"run\.json.*plan"):
+        read_run(tmp_path)
+
+
+def test_a_message_of_any_length_is_stored_shortened(tmp_path):
+    reason = shortened("why " * 100_000)
+    write_run(tmp_path, document().model_copy(update={"reason": reason}))
+    assert read_run(tmp_path).reason == reason

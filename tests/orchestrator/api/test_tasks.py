@@ -6,8 +6,12 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import robogauntlet
+from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import AdapterError
-from robogauntlet.suites.episode import SUCCESS_HOLD
+from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.orchestrator.runs.composition import read_condition
+from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec
+from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, View
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
 
@@ -66,6 +70,50 @@ def test_a_seed_is_the_episode_of_that_seed_and_none_is_a_random_one():
     assert environment.simulation.state_hash() == repeated
 
 
+class Looking:
+    """A policy that keeps its first observation."""
+
+    spec = PolicySpec(PolicyInput.OBSERVATION, 8)
+
+    def reset(self, episodes):
+        self.first = None
+
+    def act(self, queries):
+        self.first = self.first or queries[0].observation
+        return [Decision(np.zeros((8, 7)))]
+
+    def finish(self, episodes):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("task", "condition"),
+    [
+        ("null/Reach", "clean"),
+        ("null/Reach", "noise:3"),
+        *(
+            pytest.param("pybullet/PandaPush-v3", condition, marks=pytest.mark.simulator)
+            for condition in ("illuminance:4", "robot-start:2", "instruction:1")
+        ),
+    ],
+)
+def test_a_condition_starts_as_the_episode_of_a_run(task, condition):
+    simulation, policy = catalog.open_simulation(task, View()), Looking()
+    protocol = Protocol(catalog.task_descriptions()[task].horizon)
+    row = rollout(simulation, policy, Episode("p", "d", task, 3, protocol, read_condition(condition)))
+    simulation.close()
+    with robogauntlet.make(task, condition=condition) as environment:
+        environment.reset(seed=5)
+        first, _ = environment.reset(seed=3)
+        assert environment.simulation.state_hash() == row.state_hash
+        for camera, image in policy.first.images.items():
+            np.testing.assert_array_equal(first["images"][camera], image)
+        np.testing.assert_array_equal(first["proprioception"], policy.first.proprioception)
+        assert first["instruction"] == policy.first.instruction
+        assert environment.observation_space.contains(first)
+        environment.step(np.zeros(7))
+
+
 def test_actions_beyond_the_bounds_are_clipped_and_ignored_numbers_have_no_effect():
     environment = robogauntlet.make("null/Reach")
     before = environment.reset(seed=0)[0]["proprioception"]
@@ -96,6 +144,12 @@ def test_a_step_needs_a_reset():
         ({"image_size": 8}, BadInput, "image_size: expected 16 to 1024, got 8"),
         ({"render_profile": "quick"}, BadInput, "render_profile: unknown 'quick'"),
         ({"horizon": 0}, BadInput, "horizon: expected 1 or more, got 0"),
+        ({"condition": "nose:2"}, BadInput, "condition 'nose:2': unknown axis 'nose'; did you mean 'noise'?"),
+        ({"condition": "noise"}, BadInput, "condition 'noise': expected one severity, such as noise:2, got 5"),
+        ({"condition": "noise:2,4"}, BadInput, "expected one severity, such as noise:2, got 2"),
+        ({"condition": "noise:9"}, BadInput, "condition 'noise:9': expected a severity from 1 to 5, got 9"),
+        ({"condition": "noise:two"}, BadInput, "condition 'noise:two': expected clean, AXIS or AXIS:SEVERITY"),
+        ({"condition": "illuminance:2"}, BadInput, "condition 'illuminance:2': unsupported in null/Reach: "),
     ],
 )
 def test_a_mistake_is_one_line(options, error, match):

@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import Cell, Protocol
 from tests.results.synthetic import cells, document, row, run_folder
@@ -16,6 +17,7 @@ def save(folder, success, **changes):
     own = cells(("p", "q"), TASKS)
     rows = [row(cell, seed, "success" if success(cell, seed) else "failure") for cell in own for seed in range(40)]
     values = {"run_id": folder.name, "regression": {"alpha": 0.05, "margin": 0.1}}
+    values["rows_hash"] = rows_hash(map(outcome_row, rows))
     return run_folder(folder, document(40, own, **{**values, **changes}), rows)
 
 

@@ -12,7 +12,7 @@ from tests.results.synthetic import cells, document, row, run_folder
 @pytest.fixture
 def runs(tmp_path):
     root = tmp_path / "runs"
-    save(root / "monday", good, run_id="1", started_at=1.0)
+    save(root / "monday", good, run_id="1" * 32, started_at=1.0)
     save(root / "tuesday", bad, run_id="2", started_at=86_400.0)
     save(root / "other", good, run_id="3", started_at=2 * 86_400.0, name="another")
     save(root / "half", bad, run_id="4", started_at=3 * 86_400.0, status=RunStatus.INTERRUPTED)

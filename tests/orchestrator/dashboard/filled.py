@@ -13,6 +13,7 @@ from PIL import Image
 from robogauntlet.results.api import compare, open_run
 from robogauntlet.results.live_status import LiveSimulator, LiveStatus, LiveWorker
 from robogauntlet.results.media_paths import picture_path, video_path
+from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.report.comparison import reasons
 from robogauntlet.results.run_document import Provenance, RunStatus
 from robogauntlet.results.store.run_history import History
@@ -45,7 +46,8 @@ def nightly_run(root: Path, number: int, started_at: float, *, version=1, rate=0
     run = document(
         seeds,
         of=of,
-        run_id=content_hash(["nightly", number])[:32],
+        run_id=content_hash(["nightly", number], length=32),
+        rows_hash=rows_hash(map(outcome_row, results)),
         name="nightly",
         suite_text=f"name: nightly\npolicies: [{', '.join(POLICIES)}]\n",
         started_at=started_at,

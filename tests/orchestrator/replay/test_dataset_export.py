@@ -15,7 +15,6 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.replay.dataset_export import EpisodeFilter, record_episode
-from robogauntlet.orchestrator.replay.replay import episode_of
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.suites.episode import Cell, Condition, Episode, Protocol, View
@@ -202,4 +201,4 @@ def test_a_policy_that_has_changed_is_one_line(run_command, run):
 
 
 def test_the_identity_survives_the_row(played):
-    assert [episode_of(one).id for one in played] == [one.episode_id for one in played]
+    assert [one.episode.id for one in played] == [one.episode_id for one in played]

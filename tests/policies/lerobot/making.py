@@ -1,4 +1,8 @@
-"""Runs in an environment with LeRobot: makes small checkpoints of random weights and computes LeRobot's actions."""
+"""Runs in an environment with LeRobot.
+
+`making.py FOLDER KIND...` makes small checkpoints of random weights and computes LeRobot's actions, `making.py FOLDER
+--only-act SIZE` makes one for images of that size (px).
+"""
 
 import sys
 from pathlib import Path
@@ -9,13 +13,13 @@ import torch
 SIZE, STATE, DIM = 32, 8, 7
 
 
-def make(kind, folder):
+def make(kind, folder, size=SIZE):
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.factory import get_policy_class, make_policy_config, make_pre_post_processors
 
     image, state = "observation.images.third_person", "observation.state"
     seen = {
-        image: PolicyFeature(FeatureType.VISUAL, (3, SIZE, SIZE)),
+        image: PolicyFeature(FeatureType.VISUAL, (3, size, size)),
         state: PolicyFeature(FeatureType.STATE, (STATE,)),
     }
     sizes = {
@@ -83,6 +87,9 @@ if __name__ == "__main__":
     from robogauntlet.policies.lerobot.child import torchvision_beside_any_torch
 
     torchvision_beside_any_torch(torch)
+    if "--only-act" in sys.argv:
+        make("act", Path(sys.argv[1]), int(sys.argv[3]))
+        sys.exit()
     for one in sys.argv[2:]:
         make(one, Path(sys.argv[1]) / one)
         answer(Path(sys.argv[1]), one)

@@ -1,21 +1,18 @@
 """LeRobot checkpoints act as in LeRobot itself, and a mismatch is one line before the start."""
 
-import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robogauntlet.adapters.contract import ActionSpec, Observation, ObservationSpec
-from robogauntlet.orchestrator.environments.environment import Environment, adapter_environment
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, Query, check_fit
-from robogauntlet.policies.lerobot.checkpoint import FILES, read_checkpoint
+from robogauntlet.policies.lerobot.checkpoint import read_checkpoint
 from robogauntlet.policies.lerobot.lerobot_policy import ProcessLost
 from robogauntlet.suites.episode import Episode, Protocol, View, content_hash
 from tests import ROOT
@@ -25,20 +22,6 @@ MAKING = Path(__file__).with_name("making.py")
 VIEW = View(("third_person",), 32)
 STEPS, CHUNK = 6, {"act": 3, "diffusion": 1}
 EPISODE = Episode("p", "d", "null/Reach", 3, Protocol(6, 8, VIEW))
-
-
-@pytest.fixture(scope="session")
-def python():
-    """The Python of `robogauntlet env create lerobot`, which `make test` creates next to the running environment."""
-    with pytest.MonkeyPatch.context() as patch:
-        folder = os.environ.get("ROBOGAUNTLET_TEST_ENVIRONMENTS", str(Path(sys.prefix) / "environments"))
-        patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", folder)
-        environment: Environment | None = adapter_environment(catalog.find("lerobot"))
-        if environment is None:
-            return sys.executable
-        if environment.manifest is None:
-            pytest.skip(f"not there: ROBOGAUNTLET_ENVIRONMENTS={folder} robogauntlet env create lerobot")
-        return str(environment.python)
 
 
 @pytest.fixture(scope="session")
@@ -61,21 +44,6 @@ def played(python, made):
     policy = catalog.load("lerobot", {"checkpoint": str(made / "act"), "python": python})
     yield policy
     policy.close()
-
-
-@pytest.fixture
-def bare(tmp_path):
-    """The declarations of a checkpoint, without weights: all that is read before it is loaded."""
-
-    def write(**changed):
-        features = {"observation.images.front": {"shape": [3, 32, 32]}, "observation.state": {"shape": [8]}}
-        config = {"type": "act", "n_action_steps": 3, "input_features": features}
-        config["output_features"] = {"action": {"shape": [7]}}
-        for name in FILES:
-            (tmp_path / name).write_text(json.dumps({**config, **changed}) if name == FILES[0] else "{}")
-        return tmp_path
-
-    return write
 
 
 def seed_at(step):
@@ -111,7 +79,7 @@ def test_a_diffusion_policy_observes_every_step_and_its_actions_are_bit_identica
 
 @pytest.mark.slow
 def test_an_episode_is_the_same_when_replayed_after_its_process_died(played, made):
-    runner = EpisodeRunner({}, elsewhere={"p": played})
+    runner = EpisodeRunner({}, remote_policies={"p": played})
     whole = runner.play_one(EPISODE)
     assert (whole.status, whole.steps) == ("failure", 6)
     assert whole.inference_s > 0
@@ -128,7 +96,7 @@ def test_an_episode_is_the_same_when_replayed_after_its_process_died(played, mad
     assert (again.status, again.actions_hash) == (whole.status, whole.actions_hash)
     played._process._process.kill()
     played._process._process.wait()
-    played._began[EPISODE.id] = played._process
+    played._process_of[EPISODE.id] = played._process
     with pytest.raises(ProcessLost, match="ended during the episode"):
         played.act([Query(EPISODE, 3, None)])
 

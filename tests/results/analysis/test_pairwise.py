@@ -140,7 +140,7 @@ def test_policies_of_two_runs_are_paired():
     assert (found.first.run, found.second.run) == ("today", "old")
 
 
-def test_perturbed_episodes_are_in_no_pair():
+def test_perturbed_episodes_are_in_no_clean_pair():
     plan = cells(("a", "b"), TASKS[:1], (Condition(), Condition("light", 2)))
     played = run(lambda cell, seed: "failure" if cell.condition.severity and cell.policy == "a" else "success", of=plan)
     assert against((played, "a"), (played, "b")).overall.pairs == Pairs(SEEDS, 0, 0, 0)
@@ -257,3 +257,49 @@ def test_a_policy_with_errors_only_is_listed_as_not_compared():
 def test_a_single_policy_cannot_be_compared():
     with pytest.raises(RunError, match="expected two policies or more to compare, got a"):
         compare_all(run(always, ("a",)))
+
+
+SHIFTS = (Condition(), Condition("noise", 1), Condition("noise", 3), Condition("blur", 2), Condition("blind", 1))
+
+
+def b_is_disturbed_by_noise(cell, seed):
+    return "failure" if cell.policy == "b" and cell.condition == Condition("noise", 3) else "success"
+
+
+def test_perturbed_episodes_are_paired_by_their_condition_over_all_tasks():
+    played = run(b_is_disturbed_by_noise, of=cells(("a", "b"), TASKS, SHIFTS))
+    found = against((played, "a"), (played, "b"))
+    assert [str(line.condition) for line in found.conditions] == ["noise@1", "noise@3", "blur@2"]  # no control
+    assert [line.pairs for line in found.conditions] == [Pairs(24, 0, 0, 0), Pairs(0, 24, 0, 0), Pairs(24, 0, 0, 0)]
+    assert {line.tasks for line in found.conditions} == {3}
+    assert found.overall.pairs == Pairs(24, 0, 0, 0)
+    disturbed = found.conditions[1]
+    assert (disturbed.difference.value, disturbed.p) == (1.0, mcnemar(disturbed.pairs))
+
+
+def test_severities_of_an_axis_are_adjusted_together_in_all_comparisons_and_without_other_axes():
+    def outcome(cell, seed):
+        weak = {"b": 4 + cell.condition.severity, "c": 6}.get(cell.policy, 0)
+        return "failure" if cell.condition.severity and cell.task == TASKS[0] and seed < weak else "success"
+
+    shifts = (Condition(), *(Condition(axis, severity) for axis in ("noise", "blur") for severity in (1, 2, 3)))
+    compared = compare_all(run(outcome, of=cells(("a", "b", "c"), TASKS, shifts))).comparisons
+    for axis in ("noise", "blur"):
+        lines = [line for one in compared for line in one.conditions if line.axis == axis]
+        tested = [line for line in lines if line.pairs.first_only + line.pairs.second_only > 5]
+        assert 0 < len(tested) < len(lines)
+        assert [line.adjusted for line in tested] == list(holm([line.p for line in tested]))
+        assert {line.adjusted for line in lines if line not in tested} == {1.0}
+
+
+def test_perturbed_errors_and_episodes_that_one_has_not_played_are_counted_as_left_out():
+    def outcome(cell, seed):
+        if not cell.condition.severity:
+            return "success"
+        return {"a": "error" if seed == 0 else "success", "b": None if seed < 3 else "failure"}[cell.policy]
+
+    played = run(outcome, of=cells(("a", "b"), TASKS[:1], (Condition(), Condition("noise", 2))))
+    found = against((played, "a"), (played, "b"))
+    assert found.conditions[0].pairs == Pairs(0, SEEDS - 3, 0, 0)
+    assert found.perturbed_left_out == (3, 0)
+    assert (found.errors, found.unpaired) == ((0, 0), (0, 0))

@@ -60,6 +60,24 @@ onload = () => {{
 }};
 </script></body>
 """
+PHONE = """
+<!doctype html><body><iframe id="page" width="390" height="900" srcdoc="{page}"></iframe><pre id="found"></pre>
+<script>
+onload = () => {{
+  const page = document.getElementById("page").contentDocument;
+  const touched = [...page.querySelectorAll(".controls select, .controls fieldset label")];
+  const boxes = touched.map((e) => e.getBoundingClientRect());
+  const size = (e) => parseFloat(page.defaultView.getComputedStyle(e).fontSize);
+  document.getElementById("found").textContent = JSON.stringify({{
+    width: page.documentElement.clientWidth,
+    scroll: page.documentElement.scrollWidth,
+    heights: boxes.map((box) => box.height),
+    ends: boxes.map((box) => box.right),
+    font: Math.min(...[...page.querySelectorAll("select")].map(size)),
+  }});
+}};
+</script></body>
+"""
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +141,20 @@ def test_controls_of_the_interactive_page_choose_axis_and_policies(tmp_path):
     lines, ticks = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', found, re.DOTALL)[1]))
     assert lines == 3  # of the policy that is left: all simulators and each of the two
     assert ticks == ["clean", "20.6", "41.8", "severity, and its level in % of image width"]
+
+
+def test_controls_of_the_interactive_page_can_be_touched_on_a_phone(tmp_path):
+    folder = run_folder(tmp_path / "run", document(SEEDS, of=PLAN, compare=COMPARE), rows())
+    page = write_report(folder).paths.explorer.read_text().replace("> merged<", f"> {'merged' * 20}<")
+    file = tmp_path / "phone.html"
+    file.write_text(PHONE.format(page=html.escape(page, quote=True)))
+    shown = html_after_scripts(file.as_uri(), tmp_path, "--virtual-time-budget=8000")
+    found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.DOTALL)[1]))
+    assert found["scroll"] <= found["width"] <= 390
+    assert len(found["heights"]) == 2 + 2 + 3  # choices of axis and policy, two policies, three places
+    assert min(found["heights"]) >= 44  # pixels that a finger hits
+    assert max(found["ends"]) <= found["width"]
+    assert found["font"] >= 16  # with smaller texts some browsers enlarge the page
 
 
 @pytest.mark.parametrize("dark", [False, True])

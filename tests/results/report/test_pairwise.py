@@ -7,6 +7,7 @@ import pytest
 
 from robogauntlet.results.analysis.comparison import Run
 from robogauntlet.results.analysis.pairwise import COLUMNS, PolicyRows, compare_all, compare_policies
+from robogauntlet.results.api import open_run
 from robogauntlet.results.report import Summary, write_report
 from robogauntlet.results.report.formatting import TextTable, aligned
 from robogauntlet.results.report.pairwise import (
@@ -20,6 +21,7 @@ from robogauntlet.results.report.pairwise import (
     table,
     task_forest,
 )
+from robogauntlet.suites.episode import Condition
 from tests.results.synthetic import cells, columns_of, document, rows_where, run_folder
 
 TASKS = ("maniskill/A", "maniskill/B", "pybullet/C")
@@ -144,6 +146,35 @@ def test_a_report_of_two_policies_compares_them_in_every_file(tmp_path):
     assert "## A against B" in paths.markdown.read_text()
     (one,) = Summary.model_validate_json(paths.summary.read_text()).pairwise.comparisons
     assert one.overall.pairs.first_only == 20
+
+
+def perturbed(tmp_path):
+    def is_success(cell, seed):
+        return not (cell.policy == "b" and cell.condition.severity == 3 and seed % 2)
+
+    plan = cells(("a", "b"), TASKS[:2], (Condition(), Condition("noise", 1), Condition("noise", 3)))
+    return run_folder(tmp_path / "run", document(SEEDS, plan), rows_where(is_success, plan, SEEDS))
+
+
+def test_perturbed_conditions_are_compared_in_every_file_and_format(tmp_path):
+    folder = perturbed(tmp_path)
+    paths = write_report(folder).paths
+    page, sentence = paths.html.read_text(), "Perturbed conditions with a difference: 1 of 2: noise@3 (+50.0 ["
+    assert "Under perturbations, all tasks together" in page
+    for text in (page, paths.markdown.read_text(), *(FORMATS[form](open_run(folder).compare()) for form in FORMATS)):
+        assert sentence in text
+        assert "noise@1" in text or '"severity": 1' in text
+    (one,) = Summary.model_validate_json(paths.summary.read_text()).pairwise.comparisons
+    assert [(line.axis, line.severity, line.pairs.first_only) for line in one.conditions] == [
+        ("noise", 1, 0),
+        ("noise", 3, 40),
+    ]
+    assert one.overall.pairs.trials == 80
+    assert "severities are not, since they share their seeds" in as_text(open_run(folder).compare("a", "b"))
+
+
+def test_a_clean_comparison_says_nothing_about_perturbations():
+    assert "erturb" not in as_text(two()) + as_markdown(two())
 
 
 def test_compare_of_a_clean_suite_chooses_the_baseline(tmp_path):

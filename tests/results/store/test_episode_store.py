@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
 
-from robogauntlet.results.record import FIELDS
+from robogauntlet.results.record import FIELDS, outcome_row, rows_hash
+from robogauntlet.results.store.database import UnstorableValue
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
 from tests.errors import one_line_error
-from tests.results.synthetic import cells, execute, row, rows
+from tests.results.synthetic import cells, document, execute, row, rows, run_folder
 
 
 @pytest.fixture
@@ -170,10 +173,54 @@ def test_a_file_that_is_no_store_is_refused_and_unchanged(tmp_path, path):
     assert path.read_text().startswith("this is no database")
     with pytest.raises(StoreError, match="directory"):
         Store.open_file(tmp_path, "run-1")
-    other = tmp_path / "other.sqlite"
-    execute(other, "CREATE TABLE runs (id INTEGER)")
+
+
+@pytest.mark.parametrize("table", ["runs", "bookmarks"])
+def test_a_database_of_another_program_is_refused_and_unchanged(path, table):
+    execute(path, f"CREATE TABLE {table} (id INTEGER)")
+    before = path.read_bytes()
     with pytest.raises(StoreError, match="of another program"):
-        Store.open_file(other, "run-1")
+        Store.open_file(path, "run-1")
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("content", [b"", b"x", b"SQLite format 3\0"])
+def test_an_emptied_store_is_not_taken_for_a_new_one(path, content):
+    path.write_bytes(content)
+    with one_line_error(StoreError, "expected a store, this file is"):
+        Store.open(file_url(path), "run-1", create=False)
+    assert path.read_bytes() == content
+
+
+def test_a_file_too_short_for_a_database_is_not_overwritten(path):
+    path.write_bytes(b"x")
+    with one_line_error(StoreError, "expected a store, this file is something else"):
+        Store.open_file(path, "run-1")
+    assert path.read_bytes() == b"x"
+
+
+def test_opening_what_exists_creates_nothing(tmp_path, path):
+    with one_line_error(StoreError, "expected a store, there is no such file"):
+        Store.open(file_url(path), "run-1", create=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_opening_a_store_does_not_end_the_locks_of_another_connection(store, path):
+    """Closing a descriptor of the file would end all locks that this process has on it."""
+    with store.database.writing() as connection:
+        connection.execute(sa.text("BEGIN IMMEDIATE"))
+        Store.open(file_url(path), "run-1", create=False).close()
+        code = f"import sqlite3; sqlite3.connect({str(path)!r}, timeout=0).execute('BEGIN IMMEDIATE')"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        connection.rollback()
+    assert "database is locked" in done.stderr
+
+
+@pytest.mark.parametrize("value", [2**63, "\ud800"])
+def test_a_value_that_no_database_holds_is_an_error_of_one_line(store, value):
+    with one_line_error(UnstorableValue):
+        store.add([row(cells()[0], 0, steps=value)])
+    assert list(store.results()) == []
 
 
 @pytest.mark.parametrize(
@@ -197,3 +244,15 @@ def test_a_password_is_never_shown():
 
 def test_the_url_of_a_file_is_absolute_if_the_file_is(path):
     assert file_url(path) == f"sqlite:///{path}"
+
+
+def test_the_rows_of_an_ended_run_are_missed(tmp_path):
+    played = rows(planned=1)
+    run = document(1, rows_hash=rows_hash(map(outcome_row, played)))
+    folder = run_folder(tmp_path / "run", run, played)
+    Store.open_begun(folder, run).close()
+    execute(folder / "episodes.sqlite", "DELETE FROM episodes")
+    with one_line_error(StoreError, "it has none; restore it from a copy"):
+        Store.open_begun(folder, run)
+    nothing = document(1, rows_hash=rows_hash([]))
+    Store.open_begun(folder, nothing).close()

@@ -1,5 +1,6 @@
 """Tests of results/store/run_history.py and results/store/history_import.py: many runs in one store."""
 
+import json
 from contextlib import closing
 
 import pytest
@@ -8,10 +9,10 @@ from robogauntlet.results.live_status import LiveSimulator, LiveStatus
 from robogauntlet.results.run_document import RunError, RunStatus
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.history_import import record_run_folders
+from robogauntlet.results.store.history_import import record_run_folder, record_run_folders
 from robogauntlet.results.store.history_records import Counts, rows_url
 from robogauntlet.results.store.run_history import HISTORY_FILE, History
-from tests.results.synthetic import cells, document, row, rows, run_folder
+from tests.results.synthetic import cells, document, execute, row, rows, run_folder
 
 
 @pytest.fixture
@@ -144,3 +145,60 @@ def test_rows_and_runs_may_share_a_store(history):
     store = Store(history.database, "run-1")
     store.add([row(cells()[0], 0), row(cells()[0], 1, "failure"), row(cells()[0], 2, "error")])
     assert list(history.count_cells("run-1").values()) == [Counts(0, 1, 1, 1)]
+
+
+def test_a_broken_run_costs_no_other_run(history, tmp_path):
+    run_folder(tmp_path / "a", night(1), rows(planned=4))
+    run_folder(tmp_path / "z", night(2), rows(planned=4))
+    for name, change in {"huge": {"planned": 2**63}, "early": {"started_at": 1e20}, "odd": {"run_id": "\x00"}}.items():
+        content = json.loads(night(3).model_dump_json())
+        content["plan"][0] |= {"planned": change.pop("planned", 1)}
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "run.json").write_text(json.dumps(content | change))
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "run.json").write_bytes(b"\xff")
+    named = []
+    assert record_run_folders(history, tmp_path, named.append) >= 2
+    assert {entry.name for entry in history.runs()} >= {"a", "z"}
+    assert {line.split()[0] for line in named} >= {"huge", "early", "m"}
+    assert all(" is passed over: " in line and "\n" not in line for line in named)
+
+
+def test_hidden_folders_are_no_runs(history, tmp_path):
+    run_folder(tmp_path / ".arriving-1", night(1), [])
+    assert record_run_folders(history, tmp_path) == 0
+
+
+def test_an_imported_run_is_no_baseline_until_it_is_accepted(history):
+    history.record(night(1))
+    history.record(night(2, origin="imported"))
+    assert history.baseline(night(3)).run_id == "run-1"
+    assert not history.find("run-2").is_baseline_material
+    history.accept("run-2")
+    assert history.baseline(night(3)).run_id == "run-2"
+    assert history.find("run-2").is_baseline_material
+
+
+def test_a_history_says_which_runs_were_imported(history):
+    history.record(night(1))
+    history.record(night(2, origin="imported"))
+    assert [entry.status_text for entry in history.runs()] == ["complete, imported", "complete"]
+
+
+def test_a_forgotten_run_is_recorded_again_only_by_name(history, tmp_path):
+    folder = run_folder(tmp_path / "one", night(1), rows(planned=4))
+    record_run_folders(history, tmp_path)
+    history.forget("run-1", str(folder))
+    assert history.runs() == []
+    assert record_run_folders(history, tmp_path) == 0
+    record_run_folder(history, folder, night(1))
+    assert [entry.name for entry in history.runs()] == ["one"]
+
+
+def test_a_history_of_before_gets_the_tables_that_it_lacks(tmp_path):
+    path = tmp_path / HISTORY_FILE
+    with closing(History.open(file_url(path))) as history:
+        history.record(night(1))
+    execute(path, "DROP TABLE imported_runs", "DROP TABLE forgotten_runs")
+    with closing(History.open(file_url(path))) as history:
+        assert [entry.imported for entry in history.runs()] == [False]

@@ -1,0 +1,256 @@
+"""Reads an exported run from an untrusted source as data: the file's tables and nothing else, every value checked.
+
+The sender's SQLite file is opened read-only. Before any row is read, its schema has to be ours to the letter, so that
+no view, trigger, generated column or virtual table of the sender's is evaluated. Lengths and time are limited.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from enum import StrEnum
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import sqlite
+
+from robogauntlet.results.record import FIELDS, EpisodeResult, Status, describe_fields
+from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, RunStatus, parse_run
+from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_runs
+from robogauntlet.results.store.sqlite_file import why_no_database
+from robogauntlet.suites.episode import RenderProfile
+
+LONGEST_VALUE = 32 * 2**20
+"""Largest length of a value in the file, such as the run's document (bytes)."""
+LONGEST_TEXT = 100_000
+"""Largest length of a text in a row (characters)."""
+LONGEST_HORIZON = 1_000_000
+MIN_TIME_S, BYTES_PER_S = 60.0, 1_000_000
+"""Time for reading: the former (s), and a second for as many bytes of the file."""
+RUN_ID = re.compile("[0-9a-f]{32}")
+_TYPES: dict[type, frozenset[type]] = {
+    str: frozenset({str}),
+    int: frozenset({int}),
+    bool: frozenset({int}),
+    float: frozenset({float}),
+}
+
+
+class ForeignRun:
+    """An exported run whose schema and document were checked. Its rows are checked as they are read."""
+
+    def __init__(self, file: Path, connection: sqlite3.Connection) -> None:
+        """See `open_foreign`."""
+        self._file, self._connection = file, connection
+        _check_schema(file, connection)
+        self.document = _read_document(file, connection)
+
+    def rows(self) -> Iterator[EpisodeResult]:
+        """Yield all rows. Raises RunError for one that this program has not written for this run."""
+        check = _RowCheck(self.document)
+        names = ", ".join(FIELDS)
+        with explained(self._file):
+            # Not through an index, which may tell something else than the table.
+            for run_id, *values in self._connection.execute(f"SELECT run_id, {names} FROM episodes NOT INDEXED"):
+                if run_id != self.document.run_id:
+                    raise RunError(f"{self._file}: expected rows of one run, got rows of several")
+                if fault := check.fault(values):
+                    raise RunError(f"{self._file}: a row is not one of this program: {fault}")
+                yield check.result
+
+
+@contextmanager
+def open_foreign(file: Path) -> Iterator[ForeignRun]:
+    """Open an exported run during the block.
+
+    Raises:
+        RunError: It is not an exported run, or not one of this version.
+    """
+    if reason := why_no_database(file, create=False):
+        raise RunError(f"{file}: expected an exported run (`robogauntlet export`), {reason}")
+    try:
+        size = file.stat().st_size
+    except (OSError, ValueError) as error:
+        raise RunError(f"{file}: expected an exported run: {getattr(error, 'strerror', error)}") from None
+    with explained(file):
+        connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro&immutable=1", uri=True, isolation_level=None)
+    with closing(connection):
+        deadline = time.monotonic() + MIN_TIME_S + size / BYTES_PER_S
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_VALUE)
+        connection.set_progress_handler(lambda: time.monotonic() > deadline, 10_000)
+        with explained(file):
+            connection.execute("PRAGMA trusted_schema=OFF")
+            connection.execute("PRAGMA cell_size_check=ON")
+            foreign = ForeignRun(file, connection)
+        yield foreign
+
+
+@contextmanager
+def explained(file: Path) -> Iterator[None]:
+    """Raise errors of SQLite as RunError with one line, without the sender's text in it."""
+    try:
+        yield
+    except (sqlite3.Error, UnicodeError) as error:
+        message = "cannot decode" if isinstance(error, UnicodeError) else str(error)
+        reason = "it is damaged"
+        if "interrupted" in message:
+            reason = "reading it takes too long"
+        elif "too big" in message:
+            reason = f"it has a value of more than {LONGEST_VALUE // 2**20} MB"
+        elif "decode" in message:
+            reason = "it has text that is not UTF-8"
+        elif "not a database" in message:
+            reason = "this is something else"
+        elif "unable to open" in message:
+            reason = "it cannot be opened"
+        raise RunError(f"{file}: expected an exported run (`robogauntlet export`), {reason}") from None
+
+
+@cache
+def _own_schema() -> dict[tuple[str, str, str], str]:
+    """Our tables and indexes as SQLite describes them: (type, name, table) to the normalised SQL."""
+    with closing(sqlite3.connect(":memory:")) as connection:
+        for table in SCHEMA.metadata.sorted_tables:
+            connection.execute(str(sa.schema.CreateTable(table).compile(dialect=sqlite.dialect())))
+            for index in table.indexes:
+                connection.execute(str(sa.schema.CreateIndex(index).compile(dialect=sqlite.dialect())))
+        return _schema_of(connection)
+
+
+def _schema_of(connection: sqlite3.Connection) -> dict[tuple[str, str, str], str]:
+    """The schema of a database, cut off where it is longer than ours can be; empty if it names something twice."""
+    found = connection.execute("SELECT type, name, tbl_name, sql FROM sqlite_master LIMIT 100").fetchall()
+    schema = {(kind, name, table): " ".join(str(sql or "").split()) for kind, name, table, sql in found}
+    return schema if len(schema) == len(found) else {}
+
+
+def _check_schema(file: Path, connection: sqlite3.Connection) -> None:
+    """Refuse a file whose schema is not ours to the letter; tables that early exports lack may be absent."""
+    own, found = _own_schema(), _schema_of(connection)
+    version = ("table", SCHEMA.version_table.name, SCHEMA.version_table.name)
+    if found.get(version) == own[version]:
+        versions = connection.execute(f"SELECT version FROM {SCHEMA.version_table.name} LIMIT 2").fetchall()
+        if versions != [(SCHEMA.version,)]:
+            got = f"version {versions[0][0]}" if len(versions) == 1 and type(versions[0][0]) is int else "no version"
+            raise RunError(
+                f"{file}: expected an exported run of version {SCHEMA.version}, got {got}; "
+                "import it with the RoboGauntlet that wrote it"
+            )
+    late = {imported_runs.name, forgotten_runs.name}
+    needed = {key for key in own if key[2] not in late}
+    if not needed <= found.keys() <= own.keys() or any(own[key] != sql for key, sql in found.items()):
+        raise RunError(
+            f"{file}: expected an exported run (`robogauntlet export`), its tables are not those of this program"
+        )
+
+
+def _read_document(file: Path, connection: sqlite3.Connection) -> RunDocument:
+    found = connection.execute("SELECT run_id, document FROM runs NOT INDEXED LIMIT 2").fetchall()
+    if len(found) != 1:
+        raise RunError(f"{file}: expected one exported run, got {'several' if found else 'none'}")
+    ((run_id, text),) = found
+    if not isinstance(text, str):
+        raise RunError(f"{file}: expected the document of a run as text, got something else")
+    document = parse_run(text, str(file))
+    if document.run_id != run_id or not RUN_ID.fullmatch(run_id):
+        raise RunError(f"{file}: its run id is not one of this program")
+    if document.status is RunStatus.COMPLETE and document.rows_hash is None:
+        raise RunError(f"{file}: expected a hash of the rows of a complete run, it has none")
+    if fault := _plan_fault(document):
+        raise RunError(f"{file}: its document is not one of this program: {fault}")
+    return document
+
+
+def _plan_fault(document: RunDocument) -> str | None:
+    """Return what a report could not show of a plan, or None."""
+    suite, names = document.suite, {cell.policy for cell in document.plan}
+    texts = (text for cell in document.plan for text in (cell.policy, cell.task, cell.axis, cell.simulator))
+    if not all(text.isprintable() for text in texts):
+        return "a name in its plan has control characters"
+    sides = [name for entry in (suite.merging, suite.compare) if entry is not None for _, name in entry.places()]
+    named = {*sides, *suite.no_skill_baselines, *filter(None, [suite.oracle_gate])}
+    if not named <= names:
+        return f"its suite compares policy '{min(named - names)}', which it does not play"
+    return None
+
+
+class _RowCheck:
+    """Checks the rows of one run; `result` is the last one."""
+
+    result: EpisodeResult
+
+    def __init__(self, document: RunDocument) -> None:
+        suite, fields = document.suite, describe_fields()
+        self._cells = {(cell.policy_digest, cell.task, cell.axis, cell.severity) for cell in document.plan}
+        self._protocol = (
+            *(suite.replan_every, ",".join(suite.cameras)),
+            *(suite.image_size, str(suite.render_profile)),
+        )
+        self._allowed = [
+            _TYPES[kind] | ({type(None)} if nullable else frozenset()) for kind, nullable, _ in fields.values()
+        ]
+        self._places = {kind: [i for i, (of, _, _) in enumerate(fields.values()) if of is kind] for kind in _TYPES}
+        self._known_types: set[tuple[type, ...]] = set()
+
+    def fault(self, values: list[Any]) -> str | None:
+        """Return what is wrong with a row, or None."""
+        types = tuple(map(type, values))
+        if types not in self._known_types:
+            for name, kind, allowed in zip(FIELDS, types, self._allowed, strict=True):
+                if kind not in allowed:
+                    return f"{name} is of another type"
+            self._known_types.add(types)
+        for place in self._places[int]:
+            if not 0 <= values[place] <= MAX_COUNT:
+                return f"{FIELDS[place]} is out of bounds"
+        for place in self._places[float]:
+            if values[place] is not None and not math.isfinite(values[place]):
+                return f"{FIELDS[place]} is no finite number"
+        for place in self._places[str]:
+            text = values[place]
+            if text is not None and (len(text) > LONGEST_TEXT or "\0" in text):
+                return f"{FIELDS[place]} is too long or has the character NUL"
+        for place in self._places[bool]:
+            if values[place] not in (None, 0, 1):
+                return f"{FIELDS[place]} is neither true nor false"
+            values[place] = None if values[place] is None else bool(values[place])
+        self.result = EpisodeResult(**dict(zip(FIELDS, values, strict=True)))
+        return self._contradiction(self.result)
+
+    def _contradiction(self, row: EpisodeResult) -> str | None:
+        """Return in what a row of the right types contradicts the run or itself, or None."""
+        if not _is_one_of(Status, row.status) or not _is_one_of(RenderProfile, row.render_profile):
+            return "its status or render profile is unknown"
+        if (row.policy_digest, row.task, row.axis, row.severity) not in self._cells:
+            return "it is not planned"
+        if (row.replan_every, row.cameras, row.image_size, row.render_profile) != self._protocol:
+            return "its protocol is not that of the suite"
+        if row.horizon > LONGEST_HORIZON:
+            return "horizon is out of bounds"
+        episode = row.episode
+        if (row.simulator, row.pair_id, row.episode_id) != (episode.simulator, episode.pair_id, episode.id):
+            return "its id is not that of its episode"
+        if row.routing_scores is not None and not _are_scores(row.routing_scores):
+            return "routing_scores are no scores by name"
+        return None
+
+
+def _is_one_of(kind: type[StrEnum], text: str) -> bool:
+    return any(text == value for value in kind)
+
+
+def _are_scores(text: str) -> bool:
+    try:
+        scores = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(scores, dict) and all(
+        isinstance(score, int | float) and math.isfinite(score) for score in scores.values()
+    )

@@ -1,0 +1,14 @@
+"""Texts of others, made safe to show."""
+
+from __future__ import annotations
+
+
+def visible(text: str, keep: str = "") -> str:
+    """Return a text whose unprintable characters are shown as escapes: control characters, marks of direction.
+
+    A terminal would carry them out, and a page would show the words around them in another order. Characters in `keep`
+    stay as they are.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in keep else ascii(c)[1:-1] for c in text)

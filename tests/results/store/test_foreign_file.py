@@ -1,0 +1,188 @@
+"""Exported runs that were made to do harm: each is refused in one line, soon, and leaves nothing."""
+
+import json
+import sqlite3
+import time
+from contextlib import closing
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.run_document import RunError, store_url
+from robogauntlet.results.store import foreign_file
+from robogauntlet.results.store.database import StoreError
+from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.run_archive import export_run, import_run
+from tests.errors import one_line_error
+from tests.results.synthetic import cells, document, execute, row, run_folder
+
+RESULTS = [row(cell, seed) for cell in cells() for seed in range(3)]
+
+
+def export(root, results=RESULTS, **changes):
+    """An exported run of these rows."""
+    run_id = "0123456789abcdef0123456789abcdef"
+    run = document(3, **{"run_id": run_id, "rows_hash": rows_hash(map(outcome_row, results)), **changes})
+    folder = run_folder(root / "theirs", run, results)
+    with closing(Store.open(store_url(folder, run), run_id)) as store:
+        export_run(run, store, root / "run.robogauntlet")
+    return root / "run.robogauntlet"
+
+
+def refuse(file, match=None):
+    """Expects that the file is refused in one line and soon, and that nothing is left."""
+    root = file.parent / "there"
+    began = time.monotonic()
+    with one_line_error(RunError, match) as caught:
+        import_run(file, root)
+    assert time.monotonic() - began < 30
+    assert len(str(caught.value)) < 600
+    assert not root.exists()
+
+
+ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT"
+
+
+def as_view(table, *columns):
+    """Statements that replace a table by an endless view with these values."""
+    return (f"ALTER TABLE {table} RENAME TO old", f"CREATE VIEW {table} AS {ENDLESS} {', '.join(columns)} FROM n, old")
+
+
+SCHEMAS = {
+    "endless view": as_view("episodes", "old.*"),
+    "endless condition": (
+        "ALTER TABLE runs RENAME TO old",
+        f"CREATE VIEW runs AS SELECT * FROM old WHERE EXISTS ({ENDLESS} x FROM n WHERE x < 0)",
+    ),
+    "trigger": ("CREATE TRIGGER late AFTER INSERT ON runs BEGIN DELETE FROM episodes; END",),
+    "view beside": (f"CREATE VIEW beside AS {ENDLESS} x FROM n",),
+    "table beside": ("CREATE TABLE beside (x)",),
+    "virtual table": ("CREATE VIRTUAL TABLE beside USING fts5(x)",),
+    "index beside": ("CREATE INDEX beside ON episodes (abs(seed))",),
+    "generated column": ("ALTER TABLE runs ADD COLUMN later AS (zeroblob(1000000000))",),
+    "column beside": ("ALTER TABLE episodes ADD COLUMN beside",),
+    "index missing": ("DROP INDEX robogauntlet_what_is_there",),
+    "statistics": ("ANALYZE",),
+}
+
+
+@pytest.mark.parametrize("statements", SCHEMAS.values(), ids=SCHEMAS)
+def test_a_schema_that_is_not_ours_to_the_letter_is_refused(tmp_path, statements):
+    file = export(tmp_path)
+    execute(file, *statements)
+    refuse(file, "its tables are not those of this program")
+
+
+def test_a_table_may_be_of_text_as_long_as_the_limit_and_no_longer(tmp_path, monkeypatch):
+    monkeypatch.setattr(foreign_file, "LONGEST_VALUE", 1_000_000)
+    file = export(tmp_path)
+    execute(file, "UPDATE runs SET document = printf('%.*c', 2000000, 'x')")
+    refuse(file, "it has a value of more than")
+
+
+def test_reading_ends_at_its_deadline(tmp_path, monkeypatch):
+    monkeypatch.setattr(foreign_file, "MIN_TIME_S", -1e6)
+    refuse(export(tmp_path, [row(cell, seed) for cell in cells() for seed in range(300)]), "reading it takes too long")
+
+
+VALUES = {
+    "text for a number": ("steps = 'many'", "steps is of another type"),
+    "bytes for text": ("policy = x'ff00'", "policy is of another type"),
+    "null": ("delivered = 'much'", "delivered is of another type"),
+    "infinity": ("reward_sum = 9e999", "reward_sum is no finite number"),
+    "negative": ("seed = -1", "seed is out of bounds"),
+    "beyond 2^53": ("steps = 9223372036854775807", "steps is out of bounds"),
+    "two for true": ("success_once = 2", "success_once is neither true nor false"),
+    "long": ("error = printf('%.*c', 200000, 'x')", "error is too long"),
+    "status": ("status = 'won'", "its status or render profile is unknown"),
+    "profile": ("render_profile = 'none'", "its status or render profile is unknown"),
+    "another seed": ("seed = seed + 1", "its id is not that of its episode"),
+    "another pair": ("pair_id = 'x'", "its id is not that of its episode"),
+    "another episode": ("episode_id = substr(episode_id, 1, 15) || 'x'", "its id is not that of its episode"),
+    "another simulator": ("simulator = 'x'", "its id is not that of its episode"),
+    "another task": ("task = 'null/Reach'", "it is not planned"),
+    "another policy": ("policy_digest = 'x'", "it is not planned"),
+    "huge images": ("image_size = 1000000", "its protocol is not that of the suite"),
+    "endless": ("horizon = 1000000000", "horizon is out of bounds"),
+    "scores": ("routing_scores = '[]'", "routing_scores are no scores by name"),
+    "nested scores": ("routing_scores = printf('%.*c', 90000, '[')", "routing_scores are no scores by name"),
+    "another run": ("run_id = 'x'", "rows of several"),
+    "another outcome": ("steps = steps + 1", "it was changed"),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), VALUES.values(), ids=VALUES)
+def test_a_row_that_this_program_did_not_write_is_refused(tmp_path, change, words):
+    file = export(tmp_path)
+    execute(file, f"UPDATE episodes SET {change} WHERE rowid = 5")
+    refuse(file, words)
+
+
+def test_text_that_is_not_utf_8_is_refused(tmp_path):
+    file = export(tmp_path)
+    execute(file, "UPDATE runs SET document = CAST(x'7bff' AS TEXT)")
+    refuse(file, "text that is not UTF-8")
+
+
+DOCUMENTS = {
+    "no hash": ({"rows_hash": None}, "expected a hash of the rows of a complete run"),
+    "another hash": ({"rows_hash": "0" * 16}, "it was changed"),
+    "another id": ({"run_id": "f" * 32}, "its run id is not one of this program"),
+    "a time": ({"started_at": 1e20}, "started_at"),
+    "a type": ({"started_at": "yesterday"}, "started_at"),
+    "a number": ({"media_left_out": 2**63}, "media_left_out"),
+    "a name": ({"suite_path": "x" * 3_000_000}, "suite_path"),
+    "a key": ({"\x1b[31m" * 1000: 1}, "expected a run document"),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), DOCUMENTS.values(), ids=DOCUMENTS)
+def test_a_document_that_this_program_did_not_write_is_refused(tmp_path, change, words):
+    file = export(tmp_path)
+    with closing(sqlite3.connect(file)) as connection, connection:
+        text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | change
+        connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
+    refuse(file, words)
+
+
+def test_the_origin_is_not_the_senders_to_choose(tmp_path):
+    _, run = import_run(export(tmp_path, origin="local", command="rm -r /"), tmp_path / "there")
+    assert (run.origin, run.command) == ("imported", None)
+
+
+def test_an_export_of_before_the_tables_of_marks_is_taken(tmp_path):
+    file = export(tmp_path)
+    execute(file, "DROP TABLE imported_runs", "DROP TABLE forgotten_runs")
+    import_run(file, tmp_path / "there")
+
+
+@cache
+def sound():
+    with TemporaryDirectory() as root:
+        return export(Path(root)).read_bytes()
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_flipped_bytes_are_a_run_or_an_error_of_one_line(data):
+    content = bytearray(sound())
+    places = st.one_of(st.integers(0, len(content) - 1), st.integers(0, 8192))
+    for place, value in data.draw(st.lists(st.tuples(places, st.integers(0, 255)), min_size=1, max_size=20)):
+        content[place] = value
+    length = data.draw(st.one_of(st.just(len(content)), st.integers(1, len(content))))
+    with TemporaryDirectory() as folder:
+        file, there = Path(folder) / "run.robogauntlet", Path(folder) / "there"
+        file.write_bytes(bytes(content[:length]))
+        try:
+            import_run(file, there)
+        except (RunError, StoreError) as error:
+            message = str(error)
+        else:
+            return
+        assert "\n" not in message
+        assert not there.exists()
