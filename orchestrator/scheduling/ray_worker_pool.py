@@ -101,6 +101,7 @@ class RayWorkerPool:
         self._sources, self._resources, self._servers = sources, resources or {}, servers
         self._environments, self._job = environments or EnvironmentResolver(), job
         self._placement = Placement(self._environments)
+        self._own_node = ray.get_runtime_context().get_node_id()
         self._started = 0
         for simulator, options in self._resources.items():
             check_room(f"resources.{simulator}", options.ray_options())
@@ -150,7 +151,7 @@ class RayWorkerPool:
         if not self._lost:  # a dead Ray would not answer
             with contextlib.suppress(RayError, ValueError):
                 ray.kill(ray_worker.actor)
-        if ray_worker.pid is not None and ray_worker.node == os.uname().nodename:
+        if ray_worker.pid is not None and ray_worker.node == self._own_node:
             self._terminating[ray_worker.pid] = time.monotonic() + KILL_AFTER_S
 
     def reap(self) -> None:

@@ -58,13 +58,22 @@ class Node:
         """Run a command on this node; raises CalledProcessError."""
         subprocess.run(self.inside(*command), check=True, stdout=subprocess.DEVNULL, timeout=JOIN_S)
 
+    def without_package(self, package: Path, scratch: Path) -> None:
+        """Hide a folder on this node, and only there; `scratch` is an empty folder."""
+        self.run("mount", "-t", "tmpfs", "tmpfs", str(scratch))
+        upper, work = scratch / "upper", scratch / "work"
+        self.run("mkdir", str(upper), str(work))
+        layers = f"lowerdir={package.parent},upperdir={upper},workdir={work}"
+        self.run("mount", "-t", "overlay", "overlay", "-o", layers, str(package.parent))
+        self.run("rm", "-r", str(package))
+
     def processes(self) -> list[psutil.Process]:
         """The processes on this node, besides the one that holds its namespaces."""
-        own = os.readlink(f"/proc/{self.pid}/ns/pid")
+        own = Path(f"/proc/{self.pid}/ns/pid").readlink()
         found = []
         for process in psutil.process_iter():
             with contextlib.suppress(OSError, psutil.Error):
-                if process.pid != self.pid and os.readlink(f"/proc/{process.pid}/ns/pid") == own:
+                if process.pid != self.pid and Path(f"/proc/{process.pid}/ns/pid").readlink() == own:
                     found.append(process)
         return found
 
@@ -106,9 +115,18 @@ class RayCluster:
     def start_ray(self, number: int, cpus: int = 1, more: Mapping[str, str] | None = None) -> None:
         """Start Ray on a node, counted from 0, with further environment variables, and wait until it has joined."""
         node = self.nodes[number]
-        join = ["--head", f"--port={PORT}", "--include-dashboard=false"] if number == 0 else [f"--address={self.address}"]
+        join = (
+            ["--head", f"--port={PORT}", "--include-dashboard=false"] if number == 0 else [f"--address={self.address}"]
+        )
         ray = str(Path(sys.executable).with_name("ray"))
-        command = [ray, "start", *join, f"--node-ip-address={node.address}", f"--num-cpus={cpus}", "--disable-usage-stats"]
+        command = [
+            ray,
+            "start",
+            *join,
+            f"--node-ip-address={node.address}",
+            f"--num-cpus={cpus}",
+            "--disable-usage-stats",
+        ]
         with (self._folder / f"{node.name}.log").open("ab") as log:
             subprocess.run(
                 node.inside(*command),
