@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -16,6 +17,11 @@ from robogauntlet.suites.episode import Episode
 
 class PolicyError(Exception):
     """An error that the policy's user can fix; the message says how."""
+
+    @property
+    def reason(self) -> str:
+        """The message without the name of a kind or function that it begins with, to follow the policy's own name."""
+        return re.sub(r"^policy '[^']*': ", "", str(self))
 
 
 class PolicyNotInstalled(PolicyError):

@@ -130,6 +130,8 @@ def as_policy(target: Callable[..., Any], options: Mapping[str, Any], text: str)
             f"policy '{text}': expected parameters named {LIST}, or a factory without required ones; "
             f"found {name}{_signature(target)}, which needs {', '.join(sorted(missing))}; write def {name}({LIST})"
         )
+    if inspect.isroutine(target) and not options and _takes_any_names_only(target):
+        raise PolicyError(f"policy '{text}': found {name}{_signature(target)}; write def {name}({LIST})")
     build = partial(target, **options)
     try:
         made: Any = build()
@@ -166,6 +168,11 @@ def _of_callable(first: Any, build: Callable[[], Any], options: Mapping[str, Any
 
 
 def _checked(policy: Any, text: str) -> Policy:
+    if not _binds(policy.act, []):
+        raise PolicyError(
+            f"policy '{text}': expected act(self, queries) of {CONTRACT}.Policy, found "
+            f"act{_signature(policy.act, of_object=True)}; write __call__(self, {LIST}) instead of act"
+        )
     for name in ("reset", "finish"):
         if not callable(getattr(policy, name, None)):
             raise PolicyError(
@@ -195,9 +202,23 @@ def is_plain(target: Any) -> bool:
     return all(name in parameters for name in PARAMETERS)
 
 
-def _accepts_observation(made: Any) -> bool:
+def _takes_any_names_only(target: Any) -> bool:
+    """Whether it is a function of `**observation`, which cannot be told from a factory with options."""
     try:
-        inspect.signature(made).bind(**dict.fromkeys(PARAMETERS))
+        parameters = inspect.signature(target).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    return [parameter.kind for parameter in parameters] == [inspect.Parameter.VAR_KEYWORD]
+
+
+def _accepts_observation(made: Any) -> bool:
+    return _binds(made, **dict.fromkeys(PARAMETERS))
+
+
+def _binds(function: Any, *positional: Any, **named: Any) -> bool:
+    """Whether a function can be called with these arguments."""
+    try:
+        inspect.signature(function).bind(*positional, **named)
     except TypeError:
         return False
     except ValueError:  # compiled code has no signature; the first query shows

@@ -7,16 +7,17 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import yaml
-
 from robogauntlet.policies import catalog, zoo
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import KIND as MERGED
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, read_metadata_file
 from robogauntlet.policies.mergevla.options import EXPERTS_NAME, MERGED_NAME
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, policy_entry, valid_name
+from robogauntlet.suites.yaml_file import YamlError, parse_yaml
 from robogauntlet.support.errors import BadInput
 
+SHOWN = 80
+"""Characters of an option's value in a message."""
 FORMS = (
     "openpi://HOST:PORT, python:MODULE:NAME, lerobot:FOLDER, zoo:NAME, the folder of a checkpoint or a kind of policy"
 )
@@ -50,9 +51,9 @@ def read_options(texts: Sequence[str]) -> dict[str, Any]:
         if not sign or not name:
             raise BadInput(f"--option: expected NAME=VALUE, got '{text}'")
         try:
-            options[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise BadInput(f"--option {name}: expected YAML, got '{value}'") from None
+            options[name] = parse_yaml(value).data
+        except YamlError as error:
+            raise BadInput(f"--option {name}: {error}, got '{value[:SHOWN]}'") from None
     return options
 
 

@@ -21,6 +21,8 @@ MAX_COUNT = 2**53
 """Largest integer of a document: JSON, JavaScript and databases agree on all numbers up to it."""
 LONGEST_REASON = 4_000
 """Largest length of a message in a document (characters); longer ones are shortened."""
+LARGEST = 256 * 2**20
+"""Largest size of a run document (bytes)."""
 LONGEST_SUITE = 4_000_000
 """Largest length of a suite, as its text and as JSON (characters)."""
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
@@ -207,6 +209,8 @@ def read_run(folder: Path) -> RunDocument:
     if not folder.is_dir():
         raise RunError(f"{folder}: expected a run folder, there is {'a file' if folder.exists() else 'nothing'}")
     try:
+        if (size := path.stat().st_size) > LARGEST:
+            raise RunError(f"{path}: expected a run document of at most {LARGEST:,} bytes, got {size:,}")
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise RunError(f"{folder}: expected a run folder, it has no {RUN_FILE}") from None

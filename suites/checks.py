@@ -21,6 +21,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
         *_check_conditions(suite, names),
         *_check_cameras(suite),
         *_check_simulators(suite, names),
+        *_check_programs(suite, names),
         *_check_roles(suite),
         *_check_adaptive(suite),
     ]
@@ -110,6 +111,23 @@ def _check_simulators(suite: Suite, names: Registry) -> Iterator[Mistake]:
             if name not in names.simulators and name not in others:
                 near = did_you_mean(name, [*names.public.simulators, *others])
                 yield (key, name), f"unknown simulator '{name}'{near}"
+
+
+def _check_programs(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    """A suite names environments, never a program: interpreters come from the user's configuration only."""
+    for name, environment in suite.environments.items():
+        if environment.interpreter is not None:
+            yield ("environments", name, "interpreter"), _NO_PROGRAM.format(name=name)
+    for i, policy in enumerate(suite.policies):
+        kind = names.policies.get(policy.kind)
+        if kind is not None and kind.has_environment and "python" in policy.options:
+            yield ("policies", i, "options", "python"), _NO_PROGRAM.format(name=policy.kind)
+
+
+_NO_PROGRAM = (
+    "a suite names no program: write `environments: {{{name}: {{interpreter: FILE}}}}` into your configuration "
+    "(~/.config/robogauntlet/config.yaml, or the file that ROBOGAUNTLET_CONFIG names)"
+)
 
 
 def _check_roles(suite: Suite) -> Iterator[Mistake]:

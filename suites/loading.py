@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from robogauntlet.suites.checks import check_names
@@ -23,14 +22,12 @@ from robogauntlet.suites.schema import (
     ConditionEntry,
     MergingEntry,
     Mistake,
-    Place,
     PolicyEntry,
     Seeds,
     Suite,
 )
-from robogauntlet.support.errors import first_line
+from robogauntlet.suites.yaml_file import Place, YamlError, parse_yaml, read_yaml
 
-MAX_BYTES = 1_000_000
 REQUIRED: dict[str, Any] = {"name": "suite", "policies": ["oracle"], "tasks": ["null/Reach"], "seeds": {"count": 1}}
 """Stand in for required keys that are missing or wrong, while the other keys are checked."""
 ROLES = ("oracle_gate", "no_skill_baselines", "merging", "compare", "adaptive")
@@ -133,79 +130,23 @@ def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake]) -
 
 
 def _read(path: Path, what: str) -> str:
-    def refuse(message: str) -> SuiteError:
-        return SuiteError([Problem(str(path), None, message)])
-
-    if path.is_dir():
-        raise refuse(f"expected {what}, this is a directory")
     try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        near = get_close_matches(path.stem, [p.stem for p in path.parent.glob("*.yaml")], n=1)
-        raise refuse(f"no such file{f'; did you mean {path.parent / near[0]}.yaml?' if near else ''}") from None
-    except OSError as error:
-        raise refuse(f"cannot be read: {error.strerror}") from None
-    if len(raw) > MAX_BYTES:
-        raise refuse(f"expected {what} of at most {MAX_BYTES} bytes, this has {len(raw)}")
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise refuse(f"expected UTF-8 text, found byte 0x{raw[error.start]:02x} at offset {error.start}") from None
+        return read_yaml(path, what)
+    except YamlError as error:
+        raise SuiteError([Problem(str(path), None, str(error))]) from None
 
 
 def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place, int]]:
     """Return the file's data, and the line number of each place in it."""
-
-    def refuse(mark: Any, message: str) -> SuiteError:
-        return SuiteError([Problem(str(path), mark.line + 1 if mark else None, message)])
-
-    loader = yaml.SafeLoader(text)
     try:
-        node = loader.get_single_node()
-        lines: dict[Place, int] = {}
-        if node is not None and (problems := [Problem(str(path), *found) for found in _index(node, (), lines)]):
-            raise SuiteError(problems)
-        data = loader.construct_document(node) if node is not None else None
-    except yaml.constructor.ConstructorError as error:
-        tag = str(error.problem).partition("'")[2].partition("'")[0]
-        raise refuse(
-            error.problem_mark, f"expected plain YAML, found the object tag '{tag}'" if tag else str(error.problem)
-        ) from None
-    except yaml.MarkedYAMLError as error:
-        raise refuse(error.problem_mark, f"not YAML: {error.problem}") from None
-    except yaml.YAMLError as error:
-        raise refuse(None, f"not YAML: {first_line(error)}") from None
-    except (ValueError, RecursionError) as error:
-        raise refuse(None, f"not YAML: {error}") from None
-    finally:
-        loader.dispose()
-    if not isinstance(data, dict):
-        raise refuse(None, f"expected a mapping with {keys}; found {_kind(data)}")
-    return data, lines
-
-
-def _index(
-    node: yaml.Node, place: Place, lines: dict[Place, int], above: frozenset[int] = frozenset()
-) -> Iterator[tuple[int, str]]:
-    """Add the line number of each place below a node to `lines`, and yield mistakes with theirs."""
-    line = node.start_mark.line + 1
-    lines.setdefault(place, line)
-    if id(node) in above:
-        yield line, "an alias that contains itself"
-        return
-    above |= {id(node)}
-    if isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
-        for key, value in node.value:
-            name = key.value if isinstance(key, yaml.ScalarNode) else str(key.tag)
-            line = lines[(*place, name)] = key.start_mark.line + 1
-            if name in seen:
-                yield line, f"duplicate key '{name}'"
-            seen.add(name)
-            yield from _index(value, (*place, name), lines, above)
-    elif isinstance(node, yaml.SequenceNode):
-        for i, item in enumerate(node.value):
-            yield from _index(item, (*place, i), lines, above)
+        document = parse_yaml(text)
+    except YamlError as error:
+        raise SuiteError([Problem(str(path), error.line, str(error))]) from None
+    if document.duplicates:
+        raise SuiteError([Problem(str(path), line, f"duplicate key '{name}'") for line, name in document.duplicates])
+    if not isinstance(document.data, dict):
+        raise SuiteError([Problem(str(path), None, f"expected a mapping with {keys}; found {_kind(document.data)}")])
+    return document.data, document.lines
 
 
 def _line(lines: dict[Place, int], place: Place) -> int | None:

@@ -32,20 +32,28 @@ from robogauntlet.suites.episode import (
     View,
     content_hash,
 )
+from robogauntlet.suites.ranges import (
+    MAX_ENTRIES,
+    MAX_NAME,
+    Attempts,
+    FirstSeed,
+    ImageSize,
+    SeedNumber,
+    Steps,
+    Text,
+    Workers,
+)
 from robogauntlet.suites.registry import KnownTask, Registry
 from robogauntlet.suites.resources import Inference, Resources
+from robogauntlet.suites.yaml_file import Place
 
 SHORT_FORMS = {"openpi": "address", "python": "callable", "lerobot": "checkpoint"}
 """Kind of policy to the option that may follow it after a colon."""
-LONGEST_NAME = 80
-Count = Annotated[int, Field(strict=True, ge=1)]
-Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=LONGEST_NAME)]
+Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=MAX_NAME)]
 Names = Annotated[
     tuple[Name, ...], BeforeValidator(lambda value: [value] if isinstance(value, str) else value), Field(min_length=1)
 ]
 """A name, or a list of them."""
-Place = tuple[str | int, ...]
-"""Keys and list indices of a value in the file."""
 Mistake = tuple[Place, str]
 """Place in the file, and message."""
 
@@ -68,7 +76,7 @@ def valid_name(text: str) -> str:
     A longer text ends with a hash, so that texts that begin alike have different names.
     """
     name = re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 9]}-{content_hash(text, length=8)}"
+    return name if len(name) <= MAX_NAME else f"{name[: MAX_NAME - 9]}-{content_hash(text, length=8)}"
 
 
 class _Model(BaseModel):
@@ -79,7 +87,7 @@ class PolicyEntry(_Model):
     """A policy of the suite: its kind, its options, and the name under which it is reported."""
 
     name: Name
-    kind: str
+    kind: Text
     options: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="before")
@@ -95,7 +103,7 @@ class PolicyEntry(_Model):
 class ConditionEntry(_Model):
     """A perturbation axis with the severities to run, `clean`, or a control."""
 
-    axis: str
+    axis: Text
     severities: tuple[Annotated[int, Field(strict=True, ge=0, le=5)], ...] = Field(min_length=1)
 
     @model_validator(mode="before")
@@ -112,8 +120,8 @@ class ConditionEntry(_Model):
 class Seeds(_Model):
     """A block of consecutive seeds."""
 
-    start: Annotated[int, Field(strict=True, ge=0, lt=2**31)] = 0
-    count: Annotated[int, Field(strict=True, ge=1, le=10_000_000)]
+    start: FirstSeed = 0
+    count: SeedNumber
 
     def __iter__(self) -> Any:
         return iter(range(self.start, self.start + self.count))
@@ -161,9 +169,9 @@ class AdaptiveEntry(_Model):
 
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     """Largest probability that a comparison without a difference is decided."""
-    round: Count = 10
+    round: SeedNumber = 10
     """Seeds between two evaluations of the evidence."""
-    max_seeds: Count
+    max_seeds: SeedNumber
     """Maximum number of seeds of a condition; without stopping, each has those of `seeds`."""
 
 
@@ -180,26 +188,26 @@ class Suite(_Model):
     """Tasks x policies x conditions x seeds, and how they are run and compared."""
 
     name: Name
-    description: str = ""
+    description: Text = ""
     needs: Literal["policy"] | None = None
     """`policy` for a suite without policies of its own, which is run with `--policy`."""
-    policies: tuple[PolicyEntry, ...] = Field(default=(), validate_default=True)
-    tasks: tuple[str, ...] = Field(min_length=1)
+    policies: tuple[PolicyEntry, ...] = Field(default=(), max_length=MAX_ENTRIES, validate_default=True)
+    tasks: tuple[Text, ...] = Field(min_length=1, max_length=MAX_ENTRIES)
     """`simulator/task`, or a pattern such as `maniskill/*`."""
     conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
     seeds: Seeds
 
-    replan_every: Count = 8
+    replan_every: Steps = 8
     """Steps of an action chunk executed before the policy is queried again."""
-    cameras: tuple[str, ...] = Field(default=CAMERAS, min_length=1)
-    image_size: Annotated[int, Field(strict=True, ge=16, le=1024)] = 96
+    cameras: tuple[Text, ...] = Field(default=CAMERAS, min_length=1)
+    image_size: ImageSize = 96
     render_profile: RenderProfile = RenderProfile.STANDARD
-    horizon: Count | None = None
+    horizon: Steps | None = None
     """Control steps per episode, or each task's own."""
 
     workers: Annotated[
-        Annotated[Count, Tag("int")]
-        | Annotated[dict[str, Count], Tag("dict")]
+        Annotated[Workers, Tag("int")]
+        | Annotated[dict[str, Workers], Tag("dict")]
         | Annotated[Literal["auto"], Tag("auto")],
         Discriminator(lambda value: {dict: "dict", str: "auto"}.get(type(value), "int")),
     ] = "auto"
@@ -209,7 +217,7 @@ class Suite(_Model):
     environments: dict[str, EnvironmentEntry] = Field(default_factory=dict)
     """Simulator, or kind of policy with its own environment, to its Python environment; the running one by default."""
     inference: Inference = Inference()
-    max_attempts: Count = 3
+    max_attempts: Attempts = 3
     """Workers that an episode may crash before it is recorded as an error."""
     episode_time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     error_tolerance: Annotated[float, Field(ge=0, le=1)] = 0.1

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from robogauntlet.adapters.contract import AdapterError, TaskDescription
 from robogauntlet.adapters.gymnasium.expressions import check_attribute, check_expression, undeclared
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.yaml_file import YamlError, parse_yaml, read_yaml
 from robogauntlet.support.errors import first_line
 
 FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
@@ -121,11 +121,17 @@ def load_mapping(path: Path) -> EnvironmentMapping:
         AdapterError: One line for each mistake.
     """
     try:
-        return EnvironmentMapping.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+        document = parse_yaml(read_yaml(path, "a mapping file"))
+        if document.duplicates:
+            raise AdapterError(
+                "\n".join(f"{path}: line {line}: duplicate key '{key}'" for line, key in document.duplicates)
+            )
+        return EnvironmentMapping.model_validate(document.data)
     except ValidationError as error:
         raise AdapterError("\n".join(dict.fromkeys(f"{path}: {_message(one)}" for one in error.errors()))) from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise AdapterError(f"{path}: not a mapping file: {' '.join(str(error).split())}") from None
+    except YamlError as error:
+        line = f", line {error.line}" if error.line else ""
+        raise AdapterError(f"{path}: not a mapping file{line}: {error}") from None
 
 
 def definition(path: Path) -> str:

@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-import yaml
-
 from robogauntlet.adapters.contract import SimulatorUnavailable
+from robogauntlet.suites.yaml_file import YamlError, parse_yaml, read_yaml
 
 VARIABLE = "ROBOGAUNTLET_LIBERO_ASSETS"
 """Environment variable with the folder; it takes precedence."""
@@ -77,7 +76,10 @@ def candidates() -> Iterator[tuple[str, Path]]:
         yield VARIABLE, Path(named)
         return
     if configuration().is_file():
-        settings = yaml.safe_load(configuration().read_text(encoding="utf-8"))
+        try:
+            settings = parse_yaml(read_yaml(configuration(), "LIBERO's configuration")).data
+        except YamlError as error:
+            raise SimulatorUnavailable(f"{configuration()}: {error}") from None
         if isinstance(settings, dict) and isinstance(settings.get("assets"), str):
             yield str(configuration()), Path(settings["assets"])
     package = package_folder()

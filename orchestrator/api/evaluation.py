@@ -22,8 +22,7 @@ from robogauntlet.policies.contract import Policy
 from robogauntlet.policies.references import read_reference
 from robogauntlet.results.api import OpenRun, open_run
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.results.store.database import file_url
-from robogauntlet.results.store.run_history import HISTORY_FILE
+from robogauntlet.results.store.run_history import history_url
 from robogauntlet.support.errors import BadInput
 
 
@@ -114,7 +113,7 @@ def _check(served: ServedObject, plan: Plan) -> None:
 
 
 def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool) -> OpenRun:
-    history = os.environ.get("ROBOGAUNTLET_HISTORY") or file_url((folder.parent / HISTORY_FILE).absolute())
+    history = history_url(os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.parent)
     outcome = run_plan(plan, folder, RunOptions(media=media, history=history), Progress(Console(quiet=quiet)))
     for warning in outcome.warnings:
         warnings.warn(warning, stacklevel=3)

@@ -10,6 +10,7 @@ import sysconfig
 import textwrap
 import uuid
 from collections.abc import Iterator, Mapping
+from concurrent.futures import wait
 from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -19,9 +20,10 @@ import numpy as np
 
 from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.orchestrator.environments.resolver import OBJECT_TOKEN
+from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
 from robogauntlet.orchestrator.inference.server_thread import ServerThread
 from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, ServerOptions
-from robogauntlet.policies.contract import PolicyMismatch, check_chunk
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch, check_chunk
 from robogauntlet.policies.function_policy import as_policy, is_contract, is_plain
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.schema import PolicyEntry, valid_name
@@ -73,10 +75,11 @@ class ServedObject(ServerThread):
         )
 
     def check_answer(self, cameras: tuple[str, ...], image_size: int, instruction: str) -> None:
-        """Refuse a function whose answer to black images has a wrong shape. That it raises is no reason.
+        """Refuse a function whose answer to black images has a wrong shape, or is late. That it raises is no reason.
 
         Raises:
             PolicyMismatch: The answer is no action chunk.
+            PolicyError: There is none within `TIMEOUT_S`.
         """
         if not is_plain(self._target) and (inspect.isclass(self._target) or inspect.isroutine(self._target)):
             return  # it makes the policy
@@ -84,9 +87,17 @@ class ServedObject(ServerThread):
         observation = {"images": black, "proprioception": np.zeros(PROPRIOCEPTION_DIM), "instruction": instruction}
         try:
             inspect.signature(self._target).bind(**observation)
-            answer = self._target(**observation)
+        except (TypeError, ValueError):  # a policy of the contract, or compiled code without a signature
+            return
+        thread = DaemonThread()
+        asked = thread.submit(self._target, **observation)
+        thread.shutdown(wait=False)
+        if not wait([asked], TIMEOUT_S).done:
+            raise PolicyError(f"policy '{self.name}': expected an answer within {TIMEOUT_S:g} s, got none; it hangs")
+        try:
+            answer = asked.result()
             shape = np.shape(answer)
-        except Exception:  # a policy of the contract, or a function that needs something to see
+        except Exception:  # a function that needs something to see
             return
         if len(shape) == 2 and shape[0] and shape[1] == ACTION_DIM:
             return

@@ -61,6 +61,8 @@ class _Verbs(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in VERBS:
             return None
+        from robogauntlet.orchestrator.cli.parameters import check_parameters
+
         address, help_line = VERBS[cmd_name]
         module, _, name = address.partition(":")
         verb = getattr(import_module(f"{__name__}.{module}"), name)
@@ -69,7 +71,7 @@ class _Verbs(TyperGroup):
             parent.add_typer(verb, name=cmd_name, help=help_line)
         else:
             parent.command(cmd_name)(verb)
-        return get_group(parent).commands[cmd_name]
+        return check_parameters(get_group(parent).commands[cmd_name])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         with formatter.section("Commands"):

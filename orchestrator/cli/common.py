@@ -20,10 +20,11 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.references import FORMS
 from robogauntlet.results.folder_lock import FolderError
 from robogauntlet.results.run_document import RUN_FILE, RunError
-from robogauntlet.results.store.database import StoreError, file_url, parse
+from robogauntlet.results.store.database import StoreError, parse
 from robogauntlet.results.store.history_import import record_run_folders
-from robogauntlet.results.store.run_history import HISTORY_FILE, History
+from robogauntlet.results.store.run_history import History, history_url
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.suites.ranges import MAX_SEEDS
 from robogauntlet.suites.selection import SelectionError
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import visible
@@ -65,7 +66,9 @@ Tasks = Annotated[
     list[str] | None,
     typer.Option("--task", help="Only this task (simulator/task), or tasks that match a pattern. Repeatable."),
 ]
-SeedCount = Annotated[int | None, typer.Option("--seeds", help="Only the first N seeds of the suite.")]
+SeedCount = Annotated[
+    int | None, typer.Option("--seeds", min=1, max=MAX_SEEDS, help="Only the first N seeds of the suite.")
+]
 PolicyOptions = Annotated[
     list[str] | None,
     typer.Option("--option", metavar="NAME=VALUE", help="Option of the policy, in YAML. Repeatable."),
@@ -123,16 +126,9 @@ def newest_run(root: Path = RUNS) -> Path:
     return newest.parent
 
 
-def history_url(url: str | None, root: Path = RUNS) -> str:
-    """Return the URL of the history: the given one, which must be valid, or that of the file beside the run folders."""
-    if url is None:
-        return file_url((root / HISTORY_FILE).absolute())
-    return parse(url).render_as_string(hide_password=False)
-
-
 def runs_root(url: str | None) -> Path:
     """Return the folder of the run folders: the folder of a history that is a file, else `runs`."""
-    parsed = parse(history_url(url))
+    parsed = parse(history_url(url, RUNS))
     return Path(parsed.database).parent if parsed.get_backend_name() == "sqlite" and parsed.database else RUNS
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +12,7 @@ import typer
 from robogauntlet.orchestrator.cli.common import HistoryUrl, open_history, print_line
 from robogauntlet.orchestrator.schedules.run_process import is_running
 from robogauntlet.results.report.formatting import counted
-from robogauntlet.results.run_document import RUN_FILE, read_run
+from robogauntlet.results.run_document import RUN_FILE, RunError, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
@@ -61,12 +62,13 @@ def _find(history: History, name: str) -> RunEntry:
 
 
 def _folder_of(entry: RunEntry) -> Path | None:
-    """The folder of a run that has ended, or None if it is gone. Raises BadInput, RunError for a broken document."""
+    """The folder of a run that has ended, or None if it is gone. Raises BadInput."""
     folder = Path(entry.folder) if entry.folder else None
     if folder is None or not (folder / RUN_FILE).exists():
         return None
     if is_running(folder):
         raise BadInput(f"{folder}: expected a run that has ended, a process is running it; stop it first")
-    if (found := read_run(folder).run_id) != entry.run_id:
-        raise BadInput(f"{folder}: expected run {entry.run_id}, the folder has run {found}")
+    with contextlib.suppress(RunError):  # a broken run can be forgotten, too
+        if (found := read_run(folder).run_id) != entry.run_id:
+            raise BadInput(f"{folder}: expected run {entry.run_id}, the folder has run {found}")
     return folder

@@ -10,7 +10,6 @@ import typer
 from robogauntlet.orchestrator.cli.common import (
     INPUT_ERRORS,
     HistoryUrl,
-    history_url,
     open_history,
     print_line,
     runs_root,
@@ -18,6 +17,7 @@ from robogauntlet.orchestrator.cli.common import (
 from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.store import run_archive
 from robogauntlet.results.store.history_import import record_run_folder
+from robogauntlet.results.store.run_history import history_url
 from robogauntlet.support.errors import BadInput, describe
 
 
@@ -38,7 +38,7 @@ def import_run(
     if folder is not None and folder.name in ("", ".."):  # pathlib has no name for '' and '.'
         raise BadInput(f"--out: expected the name of a new folder, got '{folder}'")
     root = folder.absolute().parent if folder else runs_root(url)
-    history_url(url)  # a wrong URL is refused before anything is written
+    history_url(url, root)  # a wrong URL is refused before anything is written
     try:
         run, document = run_archive.import_run(file, root, store=store, name=folder.name if folder else None)
         try:

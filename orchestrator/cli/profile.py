@@ -40,7 +40,7 @@ def profile(
     from robogauntlet.orchestrator.ray_runtime.session import ray_session
     from robogauntlet.orchestrator.ray_runtime.simulator_processes import ProcessEnded, run_per_simulator
 
-    path, default = (find_suite(suite), None) if suite else _default_suite()
+    path, default = _default_suite() if suite is None else (find_suite(suite), None)
     policy = policy or default
     plan = make_plan(path, part=SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds))
     first: dict[tuple[str, str], Cell] = {}

@@ -19,7 +19,6 @@ from robogauntlet.orchestrator.cli.common import (
     Tasks,
     Trust,
     fail,
-    history_url,
     out,
     print_line,
 )
@@ -35,6 +34,7 @@ from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
 from robogauntlet.policies.references import option_text, read_options, read_reference
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
+from robogauntlet.results.store.run_history import history_url
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput

@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 from contextlib import closing, suppress
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import TOKEN, HistoryUrl, Host, Port, open_history, out, runs_root
+from robogauntlet.orchestrator.cli.common import TOKEN, HistoryUrl, Host, Port, open_history, print_line, runs_root
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.network import is_loopback
+
+if TYPE_CHECKING:
+    from robogauntlet.orchestrator.dashboard.origins import Origin
+
+log = logging.getLogger("robogauntlet.dashboard")
+TOKEN_READ = "ROBOGAUNTLET_TOKEN_READ"
+LEAST_TOKEN = 16
+"""Fewest characters of a token that other machines may try."""
 
 
 def serve(
     host: Host = "127.0.0.1",
     port: Port = 8770,
+    public_url: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Address of the dashboard in browsers, if a proxy is in front of it."),
+    ] = None,
     max_upload_mb: Annotated[int, typer.Option(min=1, help="Largest size of an uploaded run (MB).")] = 256,
+    max_uploads_gb: Annotated[
+        float, typer.Option(min=0.001, max=1e6, help="Largest size of all uploaded runs together (GB).")
+    ] = 20.0,
     url: HistoryUrl = None,
 ) -> None:
     """Serve the dashboard.
@@ -28,33 +44,75 @@ def serve(
 
     from robogauntlet.orchestrator.dashboard.app import create_app
     from robogauntlet.orchestrator.dashboard.app_state import Settings
+    from robogauntlet.orchestrator.dashboard.server import server_config
     from robogauntlet.orchestrator.schedules.store import ScheduleStore
 
-    token = _token(host)
+    public = None if public_url is None else _public(public_url)
+    token, read_token = _tokens(host, public)
     listening = listen(host, port)
     os.nice(19)  # below Ray's workers, which have 15
     with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
-        app = create_app(history, schedule_store, Settings(runs_root(url), host, token, max_upload_mb * 1024 * 1024))
-        config = uvicorn.Config(
-            app, log_level="warning", access_log=False, server_header=False, ws="none", timeout_graceful_shutdown=3
+        settings = Settings(
+            runs_root(url),
+            host,
+            token,
+            read_token=read_token,
+            public=public,
+            max_upload=max_upload_mb * 1024 * 1024,
+            max_uploads=int(max_uploads_gb * 1e9),
         )
+        app = create_app(history, schedule_store, settings)
         shown = f"[{host}]" if ":" in host else host
-        out.print(f"dashboard: http://{shown}:{listening.getsockname()[1]}/  (stop with Ctrl-C)", soft_wrap=True)
+        address = f"http://{shown}:{listening.getsockname()[1]}/"
+        names = address if public is None else f"{public}/, behind it {address}"
+        print_line(f"dashboard: {names}  (stop with Ctrl-C)")
+        _log_to_stderr()
+        log.info("started at %s, %s", address, "a token is needed" if token else "no token is needed")
         with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
-            uvicorn.Server(config).run(sockets=[listening])
+            uvicorn.Server(server_config(app)).run(sockets=[listening])
 
 
-def _token(host: str) -> str | None:
-    """The token that requests must carry, or None. Raises BadInput if the host needs one or it is malformed."""
-    token = os.environ.get(TOKEN) or None
-    if token is None and not is_loopback(host):
+def _log_to_stderr() -> None:
+    """Write the dashboard's log to standard error: a line with its time for each upload and each wrong token."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    log.propagate = False
+
+
+def _public(url: str) -> Origin:
+    """The origin of the public address. Raises BadInput."""
+    from robogauntlet.orchestrator.dashboard.origins import origin_of
+
+    origin = origin_of(url.removesuffix("/"))
+    if origin is None:
+        raise BadInput(f"--public-url: expected an address such as https://lab.example.org without a path, got '{url}'")
+    return origin
+
+
+def _tokens(host: str, public: Origin | None) -> tuple[str | None, str | None]:
+    """The tokens for everything and for reading. Raises BadInput if one is missing, malformed or too short."""
+    token, read_token = (os.environ.get(name) or None for name in (TOKEN, TOKEN_READ))
+    is_public = not is_loopback(host) or (public is not None and not is_loopback(public.host))
+    option = f"--host {host}" if not is_loopback(host) else f"--public-url {public}"
+    advice = f"for example: export {TOKEN}=$(openssl rand -hex 32)"
+    if token is None and is_public:
         raise BadInput(
-            f"--host {host}: other machines can reach it; expected a token in the variable {TOKEN}, got none; "
-            f"for example: export {TOKEN}=$(openssl rand -hex 32)"
+            f"{option}: other machines can reach it; expected a token in the variable {TOKEN}, got none; {advice}"
         )
-    if token is not None and not (token.isascii() and token.isprintable() and " " not in token):
-        raise BadInput(f"{TOKEN}: expected ASCII characters without spaces")
-    return token
+    for name, value in ((TOKEN, token), (TOKEN_READ, read_token)):
+        if value is not None and not (value.isascii() and value.isprintable() and " " not in value):
+            raise BadInput(f"{name}: expected ASCII characters without spaces")
+        if value is not None and is_public and len(value) < LEAST_TOKEN:
+            raise BadInput(
+                f"{name}: expected at least {LEAST_TOKEN} characters with {option}, got {len(value)}; {advice}"
+            )
+    if read_token is not None and read_token == token:
+        raise BadInput(f"{TOKEN_READ}: expected another token than {TOKEN}")
+    if read_token is not None and token is None:
+        raise BadInput(f"{TOKEN_READ}: expected {TOKEN} beside it, the token that may upload; {advice}")
+    return token, read_token
 
 
 def listen(host: str, port: int) -> socket.socket:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import cast
 
@@ -14,6 +14,7 @@ from starlette.types import ASGIApp
 
 from robogauntlet.orchestrator.dashboard import compare, failures, files, login, metrics, pages, runs, upload
 from robogauntlet.orchestrator.dashboard.app_state import AppState, Settings, log
+from robogauntlet.orchestrator.dashboard.bodies import BodyDeadline
 from robogauntlet.orchestrator.dashboard.security import SecurityMiddleware, line
 from robogauntlet.orchestrator.schedules.schedule import ScheduleError
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
@@ -40,13 +41,17 @@ def create_app(history: History, schedule_store: ScheduleStore, settings: Settin
         app.include_router(module.router)
     for kind in (StoreError, RunError, ScheduleError, HTTPException, RequestValidationError, Exception):
         app.add_exception_handler(kind, _explain)
-    return SecurityMiddleware(app, host=settings.host, token=settings.token, sessions=app_state.sessions)
+    return BodyDeadline(
+        SecurityMiddleware(app, host=settings.host, public=settings.public, access=app_state.access),
+        settings.body_grace_s,
+    )
 
 
 def _explain(request: Request, error: Exception) -> Response:
     """Answer with one line in the format of the request; details go into the log."""
+    headers: Mapping[str, str] = {}
     if isinstance(error, HTTPException):
-        status, message = error.status_code, str(error.detail)
+        status, message, headers = error.status_code, str(error.detail), error.headers or {}
     elif isinstance(error, RequestValidationError):
         first = error.errors()[0]
         status, message = 400, f"{'.'.join(map(str, first['loc'][1:]))}: {first['msg']}"
@@ -56,7 +61,10 @@ def _explain(request: Request, error: Exception) -> Response:
     else:
         status, message = 500, "An internal error; see the log of the server."
     if request.url.path.startswith("/api/"):
-        return JSONResponse({"error": message}, status)
-    if request.method == "POST" or request.url.path in PLAIN_TEXT_PATHS:
-        return line(message, status)
-    return cast(AppState, request.app.state.app_state).error_page(message, status)
+        answer: Response = JSONResponse({"error": message}, status)
+    elif request.method == "POST" or request.url.path in PLAIN_TEXT_PATHS:
+        answer = line(message, status)
+    else:
+        answer = cast(AppState, request.app.state.app_state).error_page(message, status)
+    answer.headers.update(headers)
+    return answer

@@ -6,19 +6,23 @@ import hashlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any
 from urllib.parse import urlencode
 
-from cachetools import TTLCache
+from anyio import CapacityLimiter
 from fastapi import Depends, HTTPException, Request
 from starlette.responses import HTMLResponse, Response
 
 from robogauntlet.orchestrator.dashboard import live_view, queries
-from robogauntlet.orchestrator.dashboard.security import Sessions
+from robogauntlet.orchestrator.dashboard.access import Access
+from robogauntlet.orchestrator.dashboard.answers import WAITING, AnswerCache, SlowWork
+from robogauntlet.orchestrator.dashboard.bodies import GRACE_S
+from robogauntlet.orchestrator.dashboard.origins import Origin
+from robogauntlet.orchestrator.dashboard.upload_places import UploadPlaces, size_of
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
@@ -26,6 +30,7 @@ from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
 from robogauntlet.results.report.templates import template_environment
+from robogauntlet.results.store.arriving import remove_abandoned
 from robogauntlet.results.store.history_import import record_run_folders
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.results.store.run_history import History
@@ -36,6 +41,8 @@ LIVE_S = 0.5
 """Lifetime of the cached live status (s); it limits the load of the database, however many browsers watch."""
 NAMES_S = 15.0
 """Lifetime of the cached lists of names (s)."""
+LONGEST_TEXT = 10_000
+"""Largest length of a name or a message on a page (characters); longer ones are cut."""
 log = logging.getLogger("robogauntlet.dashboard")
 FOLDER = Path(__file__).parent
 FILES = {
@@ -44,33 +51,6 @@ FILES = {
     "live.js": FOLDER / "static" / "live.js",
 }
 """Style sheets and the script; they need no token, since they are the same in every installation."""
-K = TypeVar("K", bound=Hashable)
-V = TypeVar("V")
-
-
-class AnswerCache(Generic[K, V]):
-    """A thread-safe cache of the most recently used answers; simultaneous requests compute an answer once."""
-
-    def __init__(self, size: int, seconds: float = float("inf")) -> None:
-        """Keep up to `size` answers, each for `seconds`."""
-        self._answers: TTLCache[K, V] = TTLCache(size, seconds)
-        self._lock, self._computing = threading.Lock(), threading.Lock()
-
-    def get(self, key: K, compute: Callable[[], V]) -> V:
-        """Return the answer for a key; compute it if it is not cached. Exceptions are raised and not cached."""
-        if (answer := self._cached(key)) is not None:
-            return answer
-        with self._computing:  # one at a time, since answers need memory
-            if (answer := self._cached(key)) is not None:
-                return answer
-            answer = compute()
-            with self._lock:
-                self._answers[key] = answer
-            return answer
-
-    def _cached(self, key: K) -> V | None:
-        with self._lock:
-            return self._answers.get(key)
 
 
 @dataclass(frozen=True)
@@ -82,8 +62,16 @@ class Settings:
     host: str = "127.0.0.1"
     token: str | None = field(default=None, repr=False)
     """Token that every request must carry; None, for loopback addresses only, if none is needed."""
+    read_token: str | None = field(default=None, repr=False)
+    """A second token, for requests that only read."""
+    public: Origin | None = None
+    """Origin of the pages in browsers, if a proxy is in front of the dashboard."""
     max_upload: int = 256 * 1024 * 1024
     """Largest size of an uploaded run (bytes)."""
+    max_uploads: int = 20_000_000_000
+    """Largest size of all uploaded runs together (bytes)."""
+    body_grace_s: float = GRACE_S
+    """Time that every body of a request may take (s)."""
 
 
 @dataclass(frozen=True)
@@ -101,26 +89,31 @@ class AppState:
     def __init__(self, history: History, schedule_store: ScheduleStore, settings: Settings) -> None:
         """Serve a history and the schedules in the same database."""
         self.history, self.schedule_store, self.settings = history, schedule_store, settings
-        self.sessions = Sessions()
+        self.access = Access(settings.token, settings.read_token)
         self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
         self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
         self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(32)
         self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
+        self.slow, self.browsing = SlowWork(1, WAITING), SlowWork(4, 20)
+        """Comparisons and leaderboards; and pages that read the rows of many runs."""
+        self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
+        self.imports, self.reports, self.checks = CapacityLimiter(1), CapacityLimiter(1), CapacityLimiter(2)
+        """Threads that import uploaded runs, that write their reports, and that check health."""
         self.import_lock = threading.Lock()
         """Held while runs are written under the root or imported from it."""
         self._stopped = threading.Event()
         self._named: set[str] = set()
         """Lines about runs that cannot be recorded, each logged once."""
-        self._templates = template_environment(FOLDER / "templates", page.FOLDER)
+        self._templates = template_environment(FOLDER / "templates", page.FOLDER, longest=LONGEST_TEXT)
         self._templates.globals.update(
             text=formatting, views=live_view, when=when, verdict_text=verdict_text, query=query, asset=asset_address
         )
 
     def page(self, template: str, *, status: int = 200, **values: Any) -> Response:
         """Render a page."""
-        values = {"here": "", "now": time.time(), "has_token": self.settings.token is not None, **values}
+        values = {"here": "", "now": time.time(), "has_token": bool(self.access.tokens), **values}
         return HTMLResponse(self._templates.get_template(template).render(values), status)
 
     def error_page(self, message: str, status: int) -> Response:
@@ -139,7 +132,11 @@ class AppState:
         return self.names.get("all", self._read_names)
 
     def _read_names(self) -> Names:
-        return Names(list(self.history.suites()), list(queries.statuses(self.history)), self.history.policies())
+        lists = (self.history.suites(), queries.statuses(self.history), self.history.policies())
+        return Names(*(list(islice(names, queries.MOST_NAMES)) for names in lists))
+
+    def _size_of_uploads(self) -> int:
+        return sum(size_of(Path(folder)) for folder in queries.imported_folders(self.history))
 
     def begin(self) -> None:
         """Import new run folders every `SYNC_S`, until `end`."""
@@ -160,6 +157,7 @@ class AppState:
             try:
                 with self.import_lock:
                     if self.settings.root.is_dir():
+                        remove_abandoned(self.settings.root)
                         record_run_folders(self.history, self.settings.root, self._name_once)
             except Exception as error:  # one broken run must not end the import of the others
                 log.warning("runs under %s were not imported: %s", self.settings.root, error)

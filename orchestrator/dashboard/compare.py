@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from fastapi import APIRouter, HTTPException
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -20,6 +22,8 @@ from robogauntlet.results.store.history_records import RunEntry
 
 RECENT = 60
 """Number of runs to choose from, the newest."""
+MOST_LINES = 2000
+"""Largest number of lines, a task of a comparison each, of the page."""
 LEAST_MARGIN, LARGEST_MARGIN = 0.0001, 0.9999
 """Range of a margin, as of `robogauntlet compare --margin` (a share)."""
 router = APIRouter()
@@ -39,7 +43,7 @@ class ChosenPolicy:
 
 
 @router.get("/compare")
-def show_comparison(
+async def show_comparison(
     app_state: CurrentAppState,
     first: str = "",
     second: str = "",
@@ -54,38 +58,49 @@ def show_comparison(
     first request.
     """
     share = _margin(margin)
-    chosen = [_chosen(app_state, text) for text in (first, second)]
-    entries = [app_state.run_named(name) if name else None for name in (policies, run, baseline)]
+    chosen = await run_in_threadpool(lambda: [_chosen(app_state, text) for text in (first, second)])
+    entries = await run_in_threadpool(
+        lambda: [app_state.run_named(name) if name else None for name in (policies, run, baseline)]
+    )
     pairwise: PairwiseComparisons | None = None
     comparison: Comparison | None = None
     problem = ""
     try:
         if chosen[0] is not None and chosen[1] is not None:
-            pairwise = _compare_policies(app_state, chosen[0], chosen[1], share)
+            pairwise = await _compare_policies(app_state, chosen[0], chosen[1], share)
         elif entries[0] is not None:
-            pairwise = _compare_all(app_state, entries[0], share)
+            pairwise = await _compare_all(app_state, entries[0], share)
         elif entries[1] is not None and entries[2] is not None:
-            comparison = _compare_runs(app_state, entries[1], entries[2], share)
+            comparison = await _compare_runs(app_state, entries[1], entries[2], share)
     except RunError as error:
         problem = str(error)
+    compared = pairwise.comparisons if pairwise else comparison.policies if comparison else ()
+    if (lines := sum(len(one.tasks) for one in compared)) > MOST_LINES:
+        problem = (
+            f"The comparison has {lines:,} lines, too many for this page; robogauntlet compare prints all of them."
+        )
+        pairwise = comparison = None
+    values = {
+        "here": "/compare",
+        "chosen": chosen,
+        "entries": entries,
+        "pairwise": pairwise,
+        "words": words,
+        "comparison": comparison,
+        "report": report,
+        "problem": problem,
+        "margin": share,
+        "margins": (LEAST_MARGIN, LARGEST_MARGIN),
+    }
+    return await run_in_threadpool(_page, app_state, [one.entry for one in chosen if one], values)
+
+
+def _page(app_state: AppState, chosen: list[RunEntry], values: dict[str, Any]) -> Response:
+    """The page, with the newest runs and those that were chosen in its lists."""
     recent = app_state.history.runs(limit=RECENT)
-    listed = list({entry.run_id: entry for entry in (*recent, *(one.entry for one in chosen if one))}.values())
-    return app_state.page(
-        "compare.html.jinja",
-        here="/compare",
-        chosen=chosen,
-        entries=entries,
-        pairwise=pairwise,
-        words=words,
-        comparison=comparison,
-        report=report,
-        problem=problem,
-        margin=share,
-        margins=(LEAST_MARGIN, LARGEST_MARGIN),
-        recent=recent,
-        listed=listed,
-        policies=queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed]),
-    )
+    listed = list({entry.run_id: entry for entry in (*recent, *chosen)}.values())
+    policies = queries.policies_of_runs(app_state.history, [entry.run_id for entry in listed])
+    return app_state.page("compare.html.jinja", recent=recent, listed=listed, policies=policies, **values)
 
 
 def _chosen(app_state: AppState, text: str) -> ChosenPolicy | None:
@@ -114,7 +129,7 @@ def _key(margin: float | None, *parts: RunEntry | str) -> tuple[object, ...]:
     return margin, *(p if isinstance(p, str) else (p.run_id, p.status, p.finished_at, p.counts) for p in parts)
 
 
-def _compare_policies(
+async def _compare_policies(
     app_state: AppState, one: ChosenPolicy, other: ChosenPolicy, margin: float | None
 ) -> PairwiseComparisons:
     def compute() -> PairwiseComparisons:
@@ -122,17 +137,19 @@ def _compare_policies(
         beside = None if one.entry.run_id == other.entry.run_id else open_entry(app_state.history, other.entry)
         return opened.compare(one.policy, other.policy, other=beside, margin=margin)
 
-    return app_state.pairwise.get(_key(margin, one.entry, one.policy, other.entry, other.policy), compute)
+    key = _key(margin, one.entry, one.policy, other.entry, other.policy)
+    return await app_state.slow.answer(app_state.pairwise, key, compute)
 
 
-def _compare_all(app_state: AppState, entry: RunEntry, margin: float | None) -> PairwiseComparisons:
-    return app_state.pairwise.get(
-        _key(margin, entry), lambda: open_entry(app_state.history, entry).compare(margin=margin)
-    )
+async def _compare_all(app_state: AppState, entry: RunEntry, margin: float | None) -> PairwiseComparisons:
+    def compute() -> PairwiseComparisons:
+        return open_entry(app_state.history, entry).compare(margin=margin)
+
+    return await app_state.slow.answer(app_state.pairwise, _key(margin, entry), compute)
 
 
-def _compare_runs(app_state: AppState, run: RunEntry, baseline: RunEntry, margin: float | None) -> Comparison:
+async def _compare_runs(app_state: AppState, run: RunEntry, baseline: RunEntry, margin: float | None) -> Comparison:
     def compute() -> Comparison:
         return compare(open_entry(app_state.history, run), open_entry(app_state.history, baseline), margin=margin)
 
-    return app_state.comparisons.get(_key(margin, run, baseline), compute)
+    return await app_state.slow.answer(app_state.comparisons, _key(margin, run, baseline), compute)

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 import sqlalchemy as sa
 from fastapi import APIRouter, Query
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -32,7 +33,7 @@ router = APIRouter()
 
 
 @router.get("/failures")
-def failures(
+async def failures(
     app_state: CurrentAppState,
     run: str = "",
     policy: str = "",
@@ -40,6 +41,25 @@ def failures(
     page: Annotated[int, Query(ge=1, le=10_000)] = 1,
 ) -> Response:
     """List videos of failures, the newest runs first."""
+    key = ("failures", run, policy, task, page)
+    shown = await app_state.browsing.run(key, lambda: _shown(app_state, run, policy, task, page))
+    tasks = await run_in_threadpool(queries.tasks, app_state.history, policy or None)
+    return await run_in_threadpool(
+        app_state.page,
+        "failures.html.jinja",
+        here="/failures",
+        videos=shown[:PAGE],
+        more=len(shown) > PAGE,
+        page=page,
+        searched=RUNS,
+        wanted={"run": run, "policy": policy, "task": task},
+        names=await run_in_threadpool(app_state.choices),
+        tasks=tasks,
+    )
+
+
+def _shown(app_state: AppState, run: str, policy: str, task: str, page: int) -> list[dict[str, Any]]:
+    """The videos of a page, and one more if there is a next page."""
     wanted = queries.Filter(policy=policy or None)
     entries = [app_state.run_named(run)] if run else queries.page_of_runs(app_state.history, wanted, RUNS, 0)
     videos = (
@@ -48,18 +68,7 @@ def failures(
         for video in failure_videos(app_state, entry)
         if policy in ("", video["policy"]) and task in ("", video["task"])
     )
-    shown = list(islice(videos, PAGE * (page - 1), PAGE * page + 1))
-    return app_state.page(
-        "failures.html.jinja",
-        here="/failures",
-        videos=shown[:PAGE],
-        more=len(shown) > PAGE,
-        page=page,
-        searched=RUNS,
-        wanted={"run": run, "policy": policy, "task": task},
-        names=app_state.choices(),
-        tasks=queries.tasks(app_state.history, policy or None),
-    )
+    return list(islice(videos, PAGE * (page - 1), PAGE * page + 1))
 
 
 def failure_videos(app_state: AppState, entry: RunEntry) -> tuple[dict[str, Any], ...]:

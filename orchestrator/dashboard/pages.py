@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 from fastapi import APIRouter
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from robogauntlet.orchestrator.dashboard import queries
@@ -15,6 +16,7 @@ from robogauntlet.orchestrator.dashboard.runs import running
 from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, State
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow, latest_results_per_policy, leaderboard
 from robogauntlet.results.report.history_plot import plot
+from robogauntlet.results.store.history_records import RunEntry
 
 LAST_VERDICTS = 6
 LAST_SCHEDULED_RUNS = 50
@@ -73,24 +75,28 @@ def history(app_state: CurrentAppState, policy: str = "", suite: str = "", task:
 
 
 @router.get("/leaderboard")
-def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Response:
+async def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Response:
     """Compare the policies of a suite by their newest complete runs."""
-    names = app_state.choices()
+    names = await run_in_threadpool(app_state.choices)
     suite = suite or (names.suites[0] if len(names.suites) == 1 else "")
     standings: list[LeaderboardRow] = []
     left_out: list[str] = []
+    newest: list[tuple[RunEntry, dict[str, str]]] = []
     if suite:
-        newest = app_state.history.newest_runs(suite)
+        newest = await run_in_threadpool(app_state.history.newest_runs, suite)
         key = (suite, *((entry.run_id, entry.finished_at, tuple(sorted(policies))) for entry, policies in newest))
-        standings, left_out = app_state.standings.get(key, lambda: _standings(app_state, suite))
-    return app_state.page(
+        standings, left_out = await app_state.slow.answer(
+            app_state.standings, key, lambda: _standings(app_state, suite)
+        )
+    return await run_in_threadpool(
+        app_state.page,
         "leaderboard.html.jinja",
         here="/leaderboard",
         suite=suite,
         names=names,
         standings=standings,
         left_out=left_out,
-        runs={entry.name: entry.run_id for entry, _ in newest} if suite else {},
+        runs={entry.name: entry.run_id for entry, _ in newest},
     )
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from urllib.parse import quote
 
+from anyio import to_thread
 from fastapi import APIRouter, HTTPException, Request
 from starlette.background import BackgroundTask
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 from starlette.responses import PlainTextResponse, Response
 
@@ -19,6 +19,7 @@ from robogauntlet.results.store.arriving import arriving_folder
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_archive import discard, import_run
+from robogauntlet.support.text import visible
 
 router = APIRouter()
 
@@ -27,25 +28,29 @@ router = APIRouter()
 async def upload(app_state: CurrentAppState, request: Request) -> Response:
     """Create a run folder from the exported run in the body, and record it in the history."""
     limit = app_state.settings.max_upload
-    if int(request.headers.get("content-length", "0") or 0) > limit:
+    announced = int(request.headers.get("content-length") or limit)
+    if announced > limit:
         raise HTTPException(413, _too_large(limit))
     try:
-        with arriving_folder(app_state.settings.root) as arriving:
-            file = arriving / "body"
-            await _receive(request, file, limit)
-            folder, document = await run_in_threadpool(_import, app_state, file)
+        async with app_state.uploads.place(announced) as place:
+            with arriving_folder(app_state.settings.root) as arriving:
+                file = arriving / "body"
+                place.size = await _receive(request, file, limit)
+                folder, document = await to_thread.run_sync(_import, app_state, file, limiter=app_state.imports)
     except ClientDisconnect:
         return Response(status_code=400)  # the client has gone
     except OSError as error:
         log.warning("an upload was not stored: %s", error)
         raise HTTPException(503, f"the run could not be stored: {error.strerror}") from None
     address = f"/runs/{quote(document.run_id, safe='')}"
-    task = BackgroundTask(_report, folder)
+    sender = request.client.host if request.client else "unknown"
+    log.info("run %s of suite %s was uploaded from %s", document.run_id, visible(document.suite.name[:80]), sender)
+    task = BackgroundTask(_report, app_state, folder)
     return PlainTextResponse(f"{address}\n", 201, {"location": address}, background=task)
 
 
-async def _receive(request: Request, file: Path, limit: int) -> None:
-    """Write the body into a file. Raises HTTPException if it is too large or empty."""
+async def _receive(request: Request, file: Path, limit: int) -> int:
+    """Write the body into a file and return its size. Raises HTTPException if it is too large or empty."""
     size = 0
     with file.open("xb") as opened:
         async for chunk in request.stream():
@@ -58,6 +63,7 @@ async def _receive(request: Request, file: Path, limit: int) -> None:
         raise HTTPException(413, _too_large(limit))
     if not size:
         raise HTTPException(400, "expected an exported run (robogauntlet export) as the body, got nothing")
+    return size
 
 
 def _import(app_state: AppState, file: Path) -> tuple[Path, RunDocument]:
@@ -74,6 +80,11 @@ def _import(app_state: AppState, file: Path) -> tuple[Path, RunDocument]:
             folder, document = import_run(file, app_state.settings.root, check=check)
         except (RunError, StoreError) as error:
             raise HTTPException(400, _public_message(str(error), app_state.settings.root, file)) from None
+        except (HTTPException, OSError):
+            raise
+        except Exception as error:  # whatever the sender's file provokes is the file's mistake
+            log.warning("an upload was refused: %s: %s", type(error).__name__, visible(str(error)[:200]))
+            raise HTTPException(400, "expected an exported run (robogauntlet export): it cannot be read") from None
         try:
             record_run_folder(app_state.history, folder, document)
         except BaseException:
@@ -90,9 +101,9 @@ def _public_message(message: str, root: Path, file: Path) -> str:
     return public if "exported run" in public else f"expected an exported run (robogauntlet export): {public}"
 
 
-def _report(folder: Path) -> None:
+async def _report(app_state: AppState, folder: Path) -> None:
     try:
-        write_report(folder)
+        await to_thread.run_sync(write_report, folder, limiter=app_state.reports)
     except Exception as error:  # whatever the sender's run provokes, it has no report
         log.warning("%s: no report was written: %s", folder, error)
 

@@ -36,6 +36,7 @@ from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import CAMERAS, Cell, Protocol, RenderProfile, View, content_hash
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.suites.schema import expand_tasks
 from robogauntlet.support.errors import BadInput, describe_os_error
 
@@ -94,7 +95,7 @@ class CollectionRequest:
         for name, value, low, high in (
             ("episodes", self.episodes, 1, 100_000),
             ("noise", self.noise, 0, 1),
-            ("first seed", self.first_seed, 0, 2**62),
+            ("first seed", self.first_seed, 0, MAX_FIRST_SEED),
             ("workers", self.workers, 1, 256),
             ("image size", self.view.image_size, 16, 1024),
         ):

@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_P
 from robogauntlet.orchestrator.environments.source_path import PACKAGE, import_path, source_file
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.secret_variables import without_secrets
 
 TIME_LIMIT_S = 60.0
 
@@ -104,6 +105,6 @@ def _ask(
 ) -> dict[str, Any]:
     """What `introspect` answers there; cached until the environment is created again (`changed_ns`)."""
     command = [str(python), "-c", Path(introspect.__file__).read_text(encoding="utf-8")]
-    with JsonChild(command, environment={**os.environ, "PYTHONPATH": python_path}) as child:
+    with JsonChild(command, environment={**without_secrets(os.environ), "PYTHONPATH": python_path}) as child:
         answer: dict[str, Any] = child.ask({"modules": modules, "distributions": distributions}, TIME_LIMIT_S)
         return answer

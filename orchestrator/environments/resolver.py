@@ -24,8 +24,9 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyNotInstalled
 from robogauntlet.results.run_document import EnvironmentRecord
 from robogauntlet.suites.environments import Config, EnvironmentEntry
+from robogauntlet.support.secret_variables import POLICY_TOKEN, SECRETS, without_secrets
 
-OBJECT_TOKEN = "ROBOGAUNTLET_OBJECT_TOKEN"
+OBJECT_TOKEN = f"{POLICY_TOKEN}_OBJECT"
 """Variable with the token of the server of this process's objects, see `orchestrator/api`; workers get it, too."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
@@ -105,7 +106,7 @@ class EnvironmentResolver:
         Raises:
             OSError: The folder with links to the source cannot be written.
         """
-        variables = dict(worker_environment(simulator))
+        variables = {**dict.fromkeys(SECRETS, ""), **worker_environment(simulator)}  # Ray hands its own variables on
         if token := os.environ.get(OBJECT_TOKEN):
             variables[OBJECT_TOKEN] = token  # Ray may have been started before it was set.
         if (environment := self.resolve(simulator)) is None:
@@ -120,7 +121,7 @@ class EnvironmentResolver:
             OSError: As `ray_runtime_env`.
         """
         environment = self.resolve(simulator)
-        variables = {**os.environ, **worker_environment(simulator)}
+        variables = {**without_secrets(os.environ), **worker_environment(simulator)}
         if environment is None:
             return sys.executable, variables
         return str(environment.python), {**variables, "PYTHONPATH": import_path()}

@@ -23,6 +23,7 @@ from robogauntlet.policies.contract import Decision, Policy, PolicyInput, Policy
 from robogauntlet.suites.episode import Cell, Episode
 from robogauntlet.suites.resources import Inference
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.secret_variables import SECRETS
 
 TIMES = 5
 """Queries over which a time is averaged."""
@@ -133,7 +134,8 @@ def start_servers(sources: Mapping[str, PolicySource], inference: Inference) -> 
     chosen = {name: sources[name] for name in _image_policies(sources)}
     actor: Any = ray.remote(Server)
     options = {"num_cpus": 0, "num_gpus": inference.num_gpus, "max_restarts": -1, "max_concurrency": MAX_CONCURRENCY}
-    environment = {"env_vars": {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}}
+    hidden = dict.fromkeys(SECRETS, "")
+    environment = {"env_vars": hidden | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}}
     actor = actor.options(runtime_env=environment, **options)
     return [actor.remote(chosen, inference) for _ in range(inference.replicas if chosen else 0)]
 

@@ -12,7 +12,6 @@ import http
 import logging
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -22,6 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from robogauntlet.orchestrator.inference.batcher import Batcher
+from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, Query, check_chunk
 from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
 from robogauntlet.policies.remote.protocol import as_answer, as_metadata, episode_in, finished_in, greeting_of, query_in
@@ -31,6 +31,8 @@ from robogauntlet.support.network import is_loopback
 
 MAX_EPISODES = 1024
 """Maximum number of simultaneous episodes of one client."""
+MAX_CLIENTS = 64
+"""Maximum number of simultaneous connections."""
 HORIZON = 1_000_000
 """Horizon of an episode that a client does not name."""
 logger = logging.getLogger(__name__)
@@ -85,13 +87,14 @@ class PolicyServer:
         self._options = options
         self.greeting = greeting_of(served.policy, served.digest)
         self._metadata = pack(as_metadata(self.greeting) | {"policy": served.name})
-        self._thread = ThreadPoolExecutor(1)
+        self._thread = DaemonThread()
         wait_s = options.wait_s if options.batch > 1 else 0.0
         self.batcher = Batcher[Query, Decision](served.policy.act, self._thread, max_batch=options.batch, wait_s=wait_s)
         self._players: dict[str, ServerConnection] = {}
         """Episode id to the connection that plays it."""
         self.unnamed: set[int] = set()
         """Seeds of the clients that do not name their episodes; a single client has 0."""
+        self._clients = 0
 
     async def start(self) -> Server:
         """Listen; the returned server runs until it is closed.
@@ -107,7 +110,7 @@ class PolicyServer:
                 options.port,
                 compression=None,
                 max_size=options.max_message_bytes,
-                max_queue=4,  # queued messages per client
+                max_queue=1,  # queued messages per client
                 process_request=self._admit,
                 origins=[None],  # refuses browsers, which send an origin: web pages must not use a local server
                 close_timeout=2,
@@ -129,10 +132,14 @@ class PolicyServer:
                 return connection.respond(http.HTTPStatus.UNAUTHORIZED, "expected the server's token\n")
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
+        if self._clients >= MAX_CLIENTS:
+            text = f"expected {MAX_CLIENTS} clients at most, got one more\n"
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, text)
         return None
 
     async def _serve(self, connection: ServerConnection) -> None:
         client = _Client(self, connection)
+        self._clients += 1
         try:
             await connection.send(self._metadata)
             async for frame in connection:
@@ -140,6 +147,7 @@ class PolicyServer:
         except ConnectionClosed:
             pass
         finally:
+            self._clients -= 1
             await client.leave()
 
     async def begin(self, connection: ServerConnection, episode: Episode) -> None:

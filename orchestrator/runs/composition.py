@@ -16,7 +16,7 @@ from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import CLEAN, Condition
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.suites.schema import LONGEST_NAME, PolicyEntry, valid_name
+from robogauntlet.suites.schema import MAX_NAME, PolicyEntry, valid_name
 from robogauntlet.support.errors import BadInput
 
 SUITE_FILE = "suite.yaml"
@@ -89,7 +89,7 @@ def _suite_name(tasks: Sequence[str]) -> str:
     """A name for the tasks, `pybullet-PandaReach-v3` or `pybullet-PandaReach-v3-and-2-more`."""
     more = f"-and-{len(tasks) - 1}-more" if len(tasks) > 1 else ""
     first = valid_name(tasks[0]) if tasks else ""
-    return (first or "tasks")[: LONGEST_NAME - len(more)] + more
+    return (first or "tasks")[: MAX_NAME - len(more)] + more
 
 
 def read_condition(text: str) -> Condition:

@@ -239,10 +239,10 @@ def _resolve_policies(
         try:
             source, missing = _resolve_policy(entry, suite, environments)
         except PolicyMismatch as error:
-            problems.append(f"policy '{entry.name}' does not fit: {error}")
+            problems.append(f"policy '{entry.name}' does not fit: {error.reason}")
             continue
         except PolicyError as error:
-            problems.append(f"policy '{entry.name}': {error}")
+            problems.append(f"policy '{entry.name}': {error.reason}")
             continue
         sources[entry.name] = source
         if missing:

@@ -32,7 +32,7 @@ class NotTrusted(BadInput):
     """An imported run whose episodes cannot be played without trust in its author."""
 
 
-def foreign_parts(suite: Suite) -> list[str]:
+def chosen_parts(suite: Suite) -> list[str]:
     """Return what the suite chooses to import, contact, read or start, a line each; empty if it needs no trust."""
     parts = [part for policy in suite.policies for part in _policy_parts(policy)]
     for user, environment in suite.environments.items():
@@ -49,7 +49,7 @@ def require_trust(document: RunDocument, folder: Path, *, trust: bool) -> None:
     """
     if trust or document.origin == "local":
         return
-    if parts := foreign_parts(document.suite):
+    if parts := chosen_parts(document.suite):
         raise NotTrusted(
             f"{folder}: an imported run, whose author chose what playing it uses: {'; '.join(parts)}; "
             "give --trust if you trust all of it"

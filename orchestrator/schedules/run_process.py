@@ -26,6 +26,7 @@ from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import History
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.secret_variables import SERVER_SECRETS
 
 LOG_FILE = "run.log"
 BAD_INPUT = 2
@@ -55,7 +56,8 @@ def begin(schedule: Schedule, scheduled_run: ScheduledRun, history_url: str) -> 
     command = [sys.executable, "-c", "from robogauntlet.orchestrator.cli import main; main()", "run", schedule.suite]
     command += [*schedule.arguments, "--out", str(folder)]
     # The URL may contain a password, and the arguments of a process are visible to everyone.
-    environment = {**os.environ, "ROBOGAUNTLET_HISTORY": history_url, SCHEDULE_VARIABLE: schedule.name}
+    environment = {name: value for name, value in os.environ.items() if name not in SERVER_SECRETS}
+    environment |= {"ROBOGAUNTLET_HISTORY": history_url, SCHEDULE_VARIABLE: schedule.name}
     with (folder / LOG_FILE).open("ab") as log:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True

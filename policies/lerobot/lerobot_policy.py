@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
 
@@ -14,8 +15,10 @@ from robogauntlet.policies.contract import Decision, PolicyError, PolicyMismatch
 from robogauntlet.policies.lerobot import child
 from robogauntlet.policies.lerobot.checkpoint import NAME, Checkpoint
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation, images_in
+from robogauntlet.policies.remote.msgpack_numpy import PackingError, array_of
 from robogauntlet.suites.episode import Episode, content_hash
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
+from robogauntlet.support.errors import first_line
 
 LOADING = 10.0
 """Time limit of loading, as a multiple of the limit of an answer."""
@@ -110,20 +113,30 @@ class _Process(JsonChild):
             super().__init__(command, own_group=True)
         except OSError as error:
             raise PolicyError(f"policy '{NAME}': {options.python} cannot be started: {error.strerror}") from None
-        self.receive(LOADING * self._limit_s)
+        self._checked(lambda: self.receive(LOADING * self._limit_s))
 
     def act(self, message: dict[str, Any], arrays: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the actions of a query."""
-        answer = self.ask({**message, "arrays": {name: child.packed(a) for name, a in arrays.items()}}, self._limit_s)
-        return child.unpacked(answer["action"])
+        """Return the actions of a query. Raises PolicyError, ProcessLost."""
+        request = {**message, "arrays": {name: child.packed(a) for name, a in arrays.items()}}
+        answer = self._checked(lambda: self.ask(request, self._limit_s))
+        try:
+            dtype, shape, data = answer["action"]
+            return array_of(dtype, shape, base64.b64decode(data))
+        except (KeyError, TypeError, ValueError, PackingError) as error:
+            self.close()
+            reason = f"expected an array of actions from its process, got something else: {first_line(error)}"
+            raise PolicyError(f"policy '{NAME}': {reason}") from None
 
-    def receive(self, limit_s: float) -> Any:
+    def _checked(self, answering: Callable[[], Any]) -> dict[str, Any]:
         """Return the process's next answer."""
         try:
-            answer = super().receive(limit_s)
+            answer = answering()
         except (ChildEnded, ChildTimeout) as error:
             self.close()
             raise ProcessLost(f"policy '{NAME}': {error}") from None
+        if not isinstance(answer, dict):
+            self.close()
+            raise ProcessLost(f"policy '{NAME}': expected a mapping from its process, got a {type(answer).__name__}")
         if "problem" in answer:
             raise PolicyError(f"policy '{NAME}': {answer['problem']}")
         return answer

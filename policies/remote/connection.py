@@ -24,6 +24,8 @@ from robogauntlet.support.network import is_loopback
 
 MAX_FRAME_BYTES = 16 * 2**20
 """Largest frame that a server may send."""
+MAX_GREETING_BYTES = 2**20
+"""Largest metadata that a server may send on connection."""
 MAX_ERROR_LENGTH = 300
 MAX_STALL_S = 10.0
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.1, 2.0
@@ -112,6 +114,7 @@ class ServerConnection:
                     options.address,
                     compression=None,
                     max_size=MAX_FRAME_BYTES,
+                    max_queue=1,  # what a server sends unasked waits in its own memory
                     open_timeout=seconds,
                     ping_interval=None,
                     close_timeout=1,
@@ -152,6 +155,9 @@ class ServerConnection:
             ) from None
         except ConnectionClosed as closed:
             raise self._ended(closed) from None
+        if len(frame) > MAX_GREETING_BYTES:
+            limit = f"{MAX_GREETING_BYTES >> 20} MiB"
+            raise PolicyError(f"{self._server}: {expected}, of at most {limit}, got {len(frame)} bytes")
         return self._read(frame, expected)
 
     def _exchange(self, connection: ClientConnection, frame: bytes, deadline: float) -> Mapping[str, Any]:
@@ -182,7 +188,9 @@ class ServerConnection:
 
     def _read(self, frame: str | bytes, expected: str) -> Mapping[str, Any]:
         if isinstance(frame, str):
-            message_text = "".join(c for c in last_line(frame) if c.isprintable())[:MAX_ERROR_LENGTH]
+            message_text = "".join(c for c in last_line(frame[-10 * MAX_ERROR_LENGTH :]) if c.isprintable())[
+                :MAX_ERROR_LENGTH
+            ]
             raise PolicyError(f"{self._server}: {expected}, got an error: {message_text}")
         try:
             message = unpack(frame)

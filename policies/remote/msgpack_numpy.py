@@ -21,6 +21,21 @@ _DTYPE = re.compile(rf"[<>|=]?[{KINDS}][1-9][0-9]{{0,5}}")
 _MOST_AXES = 8
 
 
+MAX_VALUES = 100_000
+"""Largest number of values, keys included, in a message; an array counts as a few."""
+MAX_DEPTH = 32
+"""Lists and mappings within each other."""
+_FIXED = {
+    **{0xCA: 4, 0xCB: 8, 0xCC: 1, 0xCD: 2, 0xCE: 4, 0xCF: 8, 0xD0: 1, 0xD1: 2, 0xD2: 4, 0xD3: 8},
+    **{0xD4: 2, 0xD5: 3, 0xD6: 5, 0xD7: 9, 0xD8: 17},
+}
+"""First byte of a number or a small extension to the number of bytes that follow."""
+_SIZED = {0xC4: 1, 0xC5: 2, 0xC6: 4, 0xC7: 1, 0xC8: 2, 0xC9: 4, 0xD9: 1, 0xDA: 2, 0xDB: 4}
+"""First byte of bytes, text or an extension to the number of bytes of its length."""
+_COUNTED = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
+"""First byte of a list or a mapping to the number of bytes of its length, and its values for each unit of it."""
+
+
 class PackingError(Exception):
     """Data that are not, or cannot become, a message of this protocol."""
 
@@ -40,8 +55,10 @@ def pack(message: Mapping[str, Any]) -> bytes:
 def unpack(frame: bytes) -> Any:
     """Return the message in a frame. Arrays are new and can be written to.
 
-    Raises PackingError if the frame is not msgpack, or an array's type and shape do not fit its bytes.
+    Raises PackingError if the frame is not msgpack, has more than MAX_VALUES values or MAX_DEPTH levels, or an array's
+    type and shape do not fit its bytes.
     """
+    _check_size(frame)
     try:
         return msgpack.unpackb(frame, object_hook=_unpacked, ext_hook=_refuse, strict_map_key=True)
     except PackingError:
@@ -51,6 +68,42 @@ def unpack(frame: bytes) -> Any:
     except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException) as error:
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise PackingError(f"expected msgpack, got {len(frame)} bytes that are not: {reason}") from None
+
+
+def array_of(dtype: Any, shape: Any, data: bytes) -> np.ndarray:
+    """Return an array that another process describes. Raises PackingError if type and shape do not fit the bytes."""
+    return _array({b"dtype": dtype, b"shape": shape, b"data": data})
+
+
+def _check_size(frame: bytes) -> None:
+    """Count a frame's values before any is made: a frame of 16 MiB can announce lists of many gigabytes.
+
+    Raises PackingError if there are too many, or they are nested too deeply. What is cut short is left to msgpack.
+    """
+    at, seen, levels = 0, 1, [1]
+    while at < len(frame) and levels:
+        levels[-1] -= 1
+        first, at = frame[at], at + 1
+        values = 0
+        if first in _COUNTED:
+            size, unit = _COUNTED[first]
+            values, at = unit * int.from_bytes(frame[at : at + size]), at + size
+        elif 0x80 <= first <= 0x9F:
+            values = (first & 15) * (2 if first < 0x90 else 1)
+        elif first in _SIZED:
+            size = _SIZED[first]
+            at += size + int.from_bytes(frame[at : at + size]) + (0xC7 <= first <= 0xC9)
+        else:
+            at += first & 31 if 0xA0 <= first <= 0xBF else _FIXED.get(first, 0)
+        seen += values
+        if seen > MAX_VALUES:
+            raise PackingError(f"expected a message of {MAX_VALUES} values at most, got more")
+        if values:
+            levels.append(values)
+            if len(levels) > MAX_DEPTH:
+                raise PackingError(f"expected {MAX_DEPTH} levels of lists and mappings at most, got more")
+        while levels and not levels[-1]:
+            levels.pop()
 
 
 def _packed(value: Any) -> Any:

@@ -6,6 +6,7 @@ step and, for oracles, the true state. The answer includes the routing evidence.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -40,6 +41,9 @@ class Greeting:
 
 
 _GREETING = TypeAdapter(Greeting)
+MAX_IMAGE_SIZE, MAX_CHUNK = 1024, 1_000_000
+"""What a server's greeting may ask for: height and width (px) of images, actions in a chunk."""
+_DIGEST = re.compile(r"[!-~]{1,200}")
 
 
 def greeting_of(policy: Policy, digest: str) -> Greeting:
@@ -72,9 +76,20 @@ def greeting_in(metadata: Mapping[str, Any]) -> Greeting | None:
         version = str(greeting.get("version"))[:20]
         raise PackingError(f"expected a RoboGauntlet server of version {VERSION}, got version {version}")
     try:
-        return _GREETING.validate_python(dict(greeting))
+        found = _GREETING.validate_python(dict(greeting))
     except ValidationError as error:
         raise PackingError(f"expected the policy's needs, got something else: {first_fault(error)}") from None
+    spec = found.spec
+    if not _DIGEST.fullmatch(found.digest):
+        raise PackingError(f"expected the policy's hash, got {found.digest[:40]!a}")
+    if not 1 <= spec.chunk_length <= MAX_CHUNK or not 1 <= (spec.image_size or 1) <= MAX_IMAGE_SIZE:
+        size = f"chunks of {spec.chunk_length} actions and images of {spec.image_size} px"
+        raise PackingError(
+            f"expected chunks of {MAX_CHUNK} actions and images of {MAX_IMAGE_SIZE} px at most, got {size}"
+        )
+    if not set(spec.cameras) <= set(CAMERA_KEYS):
+        raise PackingError(f"expected cameras among {', '.join(CAMERA_KEYS)}, got others")
+    return found
 
 
 def as_message(query: Query, finished: Sequence[str]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
@@ -13,8 +14,11 @@ from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
+from robogauntlet.support.network import is_loopback
+from robogauntlet.support.secret_variables import POLICY_TOKEN
 
 NAME = "openpi"
+_TOKEN_VARIABLE = re.compile(rf"{POLICY_TOKEN}(_[A-Z0-9_]{{1,60}})?")
 CAMERA_KEYS = dict(zip(CAMERAS, ("observation/image", "observation/wrist_image"), strict=True))
 STATE_KEY, INSTRUCTION_KEY, ACTIONS_KEY = "observation/state", "prompt", "actions"
 Key = Annotated[str, Field(min_length=1, max_length=200)]
@@ -113,8 +117,8 @@ class ServerOptions(Convention):
     """seconds to wait for an answer, reconnections included"""
     retries: Annotated[int, Field(strict=True, ge=0, le=1000)] = 3
     """times that a lost connection is opened again for one query"""
-    token_variable: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] | None = None
-    """environment variable that holds a token for the server"""
+    token_variable: str | None = None
+    """ROBOGAUNTLET_POLICY_TOKEN or ROBOGAUNTLET_POLICY_TOKEN_NAME: environment variable with the server's token"""
     token_scheme: Literal["Bearer", "Api-Key"] = "Bearer"
     """Bearer or Api-Key"""
 
@@ -133,6 +137,21 @@ class ServerOptions(Convention):
         if not sound or any(character.isspace() for character in value):
             raise ValueError(f"expected ws://HOST:PORT, got '{value}'")
         return f"{scheme}://{rest}"
+
+    @field_validator("token_variable")
+    @classmethod
+    def _a_policy_s(cls, value: str | None) -> str | None:
+        if value is not None and not _TOKEN_VARIABLE.fullmatch(value):
+            expected = f"expected {POLICY_TOKEN} or {POLICY_TOKEN}_NAME"
+            raise ValueError(f"{expected}, since a suite names no other secret; got '{value[:200]}'")
+        return value
+
+    @model_validator(mode="after")
+    def _kept_secret(self) -> Self:
+        address = urlsplit(self.address)
+        if self.token_variable is not None and address.scheme != "wss" and not is_loopback(address.hostname or ""):
+            raise ValueError(f"token_variable: a token is sent over wss:// or to this machine only, got {self.address}")
+        return self
 
     @property
     def is_plain(self) -> bool:

@@ -11,6 +11,8 @@ from robogauntlet.results.analysis.leaderboard import LeaderboardRow
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, escape_html, percent, span
 from robogauntlet.results.store.history_records import Counts, PolicyRunResult
 
+LONGEST_NAME = 500
+"""Characters of a run's name or verdict that a mark of the plot shows."""
 WIDTH, HEIGHT, LEFT, BOTTOM = 760, 260, 44, 34
 MARKS = {"regressed": "▼", "improved": "▲", "not comparable": "≠"}
 
@@ -156,8 +158,8 @@ def _y(rate: float) -> float:
 def _dot(point: _Point, link: str | None) -> str:
     counts, run = point.result.counts, point.result.run
     kind = {"regressed": "bad", "improved": "good"}.get(run.verdict or "", "dot")
-    words = f"{run.name}, {when(run.started_at)}: {percent(counts.rate)} {span(counts.interval)}"
-    words += f" of {counts.verdicts:,} episodes" + (f", {run.verdict}" if run.verdict else "")
+    words = f"{run.name[:LONGEST_NAME]}, {when(run.started_at)}: {percent(counts.rate)} {span(counts.interval)}"
+    words += f" of {counts.verdicts:,} episodes" + (f", {run.verdict[:LONGEST_NAME]}" if run.verdict else "")
     y = _y(counts.rate or 0.0)
     bar = ""
     if counts.interval is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +12,11 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def template_environment(*folders: Path) -> Environment:
+def template_environment(*folders: Path, longest: int | None = None) -> Environment:
     """Return an environment for the templates in these folders.
 
-    Values are escaped, and their unprintable characters except line breaks are shown as escapes; an undefined name is
-    an error.
+    Values are escaped, and their unprintable characters except line breaks are shown as escapes; of texts with more
+    than `longest` characters only the start is shown, with their length. An undefined name is an error.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -25,9 +26,13 @@ def template_environment(*folders: Path) -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_finalize,
+        finalize=partial(_finalize, longest),
     )
 
 
-def _finalize(value: Any) -> Any:
-    return visible(value, "\n\r\t") if type(value) is str else value  # Markup is escaped already
+def _finalize(longest: int | None, value: Any) -> Any:
+    if type(value) is not str:  # Markup is escaped already
+        return value
+    if longest is not None and len(value) > longest:
+        value = f"{value[:longest]}... ({len(value):,} characters)"
+    return visible(value, "\n\r\t")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from robogauntlet.results.store.sqlite_file import tune, use_write_ahead_log, wh
 from robogauntlet.support.errors import first_line
 
 BACKENDS = ("sqlite", "postgresql")
+_SECRET = re.compile("pass|secret|token|key", re.IGNORECASE)
+"""In names of a URL's query: `password`, `sslpassword`, `passfile`, `sslkey`, `oauth_client_secret`."""
 
 
 class StoreError(Exception):
@@ -54,7 +57,7 @@ class Database:
                 `create`: it has no tables of the schema.
         """
         parsed = parse(url)
-        where = parsed.render_as_string(hide_password=True)
+        where = _shown(parsed)
         try:
             engine = sa.create_engine(parsed)
         except (ImportError, sa.exc.SQLAlchemyError) as error:
@@ -85,6 +88,10 @@ class Database:
         is_file = self.engine.dialect.name == "sqlite"
         if is_file and existing and not any(name.startswith("robogauntlet_") for name in existing):
             raise StoreError(f"{self.where}: expected a {schema.what}, this is a database of another program")
+        if is_file and (name := self._computed(schema)):
+            raise StoreError(
+                f"{self.where}: expected a {schema.what} of rows, its {name} is computed by somebody's SQL"
+            )
         if marker.name not in existing and (others := existing & set(schema.metadata.tables)):
             raise StoreError(
                 f"{self.where}: not a RoboGauntlet {schema.what}: it has a table {min(others)} of another program"
@@ -112,6 +119,15 @@ class Database:
                 for index in table.indexes:
                     connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
             connection.execute(self.insert_new(marker).values(version=schema.version))
+
+    def _computed(self, schema: Schema) -> str | None:
+        """A view in place of a table of the schema, or a trigger on one, of which people have made endless ones."""
+        master = sa.table("sqlite_master", *map(sa.column, ("type", "name", "tbl_name")))
+        query = sa.select(master.c.tbl_name).where(
+            master.c.type.in_(["view", "trigger"]), master.c.tbl_name.in_(list(schema.metadata.tables))
+        )
+        with self.engine.connect() as connection:
+            return connection.scalar(query.limit(1))
 
     def insert_new(self, table: sa.Table) -> Any:
         """An insertion that skips rows whose primary key exists."""
@@ -164,19 +180,25 @@ def parse(url: str) -> sa.URL:
     """Parse a database URL. Raises StoreError: not a URL, or not of SQLite or PostgreSQL."""
     try:
         parsed = sa.make_url(url)
-    except sa.exc.ArgumentError:
-        raise StoreError(
-            f"not a store URL: {url}; expected sqlite:///FILE or postgresql+psycopg://HOST/DATABASE"
-        ) from None
+    except (sa.exc.ArgumentError, ValueError):
+        shown = "" if set(url) & set("@=") else f": {url}"  # What is no URL may hold a password at any place.
+        expected = "expected sqlite:///FILE or postgresql+psycopg://HOST:PORT/DATABASE, with a number as PORT"
+        raise StoreError(f"not a store URL{shown}; {expected}") from None
     if parsed.get_backend_name() not in BACKENDS:
-        where = parsed.render_as_string(hide_password=True)
+        where = _shown(parsed)
         raise StoreError(f"{where}: expected an sqlite or postgresql URL, got {parsed.get_backend_name()}")
     return parsed
 
 
+def _shown(url: sa.URL) -> str:
+    """A URL without its secrets, in the query too, where PostgreSQL's library takes them."""
+    hidden = {name: "***" for name in url.query if _SECRET.search(name)}
+    return url.update_query_dict(hidden).render_as_string(hide_password=True).replace("%2A%2A%2A", "***")
+
+
 def without_password(url: str) -> str:
-    """Return a database URL with its password hidden. Raises StoreError."""
-    return parse(url).render_as_string(hide_password=True)
+    """Return a database URL with its passwords hidden. Raises StoreError."""
+    return _shown(parse(url))
 
 
 def file_url(path: Path) -> str:

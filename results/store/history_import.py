@@ -35,7 +35,8 @@ def record_run_folders(history: History, root: Path, passed_over: Callable[[str]
                 record_run_folder(history, folder, document)
                 taken += 1
         except (RunError, UnstorableValue) as error:
-            passed_over(f"{folder.name} is passed over: {error}")
+            if str(folder) not in forgotten:
+                passed_over(f"{folder.name} is passed over: {error}")
     return taken
 
 

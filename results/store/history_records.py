@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from robogauntlet.results.live_status import LiveStatus
@@ -26,7 +26,12 @@ class Counts:
     errors: int = 0
 
     def __add__(self, other: Counts) -> Counts:
-        return Counts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        return Counts(
+            self.planned + other.planned,
+            self.successes + other.successes,
+            self.failures + other.failures,
+            self.errors + other.errors,
+        )
 
     @property
     def done(self) -> int:

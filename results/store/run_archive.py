@@ -17,7 +17,7 @@ from robogauntlet.results.run_document import STORE_FILE, RunDocument, RunError,
 from robogauntlet.results.store.arriving import arriving_folder
 from robogauntlet.results.store.database import StoreError, file_url, without_password
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.foreign_file import ForeignRun, open_foreign
+from robogauntlet.results.store.exported_file import ExportedRun, open_exported
 from robogauntlet.results.store.run_history import History
 
 BATCH = 10_000
@@ -71,8 +71,8 @@ def import_run(
         OSError: The folder cannot be written.
     """
     url = None if store is None else without_password(store)
-    with open_foreign(file) as foreign:
-        document = foreign.document
+    with open_exported(file) as exported:
+        document = exported.document
         if check is not None:
             check(document)
         folder = root / (name or f"{document.suite.name}-{document.run_id[:8]}")
@@ -84,7 +84,7 @@ def import_run(
             run.mkdir()
             write_run(run, document)
             with closing(Store.open(store or file_url(run / STORE_FILE), document.run_id)) as rows:
-                _take_rows(file, foreign, document, rows)
+                _take_rows(file, exported, document, rows)
             run.rename(folder)
     return folder, document
 
@@ -97,8 +97,8 @@ def discard(folder: Path, document: RunDocument, store: str | None) -> None:
             history.remove(document.run_id)
 
 
-def _take_rows(file: Path, foreign: ForeignRun, document: RunDocument, store: Store) -> None:
-    """Copy the rows of a foreign run into a store of ours. If they are not what they should be, nothing is left there.
+def _take_rows(file: Path, exported: ExportedRun, document: RunDocument, store: Store) -> None:
+    """Copy the rows of an exported run into a store of ours. If one of them is wrong, nothing is left there.
 
     Raises:
         RunError: A row is wrong or there twice, or the rows hash to something else than the document says.
@@ -109,7 +109,7 @@ def _take_rows(file: Path, foreign: ForeignRun, document: RunDocument, store: St
         raise RunError(f"{store.database.where}: run {document.run_id} is there already")
 
     def copied() -> Iterator[tuple[Any, ...]]:
-        results = foreign.rows()
+        results = exported.rows()
         while batch := list(islice(results, BATCH)):
             if store.add(batch) != len(batch):
                 raise RunError(f"{file}: expected each episode once, one is there twice")

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from robogauntlet.results.live_status import LiveStatus
 from robogauntlet.results.run_document import RunDocument, RunError, parse_run
-from robogauntlet.results.store.database import Database
+from robogauntlet.results.store.database import Database, file_url, parse
 from robogauntlet.results.store.history_records import GOOD, CellCounts, CellKey, Counts, PolicyRunResult, RunEntry
 from robogauntlet.results.store.schema import (
     SCHEMA,
@@ -32,6 +32,17 @@ ENTRY_COLUMNS = (
 """Columns of `runs` that an entry has as they are."""
 NEWEST = 500
 """Runs of a suite that `newest_runs` returns at most."""
+
+
+def history_url(url: str | None, root: Path) -> str:
+    """Return the URL of the history: the given one, which must be valid, or that of the file beside the run folders.
+
+    Raises:
+        StoreError: Not a URL, or not of SQLite or PostgreSQL.
+    """
+    if url is None:
+        return file_url((root / HISTORY_FILE).absolute())
+    return parse(url).render_as_string(hide_password=False)
 
 
 class History:

@@ -131,3 +131,41 @@ def test_a_module_whose_call_takes_anything_is_called_with_the_three_names():
 
     policy = as_policy(Network, {}, "m:Network")
     assert policy.act([Query(episode(0), 0, OBSERVATION)])[0].actions.shape == (3, 7)
+
+
+def of_any_names(**observation):
+    return np.zeros((8, 7))
+
+
+class ActsOnNames:
+    """An `act` with the parameters of a function, which the contract's has not."""
+
+    def reset(self, episodes):
+        pass
+
+    def act(self, **observation):
+        return np.zeros((8, 7))
+
+    def finish(self, episodes):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (
+            ActsOnNames,
+            r"found act\(self, \*\*observation\); write __call__\(self, images, proprioception, instruction\)",
+        ),
+        (of_any_names, r"found of_any_names\(\*\*observation\); write def of_any_names\(images, proprioception, instr"),
+    ],
+)
+def test_an_observation_taken_by_any_name_is_refused_with_what_to_write(target, message):
+    with one_line_error(PolicyError, message):
+        as_policy(target, {}, f"m:{target.__name__}")
+
+
+def test_a_factory_of_any_options_is_called_with_its_options():
+    policy = as_policy(lambda **options: Counter(**options), {"scale": 3.0}, "m:factory")
+    policy.reset([episode(0)])
+    assert answers(policy, 0) == [3.0]

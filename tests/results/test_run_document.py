@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 
+import pandas as pd
 import pytest
 
 from robogauntlet.results.run_document import RUN_FILE, STORE_FILE, RunError, read_run, shortened, store_url, write_run
 from robogauntlet.results.store.episode_store import Store
+from tests import ROOT
 from tests.errors import one_line_error
 from tests.results.synthetic import document
 
@@ -117,3 +119,17 @@ def test_a_message_of_any_length_is_stored_shortened(tmp_path):
     reason = shortened("why " * 100_000)
     write_run(tmp_path, document().model_copy(update={"reason": reason}))
     assert read_run(tmp_path).reason == reason
+
+
+def test_a_document_of_any_size_needs_no_memory(tmp_path):
+    with (tmp_path / RUN_FILE).open("wb") as file:
+        file.truncate(2**40)
+    with one_line_error(RunError, "expected a run document of at most"):
+        read_run(tmp_path)
+
+
+def test_the_run_that_the_documentation_keeps_can_be_read():
+    folder = ROOT / "docs/reports/screening"
+    rows = pd.read_parquet(folder / "episodes.parquet", columns=["episode_id"])
+    run = read_run(folder)
+    assert (run.planned, run.status) == (len(rows), "complete")

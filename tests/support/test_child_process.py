@@ -7,6 +7,7 @@ import time
 import psutil
 import pytest
 
+from robogauntlet.support import child_process
 from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChild
 
 SERVE = "from robogauntlet.support.child_process import serve\nprint('not an answer')\n"
@@ -69,3 +70,33 @@ def test_a_failed_start_is_an_oserror_and_leaves_no_descriptor():
     with child("pass"):
         pass
     assert psutil.Process(os.getpid()).num_fds() == before
+
+
+@pytest.mark.parametrize(
+    ("code", "how"),
+    [
+        ("os.write(fd, b'no JSON\\n'); time.sleep(60)", "expected an answer in JSON, the process sent 'no JSON'"),
+        ("os.write(fd, b'[' * 50_000 + b'\\n'); time.sleep(60)", "expected an answer in JSON, the process sent '[[["),
+        ("while True: os.write(fd, b'1' * 65_536)", "expected an answer of 1 MiB at most, the process sent more"),
+    ],
+)
+def test_an_answer_that_is_no_json_or_too_long_ends_the_process(code, how, monkeypatch):
+    monkeypatch.setattr(child_process, "MAX_ANSWER_BYTES", 2**20)
+    with child(f"import os, sys, time; fd = int(sys.argv[-1])\n{code}") as hostile:
+        with pytest.raises(ChildEnded) as caught:
+            hostile.receive(20.0)
+        assert str(caught.value).startswith(how)
+        assert not hostile.alive
+
+
+@pytest.mark.parametrize(
+    "code", ["os.write(fd, b'{'); time.sleep(60)", "while True: os.write(fd, b' '); time.sleep(0.01)"]
+)
+def test_the_deadline_holds_after_the_first_byte(code):
+    with child(f"import os, sys, time; fd = int(sys.argv[-1])\n{code}") as slow, pytest.raises(ChildTimeout):
+        slow.receive(1.5)
+
+
+def test_a_process_that_reads_nothing_does_not_block_its_parent():
+    with child("import time; time.sleep(60)") as deaf, pytest.raises(ChildTimeout, match=r"did not take its request"):
+        deaf.ask("x" * 5_000_000, 0.5)

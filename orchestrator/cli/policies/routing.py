@@ -25,6 +25,7 @@ from robogauntlet.orchestrator.routing_evaluation.tables import (
 )
 from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.results.report.formatting import seconds
+from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput
 
@@ -40,8 +41,13 @@ def routing(
     checkpoint: Annotated[
         str, typer.Argument(metavar="CHECKPOINT", help="Folder, zoo:NAME or hub id of a merged checkpoint.")
     ],
-    seed_count: Annotated[int, typer.Option("--seeds", help="First observations per task.")] = 100,
-    first_seed: Annotated[int, typer.Option(help="First seed. The seeds of demonstrations begin at 1,000,000.")] = 0,
+    seed_count: Annotated[
+        int, typer.Option("--seeds", min=1, max=MAX_SEEDS, help="First observations per task.")
+    ] = 100,
+    first_seed: Annotated[
+        int,
+        typer.Option(min=0, max=MAX_FIRST_SEED, help="First seed. The seeds of demonstrations begin at 1,000,000."),
+    ] = 0,
     keep: Annotated[
         Path | None, typer.Option(help="Folder that caches first observations, so that they are rendered once.")
     ] = None,
@@ -56,7 +62,7 @@ def routing(
     ] = None,
 ) -> None:
     """Evaluate every router on first observations: accuracy, calibration, latency and unknown tasks."""
-    _check(seed_count, first_seed, keep, json_file)
+    _check(keep, json_file)
     with needs_training_packages():
         import sklearn  # noqa: F401  imported late by the routers
 
@@ -94,12 +100,8 @@ class StudyProgress(Display):
         self.draw(lambda: Text(line), lambda: [line])
 
 
-def _check(count: int, first_seed: int, keep: Path | None, json_file: Path | None) -> None:
+def _check(keep: Path | None, json_file: Path | None) -> None:
     """Refuse options that would fail only after the work."""
-    if not 1 <= count <= MAX_SEEDS:
-        raise BadInput(f"--seeds: expected 1 to {MAX_SEEDS}, got {count}")
-    if not 0 <= first_seed <= 2**62:
-        raise BadInput(f"--first-seed: expected 0 to 2^62, got {first_seed}")
     if keep is not None and keep.exists() and not keep.is_dir():
         raise BadInput(f"--keep: expected a folder, got the file '{keep}'")
     if json_file is not None and (json_file.is_dir() or not json_file.parent.is_dir()):

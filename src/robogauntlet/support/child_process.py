@@ -15,13 +15,16 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.secret_variables import without_secrets
 
+MAX_ANSWER_BYTES = 64 * 2**20
+"""Largest answer of a process."""
 END_S = 10.0
 """Time that a process has to exit after it closed its answers (s)."""
 
 
 class ChildEnded(Exception):
-    """The process exited before it answered; the message says how."""
+    """The process exited before it answered, or answered with something else than JSON; the message says how."""
 
 
 class ChildTimeout(Exception):
@@ -42,7 +45,7 @@ class JsonChild:
 
         Args:
             command: Interpreter, script and arguments.
-            environment: Environment variables; by default those of this process.
+            environment: Environment variables; by default those of this process, without secrets.
             own_group: Whether it leads a process group, which is killed with it and does not receive Ctrl-C.
 
         Raises:
@@ -56,8 +59,9 @@ class JsonChild:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=self._stderr,
-                env=environment,
+                env=without_secrets(os.environ) if environment is None else environment,
                 pass_fds=(write_end,),
+                bufsize=0,
                 start_new_session=own_group,
             )
         except BaseException:
@@ -66,7 +70,9 @@ class JsonChild:
             raise
         finally:
             os.close(write_end)
-        self._own_group, self._unread = own_group, b""
+        assert self._process.stdin is not None
+        os.set_blocking(self._process.stdin.fileno(), False)
+        self._own_group, self._unread = own_group, bytearray()
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -100,19 +106,31 @@ class JsonChild:
             limit_s: Time limit of the answer (s).
 
         Raises:
-            ChildEnded: The process exited.
+            ChildEnded: The process exited, or answered with something else than JSON.
             ChildTimeout: The time limit was exceeded.
         """
-        assert self._process.stdin is not None
+        deadline = time.monotonic() + limit_s
         with contextlib.suppress(BrokenPipeError):  # it exited; `receive` raises the reason
-            self._process.stdin.write(json.dumps(request).encode() + b"\n")
-            self._process.stdin.flush()
-        return self.receive(limit_s)
+            self._send(json.dumps(request).encode() + b"\n", deadline, limit_s)
+        return self._receive(deadline, limit_s)
 
     def receive(self, limit_s: float) -> Any:
         """Return its next answer; see `ask`."""
-        deadline = time.monotonic() + limit_s
-        while b"\n" not in self._unread:
+        return self._receive(time.monotonic() + limit_s, limit_s)
+
+    def _send(self, line: bytes, deadline: float, limit_s: float) -> None:
+        """Write a request, which a process that reads nothing may never take."""
+        assert self._process.stdin is not None
+        rest, pipe = memoryview(line), self._process.stdin.fileno()
+        while rest:
+            _, ready, _ = select.select([], [pipe], [], max(0.0, deadline - time.monotonic()))
+            if not ready:
+                raise ChildTimeout(f"the process did not take its request within {limit_s:g} s")
+            rest = rest[os.write(pipe, rest[: 1 << 16]) :]
+
+    def _receive(self, deadline: float, limit_s: float) -> Any:
+        end = self._unread.find(b"\n")
+        while end < 0:
             ready, _, _ = select.select([self._answers], [], [], max(0.0, deadline - time.monotonic()))
             if not ready:
                 raise ChildTimeout(f"the process did not answer within {limit_s:g} s")
@@ -122,9 +140,21 @@ class JsonChild:
                     self._process.wait(END_S)
                 self.kill()
                 raise ChildEnded(self._how_it_ended())
+            known = len(self._unread)
             self._unread += read
-        line, _, self._unread = self._unread.partition(b"\n")
-        return json.loads(line)
+            end = self._unread.find(b"\n", known)
+            if len(self._unread) > MAX_ANSWER_BYTES:
+                self.kill()
+                raise ChildEnded(f"expected an answer of {MAX_ANSWER_BYTES >> 20} MiB at most, the process sent more")
+        line = bytes(self._unread[:end])
+        del self._unread[: end + 1]
+        try:
+            return json.loads(line)
+        except (ValueError, RecursionError):
+            self.kill()
+            raise ChildEnded(
+                f"expected an answer in JSON, the process sent {line[:60].decode(errors='replace')!a}"
+            ) from None
 
     def kill(self) -> None:
         """Kill it, and its group if it leads one."""

@@ -3,10 +3,12 @@
 import importlib
 import linecache
 import sys
+import threading
 
 import numpy as np
 import pytest
 
+from robogauntlet.orchestrator.api import served_object
 from robogauntlet.orchestrator.api.served_object import ServedObject
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
@@ -183,3 +185,27 @@ def test_a_function_may_need_something_to_see():
 
     for instruction in ("reach", "push"):
         ServedObject(act).check_answer(("wrist",), 16, instruction)
+
+
+def test_a_function_that_hangs_is_refused_before_anything_is_started(monkeypatch):
+    released = threading.Event()
+
+    def hangs(images, proprioception, instruction):
+        released.wait(60)
+
+    monkeypatch.setattr(served_object, "TIMEOUT_S", 0.1)
+    with one_line_error(PolicyError, r"policy 'hangs': expected an answer within 0.1 s, got none; it hangs"):
+        ServedObject(hangs).check_answer(("wrist",), 16, "reach")
+    released.set()
+
+
+def test_a_process_ends_although_its_policy_hangs(tmp_path):
+    script = """
+import time
+from concurrent.futures import wait
+from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
+wait([DaemonThread().submit(time.sleep, 1000)], 0.1)
+print("over")
+"""
+    done = processes.run_process([sys.executable, "-c", script], tmp_path, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "over\n")

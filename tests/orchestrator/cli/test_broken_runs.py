@@ -5,6 +5,7 @@ import json
 import pytest
 
 from tests.orchestrator.cli.test_compare import bad, good, save
+from tests.processes import GAUNTLET, run_process
 
 
 @pytest.fixture
@@ -63,3 +64,16 @@ def test_a_file_that_is_no_history_is_not_turned_into_one(run_command, tmp_path,
     line = run_command(*verb, "--history", f"sqlite:///{file}").refusal
     assert "expected a store, this file is something else" in line
     assert file.read_bytes() == b"x"
+
+
+READ_ONLY = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
+
+
+@pytest.mark.parametrize("verb", [("verify", "--sample", "0"), ("export", "--out", "new")], ids=lambda v: v[0])
+def test_a_store_in_a_read_only_folder_says_what_to_do(runs, tmp_path, verb):
+    own_mounts = ["unshare", "--map-root-user", "--mount", "sh", "-c", READ_ONLY, runs]
+    if run_process([*own_mounts, "true"]).returncode:
+        pytest.skip("this machine lets nobody mount a folder read-only")
+    done = run_process([*own_mounts, *GAUNTLET, verb[0], runs / "monday", *verb[1:]], cwd=tmp_path)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
+    assert "expected a store in a place that can be written, which reading takes too; copy it to one" in done.stderr

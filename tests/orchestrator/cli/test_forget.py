@@ -80,3 +80,12 @@ def test_rows_in_the_historys_own_database_need_delete(run_command, runs, tmp_pa
     with closing(History.open(url)) as history:
         assert history.runs() == []
         assert history.count_cells("1" * 32) == {}
+
+
+@pytest.mark.parametrize("options", [(), ("--delete",)], ids=["kept", "deleted"])
+def test_a_broken_run_is_forgotten_for_good(run_command, runs, options):
+    listed(run_command)
+    (runs / "monday" / "run.json").write_text("{")
+    assert run_command("forget", "monday", *options).code == 0
+    assert listed(run_command) == ["tuesday"]
+    assert run_command("history").err == ""

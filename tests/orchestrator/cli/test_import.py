@@ -47,7 +47,7 @@ def test_a_run_that_was_sent_in_between_is_no_baseline_until_it_is_accepted(run_
     assert (done.code, "wednesday against poison" in done.out) == (0, True)
 
 
-@pytest.mark.parametrize("folder", ["", ".", "/", "..", "runs/.."])
+@pytest.mark.parametrize("folder", [".", "/", "..", "runs/.."])
 def test_an_import_needs_the_name_of_its_folder(run_command, exported, tmp_path, folder):
     before = sorted(tmp_path.rglob("*"))
     line = run_command("import", exported, "--out", folder).refusal
@@ -82,6 +82,19 @@ def test_a_run_whose_comparison_names_nobody_is_refused(run_command, exported, t
     before = sorted(tmp_path.rglob("*"))
     assert "its suite compares policy 'a', which it does not play" in run_command("import", exported).refusal
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"environments": {"null": {"interpreter": "/tmp/their-python"}}}, "its suite names a program"),
+        ({"description": "x" * 3_000_000}, "suite.description"),
+    ],
+    ids=["program", "description"],
+)
+def test_a_suite_that_nobody_may_write_is_refused(run_command, exported, change, words):
+    forge(exported, lambda content: content["suite"].update(change))
+    assert words in run_command("import", exported).refusal
 
 
 @pytest.mark.parametrize("field", ["policy", "task", "axis", "simulator"])

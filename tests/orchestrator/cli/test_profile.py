@@ -51,3 +51,15 @@ def test_an_unknown_task_is_one_line_before_anything_starts(run_command, suite):
     line = run_command("profile", suite("null/Reach"), "--task", "null/Reech").refusal
     assert "'null/Reech'" in line
     assert "did you mean 'null/Reach'" in line
+
+
+@pytest.mark.parametrize("content", [b"", b"text", b"PAR1", bytes(range(256))], ids=["empty", "text", "short", "bytes"])
+def test_a_file_that_is_no_suite_is_one_line(run_command, tmp_path, content):
+    file = tmp_path / "episodes.parquet"
+    file.write_bytes(content)
+    assert str(file) in run_command("profile", file).refusal
+
+
+@pytest.mark.parametrize("name", [".", "/"])
+def test_a_folder_is_no_suite(run_command, name):
+    assert "expected a suite file, this is a directory" in run_command("profile", name).refusal

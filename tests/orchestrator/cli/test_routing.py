@@ -92,8 +92,6 @@ def test_a_checkpoint_without_fitted_routers_is_evaluated_with_the_others(zoo, n
     [
         (["{zoo}/none"], "expected a checkpoint's folder or a hub id"),
         (["{zoo}/base"], "merged"),
-        (["{zoo}/merged", "--seeds", "0"], "--seeds: expected 1 to 100000, got 0"),
-        (["{zoo}/merged", "--first-seed", "-1"], "--first-seed: expected 0 to 2^62, got -1"),
         (["{zoo}/merged", "--keep", "{zoo}/merged/card.json"], "--keep: expected a folder, got the file"),
         (["{zoo}/merged", "--json", "{zoo}/none/x.json"], "--json: expected a file in an existing folder"),
         (["{zoo}/merged", "--demonstrations", "{zoo}/data/Reach"], "got none of null/Slow"),

@@ -39,7 +39,6 @@ def own(folder):
         ((), "expected a suite, or --policy and --task; got no --policy and no --task"),
         (OWN, "expected a suite, or --policy and --task; got no --task"),
         (TASK, "expected a suite, or --policy and --task; got no --policy"),
-        ((*OWN, *TASK, "--seeds", "0"), "seeds: expected 1 or more, got 0"),
         ((*OWN, "--task", "null/Rech"), "unknown task 'null/Rech'; did you mean 'null/Reach'?"),
         ((*OWN, "--task", "pybullet/Foo*"), "unknown task 'pybullet/Foo*'; did you mean 'pybullet/Panda"),
         ((*OWN, "--task", "nul/*"), "unknown simulator 'nul' in 'nul/*'"),

@@ -4,6 +4,7 @@ from contextlib import closing
 
 import pytest
 
+from robogauntlet.orchestrator.runs.trust import chosen_parts
 from robogauntlet.policies import catalog
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import read_run, store_url, write_run
@@ -11,7 +12,7 @@ from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.run_archive import export_run
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.schema import policy_entry
-from tests.results.synthetic import document, row, run_folder
+from tests.results.synthetic import document, row, run_folder, suite
 
 RUN_ID = "0123456789abcdef0123456789abcdef"
 
@@ -119,3 +120,8 @@ def test_an_imported_run_says_so_and_repeats_no_command_of_its_author(run_comman
     assert run_command("report", folder).code == 0
     assert "Complete, imported" in (folder / "report.md").read_text()
     assert "touch stolen" not in (folder / "report.html").read_text()
+
+
+def test_an_interpreter_in_a_document_is_listed():
+    environments = {"null": {"interpreter": "/tmp/their-python"}}
+    assert chosen_parts(suite(environments=environments)) == ["null starts /tmp/their-python"]

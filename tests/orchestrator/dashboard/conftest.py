@@ -11,6 +11,7 @@ import uvicorn
 from robogauntlet.orchestrator.cli.serve import listen
 from robogauntlet.orchestrator.dashboard.app import create_app
 from robogauntlet.orchestrator.dashboard.app_state import Settings
+from robogauntlet.orchestrator.dashboard.server import DeadlineProtocol, server_config
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
@@ -35,7 +36,7 @@ class Served:
 
 
 @contextlib.contextmanager
-def serving(root, before=None, url=None, **settings):
+def serving(root, before=None, url=None, protocol=DeadlineProtocol, **settings):
     """Serve the history under `root`, or that at a URL.
 
     `before(served, path)` is called in the server before each answer.
@@ -54,7 +55,9 @@ def serving(root, before=None, url=None, **settings):
                 before(served, scope["path"])
         await app(scope, receive, send)
 
-    server = uvicorn.Server(uvicorn.Config(noting, log_level="critical", access_log=False, ws="none"))
+    config = server_config(noting, protocol=protocol)
+    config.log_level = "critical"
+    server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
     thread.start()
     while not server.started:

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robogauntlet.orchestrator.dashboard.app_state import AnswerCache
+from robogauntlet.orchestrator.dashboard.answers import AnswerCache
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import live_status, running
 

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import os
 import sqlite3
 import time
 from urllib.parse import urlsplit
@@ -81,6 +82,9 @@ def test_a_body_that_is_no_run_is_refused_in_one_line(served, body):
         ({"rows_hash": "0" * 16}, "it was changed"),
         ({"run_id": "../<script>"}, "its run id is not one of this program"),
         ({"store_url": "sqlite:////etc/passwd"}, "its rows are in another store"),
+        ({"started_at": 1e20}, "started_at"),
+        ({"media_left_out": 2**63}, "media_left_out"),
+        ({"plan": "all"}, "plan"),
     ],
 )
 def test_a_run_that_this_program_did_not_write_is_refused(served, tmp_path, exported, forged, words):
@@ -94,6 +98,7 @@ def test_a_run_that_this_program_did_not_write_is_refused(served, tmp_path, expo
     assert answer.status_code == 400
     assert words in answer.text
     assert served.history.runs() == []
+    assert list(served.root.glob("*/run.json")) == left_over(served.root) == []
 
 
 def test_a_too_large_upload_is_refused_by_its_length(served):
@@ -130,3 +135,13 @@ def test_an_aborted_upload_leaves_nothing(served):
     connection.close()
     while left_over(served.root):
         time.sleep(0.01)
+
+
+def test_what_a_dead_server_left_of_uploads_is_removed(tmp_path):
+    abandoned = tmp_path / "runs" / ".arriving-dead"
+    abandoned.mkdir(parents=True)
+    (abandoned / "body").write_bytes(b"x" * 1000)
+    os.utime(abandoned, (1.0, 1.0))
+    with serving(tmp_path / "runs"):
+        while abandoned.exists():
+            time.sleep(0.01)

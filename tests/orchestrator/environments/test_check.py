@@ -13,6 +13,7 @@ from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_P
 from robogauntlet.suites.environments import EnvironmentEntry
 
 RAY = metadata.version("ray")
+SUITE = "name: s\ntasks: [null/Reach]\nseeds: {count: 1}\n"
 
 
 @pytest.fixture
@@ -135,11 +136,31 @@ class TestTheCommand:
         monkeypatch.setenv("ROBOGAUNTLET_CONFIG", "/nowhere/config.yaml")
         assert run_command("env", "list").refusal == "/nowhere/config.yaml: no such file"
 
-    def test_a_policy_without_its_environment_is_one_line_before_anything_starts(self, run_command, tmp_path):
-        (tmp_path / "suite.yaml").write_text(
-            "name: s\npolicies: ['lerobot:x/y']\ntasks: [null/Reach]\nseeds: {count: 1}\n"
-            "environments: {lerobot: {interpreter: /nowhere/python}}\n"
-        )
+    def test_a_policy_without_its_environment_is_one_line_before_anything_starts(
+        self, run_command, tmp_path, monkeypatch
+    ):
+        (tmp_path / "suite.yaml").write_text(f"{SUITE}policies: ['lerobot:x/y']\n")
+        (tmp_path / "config.yaml").write_text("environments: {lerobot: {interpreter: /nowhere/python}}\n")
+        monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(tmp_path / "config.yaml"))
         reason = "expected a Python interpreter at /nowhere/python, found none"
         line = run_command("validate", "suite.yaml").refusal
         assert line.endswith(f"policy 'lerobot-x-y': environment lerobot: {reason}")
+
+    @pytest.mark.parametrize("verb", ["validate", "plan", "run", "profile"])
+    @pytest.mark.parametrize(
+        ("entry", "place", "name"),
+        [
+            ("policies: [oracle]\nenvironments: {'null': {interpreter: FILE}}", "environments", "null"),
+            ("policies: [{name: p, kind: lerobot, options: {checkpoint: x/y, python: FILE}}]", "policies", "lerobot"),
+        ],
+    )
+    def test_a_suite_names_no_program_and_none_is_started(self, run_command, tmp_path, verb, entry, place, name):
+        program, marker = tmp_path / "program", tmp_path / "started"
+        program.write_text(f"#!/bin/sh\ntouch {marker}\n")
+        program.chmod(0o755)
+        (tmp_path / "suite.yaml").write_text(SUITE + entry.replace("FILE", str(program)) + "\n")
+        (line,) = run_command(verb, "suite.yaml").refusal.splitlines()
+        assert "a suite names no program" in line
+        assert f"environments: {{{name}: {{interpreter: FILE}}}}` into your configuration" in line
+        assert not marker.exists()
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["program", "suite.yaml"]

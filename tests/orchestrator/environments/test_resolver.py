@@ -66,7 +66,9 @@ def test_the_doctor_checks_the_environments(made):
 
 
 @pytest.mark.ray
-def test_a_run_uses_two_environments_records_them_and_can_be_replayed(made, ray_here, run_command, tmp_path):
+def test_a_run_uses_two_environments_records_them_and_can_be_replayed(
+    made, ray_here, run_command, tmp_path, monkeypatch
+):
     (tmp_path / "suite.yaml").write_text(SUITE)
     done = run_command("run", "suite.yaml", "--out", "run", "--no-media")
     assert done.code == 0, done.err
@@ -81,7 +83,8 @@ def test_a_run_uses_two_environments_records_them_and_can_be_replayed(made, ray_
     episode = robogauntlet.open_run(tmp_path / "run").episodes().set_index("simulator").loc["second", "episode_id"]
     assert "the same as stored" in run_command("replay", episode, "--run", "run").out
     python = EnvironmentResolver().resolve(catalog.find("second")).python
-    (tmp_path / "suite.yaml").write_text(f"{SUITE}environments: {{first: {{interpreter: {python}}}}}\n")
+    (tmp_path / "config.yaml").write_text(f"environments: {{first: {{interpreter: {python}}}}}\n")
+    monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(tmp_path / "config.yaml"))
     moved = run_command("run", "suite.yaml", "--out", "run")
     assert moved.code == EXIT_BAD_INPUT
     assert re.search("first ran in environment .*, and would now run in environment .*; give another", moved.err)

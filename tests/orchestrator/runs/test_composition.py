@@ -6,7 +6,7 @@ import yaml
 from robogauntlet.orchestrator.runs.composition import SUITE_FILE, compose_plan, new_run_folder
 from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.schema import LONGEST_NAME, policy_entry
+from robogauntlet.suites.schema import MAX_NAME, policy_entry
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
 
@@ -69,7 +69,7 @@ def test_policies_whose_long_names_begin_alike_keep_different_names():
     folder = "lerobot:" + "/deep" * 20
     first, second = (policy_entry(f"{folder}/{step}/pretrained_model") for step in ("010000", "020000"))
     assert first["name"] != second["name"]
-    assert max(len(first["name"]), len(second["name"])) <= LONGEST_NAME
+    assert max(len(first["name"]), len(second["name"])) <= MAX_NAME
 
 
 def test_another_suite_in_the_folder_of_a_new_run_is_kept_and_refused(run_command, tmp_path):

@@ -6,6 +6,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.runs.plan import make_plan, why_unadjusted
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.loading import SuiteError
+from tests.errors import one_line_error
 
 SUITE = """name: worded
 policies: [zero]
@@ -46,3 +47,11 @@ def test_the_reason_is_that_of_the_tasks_description():
     for task, part in fixed:
         axis = next(axis for axis in AXES.values() if axis.changes == part)
         assert why_unadjusted(axis, task) == catalog.task_descriptions()[task].fixed[part]
+
+
+def test_a_policy_that_cannot_be_built_is_named_once(suite_file, tmp_path):
+    source = "class Policy:\n    def __init__(self):\n        raise OSError('no weights')\n"
+    (tmp_path / "broken.py").write_text(source)
+    policy = f"{{name: mine, kind: python, options: {{callable: 'broken:Policy', folder: '{tmp_path}'}}}}"
+    with one_line_error(SuiteError, r": policy 'mine': building it raised OSError: no weights$"):
+        make_plan(suite_file(f"name: s\npolicies: [{policy}]\ntasks: [null/Reach]\nseeds: {{count: 2}}\n"))

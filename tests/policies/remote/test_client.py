@@ -327,6 +327,15 @@ OPTIONS = {
     "scale": ({"translation_scale": float("nan")}, "translation_scale"),
     "size": ({"image_size": 8}, "image_size"),
     "timeout": ({"timeout_s": 0}, "timeout_s"),
+    "secret": (
+        {"token_variable": "WANDB_API_KEY"},
+        "token_variable: expected ROBOGAUNTLET_POLICY_TOKEN or .*, since a suite names no other secret; got",
+    ),
+    "another of ours": ({"token_variable": "ROBOGAUNTLET_TOKEN"}, "got 'ROBOGAUNTLET_TOKEN'"),
+    "in clear": (
+        {"address": "ws://far.example:1", "token_variable": "ROBOGAUNTLET_POLICY_TOKEN"},
+        "token_variable: a token is sent over wss:// or to this machine only, got ws://far.example:1",
+    ),
     "unknown": ({"adress": "x"}, "adress: Extra inputs are not permitted"),
 }
 
@@ -339,12 +348,27 @@ def test_wrong_options_are_one_line(options, match):
 
 
 def test_a_token_is_read_from_the_environment_and_sent(monkeypatch):
+    hand = "ROBOGAUNTLET_POLICY_TOKEN_HAND"
     with serving("untrained", token="open sesame") as server:
         refused(server.address, "expected a websocket, got HTTP 401; give its token by option token_variable")
-        refused(server.address, "expected its token in the environment variable HAND, got none", token_variable="HAND")
-        monkeypatch.setenv("HAND", "wrong")
-        refused(server.address, "got HTTP 401", token_variable="HAND")
-        monkeypatch.setenv("HAND", "open sesame")
+        refused(server.address, f"expected its token in the environment variable {hand}, got none", token_variable=hand)
+        monkeypatch.setenv(hand, "wrong")
+        refused(server.address, "got HTTP 401", token_variable=hand)
+        monkeypatch.setenv(hand, "open sesame")
         for scheme in ("Bearer", "Api-Key"):
-            policy = remote(server.address, token_variable="HAND", token_scheme=scheme)
+            policy = remote(server.address, token_variable=hand, token_scheme=scheme)
             assert policy.act([query()])[0].actions.shape == (8, 7)
+
+
+@pytest.mark.parametrize("address", ["ws://{}", "ws://localhost.far.example:1"])
+def test_a_secret_of_another_name_or_in_clear_goes_to_no_server(monkeypatch, address):
+    monkeypatch.setenv("WANDB_API_KEY", "my-secret")
+    monkeypatch.setenv("ROBOGAUNTLET_POLICY_TOKEN", "my-secret")
+    seen = []
+    with speaking(answering(CHUNK), process_request=lambda _, request: seen.append(str(request.headers))) as here:
+        variable = "WANDB_API_KEY" if "{}" in address else "ROBOGAUNTLET_POLICY_TOKEN"
+        with one_line_error(PolicyError, "token_variable: ") as caught:
+            remote(address.format(here.removeprefix("ws://")), token_variable=variable)
+        assert remote(here, token_variable="ROBOGAUNTLET_POLICY_TOKEN").act([query()])
+    assert "my-secret" not in str(caught.value)
+    assert [headers.count("my-secret") for headers in seen] == [1]

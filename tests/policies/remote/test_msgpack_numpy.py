@@ -1,6 +1,7 @@
 """msgpack with numpy arrays: messages are read back, and other data are refused."""
 
 import contextlib
+import tracemalloc
 
 import msgpack
 import numpy as np
@@ -87,6 +88,12 @@ BAD = {
     "pickle": b"\x80\x04\x95\x1d\x00\x00\x00",
     "cut": pack({"a": np.zeros(100)})[:50],
     "deep": b"\x91" * 5000 + b"\x90",
+    "deep mappings": b"\x81\xa1a" * 500 + b"\xc0",
+    "a million keys": msgpack.packb({str(number): None for number in range(1_000_000)}),
+    "a million lists": msgpack.packb({"a": [[]] * 1_000_000}),
+    "announced": b"\x81\xa1a\xdd\xff\xff\xff\xff" + b"\xc0" * 2_000_000,
+    "announced, nested": b"\xdd\x00\x0f\xff\xff" * 400_000,
+    "long text announced": b"\xdb\xff\xff\xff\xff",
 }
 
 
@@ -94,6 +101,22 @@ BAD = {
 def test_a_frame_that_is_no_message_is_refused_in_one_line(frame):
     with pytest.raises(PackingError, match=r"^expected [^\n]*$"):
         unpack(frame)
+
+
+@pytest.mark.parametrize("frame", BAD.values(), ids=BAD)
+def test_a_frame_that_is_no_message_costs_little_memory(frame):
+    tracemalloc.start()
+    try:
+        with contextlib.suppress(PackingError):
+            unpack(frame)
+        assert tracemalloc.get_traced_memory()[1] < 5e6
+    finally:
+        tracemalloc.stop()
+
+
+@given(VALUES)
+def test_a_message_within_the_bounds_is_read_however_it_is_nested(value):
+    assert same({"a": value}, unpack(pack({"a": value})))
 
 
 @given(st.binary(max_size=64))

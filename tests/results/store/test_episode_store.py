@@ -12,7 +12,7 @@ import pytest
 import sqlalchemy as sa
 
 from robogauntlet.results.record import FIELDS, outcome_row, rows_hash
-from robogauntlet.results.store.database import UnstorableValue
+from robogauntlet.results.store.database import UnstorableValue, without_password
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
 from tests.errors import one_line_error
 from tests.results.synthetic import cells, document, execute, row, rows, run_folder
@@ -184,6 +184,31 @@ def test_a_database_of_another_program_is_refused_and_unchanged(path, table):
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "statements",
+    [
+        (
+            "ALTER TABLE episodes RENAME TO old",
+            "CREATE VIEW episodes AS WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x FROM n) SELECT x FROM n",
+        ),
+        ("CREATE TRIGGER late AFTER INSERT ON episodes BEGIN DELETE FROM runs; END",),
+    ],
+    ids=["view", "trigger"],
+)
+@pytest.mark.parametrize("create", [True, False])
+def test_a_store_whose_rows_are_computed_is_refused(path, statements, create):
+    Store.open_file(path, "run-1").close()
+    execute(path, *statements)
+    with one_line_error(StoreError, "its episodes is computed by somebody's SQL"):
+        Store.open(file_url(path), "run-1", create=create)
+
+
+def test_a_person_may_add_views_of_their_own(path):
+    Store.open_file(path, "run-1").close()
+    execute(path, "CREATE VIEW failures AS SELECT * FROM episodes WHERE status = 'failure'")
+    Store.open_file(path, "run-1").close()
+
+
 @pytest.mark.parametrize("content", [b"", b"x", b"SQLite format 3\0"])
 def test_an_emptied_store_is_not_taken_for_a_new_one(path, content):
     path.write_bytes(content)
@@ -205,15 +230,18 @@ def test_opening_what_exists_creates_nothing(tmp_path, path):
     assert list(tmp_path.iterdir()) == []
 
 
+SHARED = 0x40000002, 510
+"""Where SQLite locks a database that is open: first byte, and number of bytes."""
+
+
 def test_opening_a_store_does_not_end_the_locks_of_another_connection(store, path):
     """Closing a descriptor of the file would end all locks that this process has on it."""
-    with store.database.writing() as connection:
-        connection.execute(sa.text("BEGIN IMMEDIATE"))
-        Store.open(file_url(path), "run-1", create=False).close()
-        code = f"import sqlite3; sqlite3.connect({str(path)!r}, timeout=0).execute('BEGIN IMMEDIATE')"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-        connection.rollback()
-    assert "database is locked" in done.stderr
+    store.add([row(cells()[0], 0)])
+    code = "import fcntl, sys; fcntl.lockf(open(sys.argv[1], 'r+b'), fcntl.LOCK_EX | fcntl.LOCK_NB, {1}, {0})"
+    lock = [sys.executable, "-c", code.format(*SHARED), path]
+    assert b"BlockingIOError" in subprocess.run(lock, capture_output=True, check=False).stderr
+    Store.open(file_url(path), "run-1", create=False).close()
+    assert b"BlockingIOError" in subprocess.run(lock, capture_output=True, check=False).stderr
 
 
 @pytest.mark.parametrize("value", [2**63, "\ud800"])
@@ -236,10 +264,29 @@ def test_an_invalid_address_is_an_error_of_one_line(url, match):
         Store.open(url, "run-1")
 
 
-def test_a_password_is_never_shown():
-    with pytest.raises(StoreError) as raised:
-        Store.open("mysql://me:geheim@host/db", "run-1")
+@pytest.mark.parametrize(
+    "url",
+    [
+        "mysql://me:geheim@host/db",
+        "postgresql+psycopg://127.0.0.1:1/db?user=u&password=geheim",
+        "postgresql+psycopg://127.0.0.1:1/db?user=u&sslpassword=geheim&password=geheim",
+        "postgresql+psycopg://127.0.0.1:1/db?PassWord=geheim",
+        "postgresql+psycopg://me:geheim@127.0.0.1:x/db",
+        "postgresql+psycopg://me:geheim@127.0.0.1:99999999/db",
+        "postgresql+unknown://me:geheim@host/db",
+        "me:geheim@host/db",
+        "host=127.0.0.1 password=geheim",
+    ],
+)
+def test_a_password_is_never_shown(url):
+    with one_line_error(StoreError, "expected|connect|port|load") as raised:
+        Store.open(url, "run-1")
     assert "geheim" not in str(raised.value)
+
+
+def test_a_url_is_kept_without_its_passwords():
+    url = "postgresql+psycopg://me:geheim@h:5432/db?sslkey=/k&password=geheim&sslmode=require"
+    assert without_password(url) == "postgresql+psycopg://me:***@h:5432/db?password=***&sslkey=***&sslmode=require"
 
 
 def test_the_url_of_a_file_is_absolute_if_the_file_is(path):

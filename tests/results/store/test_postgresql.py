@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from robogauntlet.results.store.database import UnstorableValue
 from robogauntlet.results.store.episode_store import Store, StoreError
 from robogauntlet.results.store.run_history import History
 from tests.errors import one_line_error
-from tests.results.synthetic import document, rows
+from tests.results.synthetic import cells, document, row, rows
 
 pytestmark = pytest.mark.slow
 FOLDERS = [*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True), Path(shutil.which("pg_ctl") or "/").parent]
@@ -100,6 +101,33 @@ def test_the_history_stores_counts_and_verdicts(server):
     assert history.baseline(later).run_id == "run-4"
     store.close()
     history.close()
+
+
+def test_imported_and_forgotten_runs_are_kept_apart(server):
+    with closing(History.open(server)) as history:
+        history.record(document(2, run_id="run-6", name="sent", origin="imported"))
+        with closing(Store.open(server, "run-6")) as store:
+            store.add(rows(planned=2))
+        (entry,) = history.runs(suite="sent")
+        assert entry.imported
+        later = document(2, run_id="run-7", name="sent", started_at=entry.started_at + 1)
+        assert history.baseline(later) is None
+        history.accept("run-6")
+        assert history.baseline(later).run_id == "run-6"
+        assert history.forget("run-6", "/somewhere/sent") == len(rows(planned=2))
+        assert history.forgotten_folders() == {"/somewhere/sent": "run-6"}
+        assert history.runs(suite="sent") == []
+        history.record(document(2, run_id="run-6", name="sent"))
+        assert history.forgotten_folders() == {}
+
+
+@pytest.mark.parametrize("change", [{"steps": 2**63}, {"error": "a\0b"}, {"error": "\ud800"}], ids=repr)
+def test_a_value_that_postgresql_does_not_hold_is_one_line(server, change):
+    with closing(Store.open(server, "run-8")) as store:
+        History(store.database).record(document(1, run_id="run-8"))
+        with one_line_error(UnstorableValue):
+            store.add([row(cells()[0], 0, **change)])
+        assert list(store.results()) == []
 
 
 def test_an_unreachable_server_is_one_line_without_the_password():

@@ -26,12 +26,12 @@ from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, 
 from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_runs
 from robogauntlet.results.store.sqlite_file import why_no_database
 from robogauntlet.suites.episode import RenderProfile
+from robogauntlet.suites.ranges import MAX_STEPS
 
-LONGEST_VALUE = 32 * 2**20
+LONGEST_VALUE = 16 * 2**20
 """Largest length of a value in the file, such as the run's document (bytes)."""
 LONGEST_TEXT = 100_000
 """Largest length of a text in a row (characters)."""
-LONGEST_HORIZON = 1_000_000
 MIN_TIME_S, BYTES_PER_S = 60.0, 1_000_000
 """Time for reading: the former (s), and a second for as many bytes of the file."""
 RUN_ID = re.compile("[0-9a-f]{32}")
@@ -43,18 +43,18 @@ _TYPES: dict[type, frozenset[type]] = {
 }
 
 
-class ForeignRun:
+class ExportedRun:
     """An exported run whose schema and document were checked. Its rows are checked as they are read."""
 
-    def __init__(self, file: Path, connection: sqlite3.Connection) -> None:
-        """See `open_foreign`."""
-        self._file, self._connection = file, connection
+    def __init__(self, file: Path, size: int, connection: sqlite3.Connection) -> None:
+        """See `open_exported`."""
+        self._file, self._size, self._connection = file, size, connection
         _check_schema(file, connection)
         self.document = _read_document(file, connection)
 
     def rows(self) -> Iterator[EpisodeResult]:
         """Yield all rows. Raises RunError for one that this program has not written for this run."""
-        check = _RowCheck(self.document)
+        check, left = _RowCheck(self.document), self._size
         names = ", ".join(FIELDS)
         with explained(self._file):
             # Not through an index, which may tell something else than the table.
@@ -63,11 +63,14 @@ class ForeignRun:
                     raise RunError(f"{self._file}: expected rows of one run, got rows of several")
                 if fault := check.fault(values):
                     raise RunError(f"{self._file}: a row is not one of this program: {fault}")
+                left -= check.length
+                if left < 0:  # a page of the file is used many times
+                    raise RunError(f"{self._file}: expected an exported run, its rows are larger than the file")
                 yield check.result
 
 
 @contextmanager
-def open_foreign(file: Path) -> Iterator[ForeignRun]:
+def open_exported(file: Path) -> Iterator[ExportedRun]:
     """Open an exported run during the block.
 
     Raises:
@@ -88,8 +91,8 @@ def open_foreign(file: Path) -> Iterator[ForeignRun]:
         with explained(file):
             connection.execute("PRAGMA trusted_schema=OFF")
             connection.execute("PRAGMA cell_size_check=ON")
-            foreign = ForeignRun(file, connection)
-        yield foreign
+            exported = ExportedRun(file, size, connection)
+        yield exported
 
 
 @contextmanager
@@ -169,7 +172,7 @@ def _read_document(file: Path, connection: sqlite3.Connection) -> RunDocument:
 
 
 def _plan_fault(document: RunDocument) -> str | None:
-    """Return what a report could not show of a plan, or None."""
+    """Return what cannot be shown of a plan, or does not belong into a suite, or None."""
     suite, names = document.suite, {cell.policy for cell in document.plan}
     texts = (text for cell in document.plan for text in (cell.policy, cell.task, cell.axis, cell.simulator))
     if not all(text.isprintable() for text in texts):
@@ -178,13 +181,16 @@ def _plan_fault(document: RunDocument) -> str | None:
     named = {*sides, *suite.no_skill_baselines, *filter(None, [suite.oracle_gate])}
     if not named <= names:
         return f"its suite compares policy '{min(named - names)}', which it does not play"
+    if any(environment.interpreter is not None for environment in suite.environments.values()):
+        return "its suite names a program"
     return None
 
 
 class _RowCheck:
-    """Checks the rows of one run; `result` is the last one."""
+    """Checks the rows of one run; `result` is the last one, with texts of together `length` characters."""
 
     result: EpisodeResult
+    length: int
 
     def __init__(self, document: RunDocument) -> None:
         suite, fields = document.suite, describe_fields()
@@ -213,10 +219,12 @@ class _RowCheck:
         for place in self._places[float]:
             if values[place] is not None and not math.isfinite(values[place]):
                 return f"{FIELDS[place]} is no finite number"
+        self.length = 0
         for place in self._places[str]:
-            text = values[place]
-            if text is not None and (len(text) > LONGEST_TEXT or "\0" in text):
+            text = values[place] or ""
+            if len(text) > LONGEST_TEXT or "\0" in text:
                 return f"{FIELDS[place]} is too long or has the character NUL"
+            self.length += len(text)
         for place in self._places[bool]:
             if values[place] not in (None, 0, 1):
                 return f"{FIELDS[place]} is neither true nor false"
@@ -232,7 +240,7 @@ class _RowCheck:
             return "it is not planned"
         if (row.replan_every, row.cameras, row.image_size, row.render_profile) != self._protocol:
             return "its protocol is not that of the suite"
-        if row.horizon > LONGEST_HORIZON:
+        if row.horizon > MAX_STEPS:
             return "horizon is out of bounds"
         episode = row.episode
         if (row.simulator, row.pair_id, row.episode_id) != (episode.simulator, episode.pair_id, episode.id):

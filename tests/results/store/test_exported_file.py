@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import RunError, store_url
-from robogauntlet.results.store import foreign_file
+from robogauntlet.results.store import exported_file
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.exported_file import ExportedRun
 from robogauntlet.results.store.run_archive import export_run, import_run
 from tests.errors import one_line_error
 from tests.results.synthetic import cells, document, execute, row, run_folder
@@ -79,14 +80,14 @@ def test_a_schema_that_is_not_ours_to_the_letter_is_refused(tmp_path, statements
 
 
 def test_a_table_may_be_of_text_as_long_as_the_limit_and_no_longer(tmp_path, monkeypatch):
-    monkeypatch.setattr(foreign_file, "LONGEST_VALUE", 1_000_000)
+    monkeypatch.setattr(exported_file, "LONGEST_VALUE", 1_000_000)
     file = export(tmp_path)
     execute(file, "UPDATE runs SET document = printf('%.*c', 2000000, 'x')")
     refuse(file, "it has a value of more than")
 
 
 def test_reading_ends_at_its_deadline(tmp_path, monkeypatch):
-    monkeypatch.setattr(foreign_file, "MIN_TIME_S", -1e6)
+    monkeypatch.setattr(exported_file, "MIN_TIME_S", -1e6)
     refuse(export(tmp_path, [row(cell, seed) for cell in cells() for seed in range(300)]), "reading it takes too long")
 
 
@@ -148,6 +149,15 @@ def test_a_document_that_this_program_did_not_write_is_refused(tmp_path, change,
         text = json.loads(connection.execute("SELECT document FROM runs").fetchone()[0]) | change
         connection.execute("UPDATE runs SET document = ?", [json.dumps(text)])
     refuse(file, words)
+
+
+def test_rows_are_not_larger_than_their_file(tmp_path):
+    """Rows of a forged file may share its pages, and would then need any amount of memory."""
+    file = export(tmp_path)
+    with closing(sqlite3.connect(file)) as connection:
+        assert len(list(ExportedRun(file, file.stat().st_size, connection).rows())) == len(RESULTS)
+        with one_line_error(RunError, "its rows are larger than the file"):
+            list(ExportedRun(file, 2000, connection).rows())
 
 
 def test_the_origin_is_not_the_senders_to_choose(tmp_path):

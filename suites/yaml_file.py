@@ -1,0 +1,193 @@
+"""The only reader of YAML. Files may come from strangers: size, number of values and nesting are bounded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from robogauntlet.support.errors import first_line
+
+MAX_BYTES = 1_000_000
+MAX_VALUES = 100_000
+"""Values in a file, where an alias counts as all the values that it stands for."""
+MAX_DEPTH = 50
+"""Lists and mappings inside each other."""
+MAX_DIGITS = 100
+"""Characters of a number."""
+PLAIN = frozenset(
+    f"tag:yaml.org,2002:{name}" for name in ("null", "bool", "int", "float", "str", "seq", "map", "merge")
+)
+NUMBERS = frozenset({"tag:yaml.org,2002:int", "tag:yaml.org,2002:float"})
+
+Place = tuple[str | int, ...]
+"""Keys and list indices of a value in the file."""
+
+
+class YamlError(ValueError):
+    """Text that is not plain YAML within the bounds. The message is one line; `line` is its place, from 1, or None."""
+
+    def __init__(self, message: str, line: int | None = None) -> None:
+        super().__init__(message)
+        self.line = line
+
+
+@dataclass(frozen=True)
+class Document:
+    """The values of a YAML text."""
+
+    data: Any
+    """None, numbers, text, lists and mappings. A value that has an alias is one object in both places."""
+    lines: dict[Place, int] = field(default_factory=dict)
+    """The line of each place, from 1."""
+    duplicates: tuple[tuple[int, str], ...] = ()
+    """Line and name of each key that a mapping has already."""
+
+
+def read_yaml(path: Path, what: str) -> str:
+    """Return the text of a YAML file.
+
+    Args:
+        path: The file.
+        what: What is expected there, for messages: `a suite file`.
+
+    Raises:
+        YamlError: It cannot be read, is too long, or is not UTF-8.
+    """
+    try:
+        if path.is_dir():
+            raise YamlError(f"expected {what}, this is a directory")
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            raise YamlError(f"expected {what} of at most {MAX_BYTES} bytes, this has {_size(path)}")
+        return raw.decode("utf-8")
+    except FileNotFoundError:
+        near = get_close_matches(path.stem, [p.stem for p in path.parent.glob("*.yaml")], n=1)
+        raise YamlError(f"no such file{f'; did you mean {path.parent / near[0]}.yaml?' if near else ''}") from None
+    except OSError as error:
+        raise YamlError(f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        byte = error.object[error.start]
+        raise YamlError(f"expected UTF-8 text, found byte 0x{byte:02x} at offset {error.start}") from None
+    except ValueError as error:  # a path with a NUL character
+        raise error if isinstance(error, YamlError) else YamlError(f"cannot be read: {error}") from None
+
+
+def parse_yaml(text: str) -> Document:
+    """Return the values of a YAML text of one document.
+
+    Raises:
+        YamlError: It is not YAML, has objects other than plain values, or exceeds the bounds.
+    """
+    try:
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            if node is None:
+                return Document(None)
+            _count(node, {})
+            lines: dict[Place, int] = {}
+            duplicates: list[tuple[int, str]] = []
+            _index(node, (), lines, duplicates)
+            return Document(loader.construct_document(node), lines, tuple(duplicates))
+        finally:
+            loader.dispose()
+    except yaml.constructor.ConstructorError as error:
+        raise YamlError(str(error.problem), _line(error.problem_mark)) from None
+    except yaml.MarkedYAMLError as error:
+        raise YamlError(f"not YAML: {error.problem}", _line(error.problem_mark)) from None
+    except yaml.reader.ReaderError as error:
+        found = f"U+{error.character:04X}" if isinstance(error.character, int) else repr(error.character)
+        raise YamlError(f"not YAML: character {found} at offset {error.position}, expected printable text") from None
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        raise error if isinstance(error, YamlError) else YamlError(f"not YAML: {first_line(error)}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses nesting, numbers of values, numbers and characters beyond the bounds while it reads."""
+
+    def __init__(self, text: str) -> None:
+        self._depth = self._values = 0
+        super().__init__(text)
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        self._depth, self._values = self._depth + 1, self._values + 1
+        if self._depth > MAX_DEPTH:
+            raise YamlError(f"expected at most {MAX_DEPTH} lists and mappings inside each other", self.line + 1)
+        if self._values > MAX_VALUES:
+            raise YamlError(f"expected at most {MAX_VALUES} values", self.line + 1)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        _check(node)
+        return node
+
+
+def _check(node: yaml.Node) -> None:
+    line = _line(node.start_mark)
+    if node.tag not in PLAIN:
+        if node.tag.endswith(":timestamp"):
+            raise YamlError(f"expected plain YAML, found a date ('{node.value}'); put it in quotes", line)
+        raise YamlError(f"expected plain YAML, found the object tag '{node.tag}'", line)
+    if not isinstance(node, yaml.ScalarNode):
+        return
+    if node.tag in NUMBERS and len(node.value) > MAX_DIGITS:
+        raise YamlError(f"expected a number of at most {MAX_DIGITS} characters, found {len(node.value)}", line)
+    if (wrong := next((c for c in node.value if c == "\0" or "\ud800" <= c <= "\udfff"), None)) is not None:
+        raise YamlError(f"expected text that UTF-8 can write, found the character U+{ord(wrong):04X}", line)
+
+
+def _count(node: yaml.Node, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
+    """Return the number and depth of a node's values, with those that aliases stand for; visit each node once."""
+    key = id(node)
+    if key not in known:
+        known[key] = (0, 0)  # in progress
+        size, depth = 1, 1
+        for child in _children(node):
+            below, deep = _count(child, known)
+            if not below:
+                raise YamlError("an alias that contains itself", _line(node.start_mark))
+            size, depth = size + below, max(depth, deep + 1)
+        if size > MAX_VALUES:
+            raise YamlError(f"expected at most {MAX_VALUES} values, its aliases stand for more", _line(node.start_mark))
+        if depth > MAX_DEPTH:
+            raise YamlError(
+                f"expected at most {MAX_DEPTH} lists and mappings inside each other", _line(node.start_mark)
+            )
+        known[key] = (size, depth)
+    return known[key]
+
+
+def _children(node: yaml.Node) -> list[yaml.Node]:
+    if isinstance(node, yaml.MappingNode):
+        return [part for pair in node.value for part in pair]
+    return list(node.value) if isinstance(node, yaml.SequenceNode) else []
+
+
+def _index(node: yaml.Node, place: Place, lines: dict[Place, int], duplicates: list[tuple[int, str]]) -> None:
+    """Add the line of each place below a node, and the keys that occur twice."""
+    lines.setdefault(place, node.start_mark.line + 1)
+    if isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, value in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else str(key.tag)
+            line = lines[(*place, name)] = key.start_mark.line + 1
+            if name in seen:
+                duplicates.append((line, name))
+            seen.add(name)
+            _index(value, (*place, name), lines, duplicates)
+    elif isinstance(node, yaml.SequenceNode):
+        for i, item in enumerate(node.value):
+            _index(item, (*place, i), lines, duplicates)
+
+
+def _line(mark: Any) -> int | None:
+    return mark.line + 1 if mark else None
+
+
+def _size(path: Path) -> str:
+    size = path.stat().st_size
+    return str(size) if size > MAX_BYTES else "more"  # a device has no size

@@ -1,0 +1,79 @@
+"""Answers while slow pages are computed."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from robogauntlet.orchestrator.dashboard import app_state, compare
+from robogauntlet.orchestrator.dashboard.answers import WAITING
+from tests.orchestrator.dashboard.conftest import fill, serving
+
+ASKING = 50
+"""More than the threads that all pages share."""
+
+
+@pytest.fixture
+def slow_disk(monkeypatch):
+    """Runs cannot be opened for comparisons until the event is set."""
+    read, really = threading.Event(), compare.open_entry
+
+    def open_slowly(*arguments):
+        assert read.wait(120)
+        return really(*arguments)
+
+    monkeypatch.setattr(compare, "open_entry", open_slowly)
+    yield read
+    read.set()
+
+
+def test_many_comparisons_delay_no_other_page(tmp_path, slow_disk):
+    ((_, run, _),) = fill(tmp_path, nights=1)
+    with serving(tmp_path) as served, ThreadPoolExecutor(ASKING) as clients:
+        paths = [f"/compare?policies={run.run_id}&margin={0.01 + number / 1000}" for number in range(ASKING)]
+        asked = [clients.submit(served.get, path) for path in paths]
+        while sum(one.done() for one in asked) < ASKING - WAITING - 1:
+            assert served.get("/healthz").text == "ok\n"
+        for path in ("/healthz", "/login", "/", "/runs", f"/runs/{run.run_id}", "/static/dashboard.css"):
+            assert served.get(path, follow_redirects=False).status_code < 400, path
+        refused = [one.result() for one in asked if one.done()]
+        slow_disk.set()
+        answers = [one.result() for one in asked]
+    assert len(refused) == ASKING - WAITING - 1
+    assert {answer.status_code for answer in refused} == {503}
+    assert all(int(answer.headers["retry-after"]) > 0 for answer in refused)
+    assert "The server is busy" in refused[0].text
+    assert sum(answer.status_code == 200 for answer in answers) == WAITING + 1
+
+
+def test_a_known_comparison_is_shown_while_others_are_computed(tmp_path, slow_disk):
+    ((_, run, _),) = fill(tmp_path, nights=1)
+    address = f"/compare?policies={run.run_id}"
+    with serving(tmp_path) as served, ThreadPoolExecutor(1) as clients:
+        slow_disk.set()
+        assert served.get(address).status_code == 200
+        slow_disk.clear()
+        asked = clients.submit(served.get, f"{address}&margin=0.1")
+        assert served.get(address).status_code == 200
+        assert not asked.done()
+        slow_disk.set()
+        assert asked.result().status_code == 200
+
+
+def test_runs_are_imported_again_after_any_error(tmp_path, monkeypatch):
+    fill(tmp_path / "runs", nights=1)
+    failed, really = threading.Event(), app_state.record_run_folders
+
+    def record(*arguments):
+        if not failed.is_set():
+            failed.set()
+            raise RecursionError("of one run")
+        return really(*arguments)
+
+    monkeypatch.setattr(app_state, "record_run_folders", record)
+    monkeypatch.setattr(app_state, "SYNC_S", 0.05)
+    (tmp_path / "runs/history.sqlite").unlink()
+    with serving(tmp_path / "runs") as served:
+        assert failed.wait(60)
+        while not served.history.runs():
+            threading.Event().wait(0.02)

@@ -1,0 +1,84 @@
+"""YAML of strangers is refused in one line before it costs time or memory."""
+
+import time
+
+import pytest
+
+from robogauntlet.suites.yaml_file import MAX_BYTES, YamlError, parse_yaml, read_yaml
+
+BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"{name}: &{name} [{','.join([f'*{before}'] * 9)}]\n" for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+MERGES = "a: &a {x: 1, y: 2}\n" + "".join(
+    f"{name}: &{name}\n  <<: [{','.join([f'*{before}'] * 9)}]\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+REFUSED = {
+    "aliases": (BOMB, "expected at most 100000 values, its aliases stand for more"),
+    "merges": (MERGES, "expected at most 100000 values, its aliases stand for more"),
+    "values": ("[" + "1," * 100_001 + "]", "expected at most 100000 values"),
+    "nesting": ("[" * 60 + "]" * 60, "expected at most 50 lists and mappings inside each other"),
+    "nesting beyond the stack": ("[" * 100_000, "expected at most 50 lists and mappings inside each other"),
+    "nesting by aliases": (
+        "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}]\n" for i in range(1, 60)),
+        "expected at most 50 lists and mappings inside each other",
+    ),
+    "itself": ("&a [*a]", "an alias that contains itself"),
+    "digits": ("a: " + "9" * 5000, "expected a number of at most 100 characters, found 5000"),
+    "hexadecimal digits": ("a: 0x" + "f" * 5000, "expected a number of at most 100 characters, found 5002"),
+    "base 60": ("a: 1" + ":1" * 100_000, "expected a number of at most 100 characters, found 200001"),
+    "surrogate": ('a: "\\ud800"', "expected text that UTF-8 can write, found the character U+D800"),
+    "surrogate in a key": ('"\\udfff": 1', "expected text that UTF-8 can write, found the character U+DFFF"),
+    "escaped NUL": ('a: "x\\0"', "expected text that UTF-8 can write, found the character U+0000"),
+    "NUL": ("a: \0", "not YAML: character U+0000 at offset 3, expected printable text"),
+    "object": ("!!python/name:os.system x", "found the object tag 'tag:yaml.org,2002:python/name:os.system'"),
+    "bytes": ("!!binary aGk=", "found the object tag 'tag:yaml.org,2002:binary'"),
+    "date": ("a: 2020-01-01", "found a date ('2020-01-01'); put it in quotes"),
+    "list as key": ("? [1]\n: 2", "found unhashable key"),
+    "two documents": ("a: 1\n--- \nb: 2", "not YAML: but found another document"),
+    "tab": ("a:\n\t- b", "not YAML: found character '\\t' that cannot start any token"),
+    "unknown alias": ("a: *b", "not YAML: found undefined alias 'b'"),
+}
+
+
+@pytest.mark.parametrize(("text", "line"), REFUSED.values(), ids=REFUSED)
+def test_a_text_beyond_the_bounds_is_refused_at_once(text, line):
+    began = time.monotonic()
+    with pytest.raises(YamlError) as caught:
+        parse_yaml(text)
+    assert line in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - began < 60
+
+
+def test_aliases_within_the_bounds_are_read():
+    document = parse_yaml("a: &a {x: [1, 2.5, true, null, y]}\nb: *a\nc: {<<: *a, z: 1}\n")
+    x = [1, 2.5, True, None, "y"]
+    assert document.data == {"a": {"x": x}, "b": {"x": x}, "c": {"x": x, "z": 1}}
+    assert document.lines["c", "z"] == 3
+
+
+def test_keys_that_occur_twice_are_named_with_their_line():
+    assert parse_yaml("a: 1\nb: {c: 1,\n c: 2}\na: 3\n").duplicates == ((3, "c"), (4, "a"))
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("x" * 300, "cannot be read: File name too long"),
+        ("a\0b", "cannot be read: embedded null byte"),
+        (".", "expected a file, this is a directory"),
+        ("none.yaml", "no such file; did you mean "),
+        ("one.yaml/x", "cannot be read: Not a directory"),
+        ("/dev/zero", f"expected a file of at most {MAX_BYTES} bytes, this has more"),
+        ("long.yaml", f"expected a file of at most {MAX_BYTES} bytes, this has {MAX_BYTES + 1}"),
+        ("latin.yaml", "expected UTF-8 text, found byte 0xff at offset 1"),
+    ],
+)
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path, name, line):
+    (tmp_path / "one.yaml").write_text("a: 1")
+    (tmp_path / "long.yaml").write_text("#" * (MAX_BYTES + 1))
+    (tmp_path / "latin.yaml").write_bytes(b"a\xff")
+    with pytest.raises(YamlError) as caught:
+        read_yaml(tmp_path / name, "a file")
+    assert str(caught.value).startswith(line)
