@@ -124,7 +124,10 @@ class RayWorkerPool:
         self.check(after_s=0.0)
         with self._pool_errors():
             description = catalog.find(simulator)
-            options = {**self._resources.get(simulator, Resources()).ray_options(), **self._placement.options(description)}
+            options = {
+                **self._resources.get(simulator, Resources()).ray_options(),
+                **self._placement.options(description),
+            }
             environment = dict(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1

@@ -13,8 +13,8 @@ import pytest
 
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.episode_store import Store
+from tests.chaos.cluster_nodes import ray_cluster, why_not
 from tests.chaos.suites import NULL
-from tests.cluster.nodes import ray_cluster, why_not
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 PROGRAM = "import sys; from robogauntlet.orchestrator.cli import main; main()"
@@ -43,7 +43,7 @@ policies:
 tasks: [null/Slow, pybullet/PandaReach-v3]
 cameras: [third_person]
 image_size: 64
-seeds: {count: 120}
+seeds: {count: 60}
 episode_time_limit_s: 20
 """
 CUT_OFF_S = 30.0
@@ -109,7 +109,7 @@ def test_nodes_that_differ_and_fail_change_no_row(namespaces, tmp_path):
     package = Path(find_spec("panda_gym").origin).parent
     own = [Path("/tmp") / "robogauntlet-0"]  # where a node keeps copies of policies
     with ray_cluster(tmp_path, private=own) as cluster:
-        cluster.environment["TEST_PAUSE_S"] = "0.5"
+        cluster.environment["TEST_PAUSE_S"] = "1.0"
         clock = an_hour_ahead(tmp_path / "clock")
         for number in (1, 2):
             scratch = tmp_path / f"scratch{number}"

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
+from tests.chaos.cluster_nodes import ray_cluster, why_not
 from tests.chaos.suites import NULL
-from tests.cluster.nodes import ray_cluster, why_not
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch")
