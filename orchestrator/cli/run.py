@@ -24,7 +24,7 @@ from robogauntlet.orchestrator.cli.common import (
 )
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.orchestrator.environments.probe import probe
-from robogauntlet.orchestrator.ray_runtime.session import NoCluster, check_address
+from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster, check_address
 from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan, new_run_folder
 from robogauntlet.orchestrator.runs.plan import find_suite, make_plan
 from robogauntlet.orchestrator.runs.progress import Progress

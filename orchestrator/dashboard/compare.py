@@ -22,6 +22,8 @@ from robogauntlet.results.store.history_records import RunEntry
 
 RECENT = 60
 """Number of runs to choose from, the newest."""
+MOST_LINES = 2000
+"""Largest number of lines, a task of a comparison each, of the page."""
 LEAST_MARGIN, LARGEST_MARGIN = 0.0001, 0.9999
 """Range of a margin, as of `robogauntlet compare --margin` (a share)."""
 router = APIRouter()
@@ -72,6 +74,12 @@ async def show_comparison(
             comparison = await _compare_runs(app_state, entries[1], entries[2], share)
     except RunError as error:
         problem = str(error)
+    compared = pairwise.comparisons if pairwise else comparison.policies if comparison else ()
+    if (lines := sum(len(one.tasks) for one in compared)) > MOST_LINES:
+        problem = (
+            f"The comparison has {lines:,} lines, too many for this page; robogauntlet compare prints all of them."
+        )
+        pairwise = comparison = None
     values = {
         "here": "/compare",
         "chosen": chosen,

@@ -7,10 +7,11 @@ import importlib
 import logging
 import os
 import signal
-import socket
 import threading
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
 
 _LOCAL_ENVIRONMENT = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
@@ -21,9 +22,10 @@ _PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_i
 """Send results directly: when the object store dies, Ray kills every process that reads from it without a message."""
 WORKER_BYTES = 2 * 1024**3
 """Memory of a worker with a simulator, its renderer and a policy (bytes)."""
-RAY_PORT = 6379
-"""Default port of a cluster's head."""
-CONNECT_S = 10.0
+_JOINED_ENVIRONMENT = {f"RAY_{name}": str(value) for name, value in _PAST_THE_OBJECT_STORE.items()}
+"""The same for this process's part in a cluster that others started."""
+_head: ClusterHead | None = None
+"""The head of the cluster that this process has joined."""
 _VITAL = ("raylet", "gcs_server")
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
@@ -37,30 +39,8 @@ class RayLost(Exception):
     """Ray itself died, and with it every worker."""
 
 
-class NoCluster(Exception):
-    """There is no Ray cluster at the given address."""
-
-
 class NoRoom(Exception):
     """No node has a requested resource, so that Ray would wait forever."""
-
-
-def check_address(address: str) -> None:
-    """Check `HOST:PORT` of a cluster's head, or `auto`, quickly, where Ray itself would wait for minutes.
-
-    Raises:
-        NoCluster: The address is invalid or does not answer.
-    """
-    if address == "auto":
-        return
-    host, _, port = address.rpartition(":")
-    if not host or "/" in host or not (port.isdecimal() and 0 < int(port) < 2**16):
-        raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
-    try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}") from None
 
 
 @contextlib.contextmanager
@@ -70,15 +50,20 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
     Args:
         address: Cluster to join, or None to start Ray on this machine, reachable from this machine only.
         workers: Number of worker processes that must run at once. On one machine they share its cores if necessary.
+
+    Raises:
+        NoCluster: Nothing answers at the address.
     """
-    if address is None:
-        for name, value in _LOCAL_ENVIRONMENT.items():
-            os.environ.setdefault(name, value)
+    global _head
+    for name, value in (_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT).items():
+        os.environ.setdefault(name, value)
     import ray
 
     if ray.is_initialized():
         yield
         return
+    if address is not None:
+        check_address(address)
     logging.getLogger("ray").setLevel(logging.ERROR)
     on_terminate = signal.getsignal(signal.SIGTERM)
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
@@ -86,19 +71,26 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         cores = max(os.cpu_count() or 1, workers)
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _PAST_THE_OBJECT_STORE}
     ray.init(address or "local", **options)
+    _head = None if address is None else ClusterHead(ray.get_runtime_context().gcs_address)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     _silence_raylet()
     try:
         yield
     finally:
+        _head = None
         ray.shutdown()
 
 
 def room_for_workers() -> int:
-    """Number of workers for which the running Ray has cores and memory."""
+    """Number of workers for which the running Ray has cores and memory.
+
+    Raises:
+        RayLost: Ray itself has died.
+    """
     import ray
 
+    check_alive(after_s=0.0)
     resources = ray.cluster_resources()
     cores = int(resources.get("CPU", 1))
     return max(1, min(cores, int(resources.get("memory", cores * WORKER_BYTES) // WORKER_BYTES)))
@@ -124,12 +116,21 @@ def check_room(key: str, options: Mapping[str, float]) -> None:
             )
 
 
-def check_alive() -> None:
-    """Raise RayLost if a process of the Ray started here has died. Ray's own calls would wait forever."""
+def check_alive(*, after_s: float = PROBE_S) -> None:
+    """Check that Ray can be called: its own calls would wait forever.
+
+    The head of a joined cluster is not asked again within `after_s` of its latest answer (s). While it does not
+    answer, this waits.
+
+    Raises:
+        RayLost: A process of the Ray started here has died, or the head of the cluster does not answer.
+    """
     node = _private("worker", "_global_node")
     for kind, process in node.dead_processes() if node else ():
         if kind in _VITAL:
             raise RayLost(f"Ray's {kind} died (exit status {process.returncode})")
+    if _head is not None and (silence := _head.wait_for_answer(after_s=after_s)):
+        raise RayLost(silence)
 
 
 def answer(reference: Any) -> Any:

@@ -17,6 +17,7 @@ from ray.exceptions import RayError
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator, SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver, worker_environment
+from robogauntlet.orchestrator.ray_runtime.cluster import Placement
 from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, RayLost, check_alive, ray_session
 from robogauntlet.support.errors import last_line
 
@@ -59,14 +60,15 @@ def run_per_simulator(
     streams: dict[Any, str] = {}
     actors: dict[str, Any] = {}
     process: Any = _Process
-    room = _room(len(arguments))
+    room, placement = _room(len(arguments)), Placement(environments)
     try:
         for name, its_arguments in arguments.items():
             simulator = catalog.find(name)
             if reason := environments.missing_reason(simulator):
                 yield name, ProcessEnded(reason)
                 continue
-            actors[name] = process.options(runtime_env=environments.ray_runtime_env(simulator), **room).remote()
+            options = {**room, **placement.options(simulator)}
+            actors[name] = process.options(runtime_env=environments.ray_runtime_env(simulator), **options).remote()
             streams[actors[name].run.remote(generator, its_arguments)] = name
         last_heard: dict[Any, float] = {}
         while streams and (left_s := began + time_s - time.monotonic()) > 0:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, with_bundles
+from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, ray_session, room_for_workers
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
@@ -153,7 +154,7 @@ class RunSession:
             self._through_ray_restarts(self._play_missing)
         except KeyboardInterrupt:
             self._status, self._reason = RunStatus.INTERRUPTED, "stopped from outside"
-        except (TooManyErrors, NoRoom, RayLost, WorkerPoolError, PolicyError, StoreError, OSError) as error:
+        except (TooManyErrors, NoCluster, NoRoom, RayLost, WorkerPoolError, PolicyError, StoreError, OSError) as error:
             self._status, self._reason = RunStatus.STOPPED, str(error)
 
     def _through_ray_restarts(self, step: Callable[[], Returned]) -> Returned:
@@ -162,7 +163,8 @@ class RunSession:
                 return step()
             except RayLost as error:
                 self._ray.close()
-                self._observer.on_warning(f"{error}; it was started again")
+                again = "it was started again" if self._options.address is None else "joining it again"
+                self._observer.on_warning(f"{error}; {again}")
         return step()
 
     def _play_missing(self) -> None:
@@ -241,7 +243,7 @@ class RunSession:
                 return concluded
         except KeyboardInterrupt:
             interrupted = True
-        except (RayLost, OSError, StoreError) as error:
+        except (NoCluster, RayLost, OSError, StoreError) as error:
             self._observer.warnings.append(f"videos could not be recorded: {describe_os_error(error)}")
         self._update(media_left_out=self._left_out, finished_at=time.time(), **self._elapsed())
         return replace(self._write(concluded.done), media_interrupted=interrupted)

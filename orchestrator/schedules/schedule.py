@@ -13,6 +13,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError, available_timezones
 from cronsim import CronSim, CronSimError
 
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.ranges import MAX_COUNT
 from robogauntlet.support.errors import BadInput
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
@@ -122,8 +123,8 @@ def checked(schedule: Schedule) -> Schedule:
         raise ScheduleError(
             f"name '{schedule.name}': expected letters, digits, '-' and '_', at most 63 and a letter or digit first"
         )
-    if schedule.keep is not None and schedule.keep < 1:
-        raise ScheduleError(f"keep {schedule.keep}: expected 1 or more, or nothing to keep all")
+    if schedule.keep is not None and not 1 <= schedule.keep <= MAX_COUNT:
+        raise ScheduleError(f"keep {schedule.keep}: expected 1 to {MAX_COUNT}, or nothing to keep all")
     schedule.next_due(0.0)
     return schedule
 
@@ -131,6 +132,8 @@ def checked(schedule: Schedule) -> Schedule:
 def parsed(cron: str, after: datetime) -> CronSim:
     """Return the times of a cron expression after a moment, by the rules of Debian's cron(8). Raises ScheduleError."""
     fields = expanded(cron)
+    if not cron.isascii():
+        raise ScheduleError(f"cron '{cron}': {EXPECTED}, in ASCII")
     try:
         times = CronSim(" ".join(fields), after)
     except CronSimError as error:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from robogauntlet.orchestrator.notifications import Message
 from robogauntlet.orchestrator.schedules.run_process import (
     RunProcess,
     SendMessage,
@@ -101,6 +102,10 @@ class Server:
             elif not running.concluded and has_ended(Path(running.scheduled_run.folder)):
                 self._conclude(running.schedule, running.scheduled_run, None)
                 running.concluded = True
+        for name in self._store.set_back(self._now()):
+            self._log(f"{name}: its runs are due from this moment on, because the clock was ahead")
+            line = "the clock was ahead; runs that were due until it was right again are missed"
+            self._send(Message(f"CLOCK: {name} is served again", (line,), name))
         self._store.record_due(self._now(), self.folder)
         schedules = {schedule.name: schedule for schedule in self._store.schedules()}
         busy = self._adopt(schedules)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
@@ -15,6 +16,10 @@ from robogauntlet.results.store.database import Database, Schema
 VERSION = 1
 LOOK_BACK_S = 31 * 86_400.0
 """Runs that were due longer ago, while no schedule server ran, are not recorded (s)."""
+MAX_DUE = 1_000
+"""Runs of a schedule that are recorded at once, the newest ones; more were due after a long pause only."""
+AHEAD_S = 3600.0
+"""A time recorded further in the future than this is due to a clock that was wrong (s)."""
 metadata = sa.MetaData()
 _version = sa.Table("robogauntlet_schedules", metadata, sa.Column("version", sa.Integer, primary_key=True))
 _schedules = sa.Table(
@@ -105,6 +110,31 @@ class ScheduleStore:
             row = connection.execute(sa.select(_schedules).where(_schedules.c.name == name)).first()
         return None if row is None else _schedule(row)
 
+    def set_back(self, now: float) -> list[str]:
+        """Undo what a clock that was ahead has recorded: runs that are due in the future, and that none is due before.
+
+        Args:
+            now: Seconds since 1970, UTC.
+
+        Returns:
+            The schedules whose times count from `now` again; none at the next call.
+
+        Raises:
+            StoreError: The database cannot be written; it is unchanged.
+        """
+        is_ahead = _schedules.c.seen_until > now + AHEAD_S
+        with self.database.reading() as connection:
+            if connection.execute(sa.select(_schedules.c.name).where(is_ahead)).first() is None:
+                return []
+        with self.database.writing() as connection:
+            back = sa.update(_schedules).where(is_ahead).values(seen_until=now).returning(_schedules.c.name)
+            names = sorted(connection.execute(back).scalars())
+            wrong = sa.and_(
+                _runs.c.due_at > now + AHEAD_S, _runs.c.state == str(State.DUE), _runs.c.schedule.in_(names)
+            )
+            connection.execute(sa.delete(_runs).where(wrong))
+        return names
+
     def record_due(self, now: float, folder: Callable[[Schedule, float], str]) -> int:
         """Record the runs that became due since the last call, each once, also if several processes call.
 
@@ -122,7 +152,7 @@ class ScheduleStore:
         with self.database.reading() as connection:
             seen_until = [(_schedule(row), row.seen_until) for row in connection.execute(sa.select(_schedules))]
         for schedule, seen in seen_until:
-            moments = list(schedule.due(max(seen, now - LOOK_BACK_S), now))
+            moments = deque(schedule.due(max(seen, now - LOOK_BACK_S), now), maxlen=MAX_DUE)
             if not moments:
                 continue
             with self.database.writing() as connection:

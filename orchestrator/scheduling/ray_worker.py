@@ -39,8 +39,8 @@ class Worker:
         self._process = psutil.Process()
 
     def identify(self) -> tuple[int, str]:
-        """Process id and node name."""
-        return os.getpid(), os.uname().nodename
+        """Process id, and the id of the node."""
+        return os.getpid(), ray.get_runtime_context().get_node_id()
 
     def prepare(self, task: str, view: View) -> Readiness | Unavailable:
         """Open a task."""

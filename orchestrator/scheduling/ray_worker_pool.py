@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement
 from robogauntlet.orchestrator.ray_runtime.session import RayLost, check_alive, check_room
 from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.orchestrator.scheduling.ray_worker import Job, Worker
@@ -99,6 +100,8 @@ class RayWorkerPool:
         """
         self._sources, self._resources, self._servers = sources, resources or {}, servers
         self._environments, self._job = environments or EnvironmentResolver(), job
+        self._placement = Placement(self._environments)
+        self._own_node = ray.get_runtime_context().get_node_id()
         self._started = 0
         for simulator, options in self._resources.items():
             check_room(f"resources.{simulator}", options.ray_options())
@@ -108,19 +111,24 @@ class RayWorkerPool:
         """In the order of their start."""
         self._lost = False
 
-    def check(self) -> None:
-        """Raise RayLost if Ray itself has died."""
+    def check(self, *, after_s: float = PROBE_S) -> None:
+        """Raise RayLost if Ray itself has died; see `check_alive`."""
         try:
-            check_alive()
+            check_alive(after_s=after_s)
         except RayLost:
             self._lost = True
             raise
 
     def start(self, name: str, simulator: str, first: Cell) -> RayWorker:
         """Start an actor. Returns immediately."""
+        self.check(after_s=0.0)
         with self._pool_errors():
-            options = self._resources.get(simulator, Resources()).ray_options()
-            environment = dict(self._environments.ray_runtime_env(catalog.find(simulator)))
+            description = catalog.find(simulator)
+            options = {
+                **self._resources.get(simulator, Resources()).ray_options(),
+                **self._placement.options(description),
+            }
+            environment = dict(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
             actor: Any = Worker
@@ -146,7 +154,7 @@ class RayWorkerPool:
         if not self._lost:  # a dead Ray would not answer
             with contextlib.suppress(RayError, ValueError):
                 ray.kill(ray_worker.actor)
-        if ray_worker.pid is not None and ray_worker.node == os.uname().nodename:
+        if ray_worker.pid is not None and ray_worker.node == self._own_node:
             self._terminating[ray_worker.pid] = time.monotonic() + KILL_AFTER_S
 
     def reap(self) -> None:

@@ -18,6 +18,8 @@ from tests.results.synthetic import cells, document, rows, run_folder
 
 NAME = "a[/]b[red]\x1b[31m\u202ec"
 SHOWN = r"a[/]b[red]\x1b[31m\u202ec"
+TYPED = "a[/]b[red]"
+"""A name that can be given on the command line."""
 FORMULA = "=cmd|' /C calc'!A0"
 PLAN = cells((NAME, FORMULA))
 
@@ -29,10 +31,10 @@ def hostile(tmp_path_factory):
     with_rows = rows(PLAN)
     folders = []
     history = History.open(file_url(root / "history.sqlite"))
-    for number in (1, 2):
+    for number, suite in ((1, NAME), (2, TYPED)):
         run = document(of=PLAN, run_id=f"run-{number}")
         folders.append(run_folder(root / f"run-{number}", run, with_rows))
-        named = document(of=PLAN, run_id=f"run-{number}", name=NAME)
+        named = document(of=PLAN, run_id=f"run-{number}", name=suite)
         record_run_folder(history, folders[-1], named)
     history.close()
     return folders, file_url(root / "history.sqlite")
@@ -49,8 +51,8 @@ def printed(*arguments):
 def test_the_terminal_shows_names_without_carrying_them_out(hostile):
     (one, other), url = hostile
     assert SHOWN in printed("history", "--history", url)
-    assert SHOWN in printed("history", NAME, "--history", url)
-    assert SHOWN in printed("leaderboard", NAME, "--history", url)
+    assert SHOWN in printed("history", FORMULA, "--history", url)
+    assert SHOWN in printed("leaderboard", TYPED, "--history", url)
     assert SHOWN in printed("report", one)
     assert SHOWN in printed("compare", one, other)
     assert SHOWN in printed("compare", one)

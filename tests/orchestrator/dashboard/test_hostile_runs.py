@@ -6,6 +6,7 @@ from urllib.parse import quote
 
 import pytest
 
+from robogauntlet.orchestrator.dashboard import compare
 from robogauntlet.orchestrator.dashboard.app_state import LONGEST_TEXT
 from robogauntlet.orchestrator.dashboard.queries import MOST_NAMES, MOST_POLICIES
 from robogauntlet.orchestrator.dashboard.runs import LONGEST_SUITE, MOST_CELLS, MOST_ROWS
@@ -74,6 +75,19 @@ def test_a_large_table_says_that_it_is_cut(hostile):
     page = hostile.get("/runs/wide").text
     assert f"The first {MOST_ROWS} of 3,000 rows" in page
     assert f"The run has {MOST_CELLS + 1:,} cells, too many for this page" in hostile.get("/runs/many").text
+
+
+def test_a_comparison_of_many_tasks_is_left_to_the_command(filled, monkeypatch):
+    ids = [run.run_id for _, run, _ in filled.made]
+    addresses = (f"/compare?policies={ids[0]}", f"/compare?run={ids[-1]}&baseline={ids[0]}")
+    for address in addresses:
+        assert "too many for this page" not in filled.get(address).text
+    monkeypatch.setattr(compare, "MOST_LINES", 14)
+    for address in addresses:
+        answer = filled.get(address)
+        assert answer.status_code == 200
+        assert "The comparison has 15 lines, too many for this page" in answer.text
+        assert "<table" not in answer.text
 
 
 def test_a_long_suite_says_that_it_is_cut(hostile):

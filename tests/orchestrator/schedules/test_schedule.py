@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robogauntlet.orchestrator.schedules.export import Target, render_for
 from robogauntlet.orchestrator.schedules.schedule import Schedule, ScheduleError, checked
 
 START = datetime(2026, 11, 1, tzinfo=UTC)
@@ -117,7 +118,9 @@ def test_an_hourly_schedule_is_due_twice_in_a_repeated_hour():
         ({"timezone": "../../etc/passwd"}, "expected one of the IANA list"),
         ({"name": "a/b"}, "expected letters, digits"),
         ({"name": ""}, "expected letters, digits"),
-        ({"keep": 0}, "expected 1 or more"),
+        ({"keep": 0}, "keep 0: expected 1 to 1000000000, or nothing to keep all"),
+        ({"keep": 10**19}, "expected 1 to 1000000000"),
+        ({"cron": "\u0663 * * * *"}, "expected five fields, .*, in ASCII"),
     ],
 )
 def test_an_invalid_schedule_is_one_line_with_what_was_expected(changes, words):
@@ -125,3 +128,9 @@ def test_an_invalid_schedule_is_one_line_with_what_was_expected(changes, words):
     with pytest.raises(ScheduleError, match=words) as caught:
         checked(Schedule(**values))
     assert "\n" not in str(caught.value)
+
+
+def test_a_percent_sign_in_a_path_is_escaped_for_cron(tmp_path):
+    line = render_for(Schedule("nightly", "/a%b.yaml", "0 2 * * *"), Target.CRON, tmp_path / "x%y").splitlines()[-1]
+    assert "%" in line
+    assert line.replace(r"\%", "").count("%") == 0

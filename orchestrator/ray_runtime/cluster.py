@@ -1,0 +1,123 @@
+"""A Ray cluster that others started: whether its head answers, and which of its nodes can open a simulator."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from robogauntlet.adapters.contract import Simulator
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+
+RAY_PORT = 6379
+"""Default port of a cluster's head."""
+CONNECT_S = 10.0
+"""Time for the head to answer before a run starts (s)."""
+PROBE_S = 2.0
+"""Time between two checks of the head, and for its answer (s)."""
+SILENCE_S = 20.0
+"""Silence after which the head counts as dead (s). After 60 s Ray would end this process without a message of ours."""
+
+
+class NoCluster(Exception):
+    """There is no Ray cluster at the given address."""
+
+
+def check_address(address: str) -> None:
+    """Check `HOST:PORT` of a cluster's head, or `auto`, quickly, where Ray itself would wait for minutes.
+
+    Raises:
+        NoCluster: The address is invalid or does not answer.
+    """
+    if address == "auto":
+        return
+    host, _, port = address.rpartition(":")
+    if not host or "/" in host or not (port.isdecimal() and port.isascii() and 0 < int(port) < 2**16):
+        raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
+    if (why := _connect(host.strip("[]"), int(port), CONNECT_S)) is not None:
+        raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}")
+
+
+def _connect(host: str, port: int, timeout_s: float) -> str | None:
+    """Why nothing answers at an address, or None."""
+    try:
+        socket.create_connection((host, port), timeout=timeout_s).close()
+    except OSError as error:
+        return error.strerror or str(error)
+    return None
+
+
+class ClusterHead:
+    """The head of the cluster that this process has joined. While it is silent, most of Ray's calls do not return."""
+
+    def __init__(
+        self, address: str, now: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        """Watch the head at `HOST:PORT`."""
+        self.address = address
+        host, _, port = address.rpartition(":")
+        self._host, self._port, self._now, self._sleep = host.strip("[]"), int(port), now, sleep
+        self._heard = now()
+
+    def wait_for_answer(self, *, after_s: float = 0.0) -> str | None:
+        """Return None when the head answers, or what is wrong if it has been silent for `SILENCE_S`.
+
+        It is not asked again within `after_s` of its latest answer (s).
+        """
+        if after_s and self._now() - self._heard < after_s:
+            return None
+        first = self._now()
+        while (why := _connect(self._host, self._port, PROBE_S)) is not None:
+            if self._now() - first >= SILENCE_S:
+                return f"the head of the cluster at {self.address} has not answered for {SILENCE_S:g} s: {why}"
+            self._sleep(PROBE_S / 4)
+        self._heard = self._now()
+        return None
+
+
+class Placement:
+    """Which nodes of the running Ray can open a simulator. Each node is asked once for each simulator."""
+
+    def __init__(self, environments: EnvironmentResolver) -> None:
+        """Use these environments."""
+        self._environments = environments
+        self._reasons: dict[tuple[str, str], str | None] = {}
+        """Id of a node and simulator to why it cannot be opened there."""
+
+    def options(self, simulator: Simulator) -> Mapping[str, Any]:
+        """Options that put a Ray actor on a node that can open the simulator.
+
+        They are empty if all nodes can, or none: then the actor itself reports why.
+        """
+        import ray
+
+        nodes = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
+        if len(nodes) < 2:
+            return {}
+        self._ask([node for node in nodes if (node, simulator.name) not in self._reasons], simulator)
+        able = [node for node in nodes if self._reasons[node, simulator.name] is None]
+        return {} if len(able) in (0, len(nodes)) else {"label_selector": {"ray.io/node-id": f"in({','.join(able)})"}}
+
+    def _ask(self, nodes: list[str], simulator: Simulator) -> None:
+        import ray
+        from ray.exceptions import RayError
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        asked: dict[str, Any] = {}
+        task: Any = ray.remote(num_cpus=0, max_retries=0)(missing_reason)
+        for node in nodes:
+            strategy = NodeAffinitySchedulingStrategy(node, soft=False)
+            asked[node] = task.options(scheduling_strategy=strategy).remote(self._environments, simulator.name)
+        for node, answer in asked.items():
+            try:
+                self._reasons[node, simulator.name] = ray.get(answer)
+            except RayError as error:  # the node died, or lacks this package
+                self._reasons[node, simulator.name] = str(error)
+
+
+def missing_reason(environments: EnvironmentResolver, simulator: str) -> str | None:
+    """Why a simulator cannot be opened on this node, or None."""
+    from robogauntlet.adapters import catalog
+
+    return environments.missing_reason(catalog.find(simulator))

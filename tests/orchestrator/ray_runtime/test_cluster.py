@@ -1,0 +1,96 @@
+"""The head of a joined cluster, and the nodes that can open a simulator."""
+
+import socket
+
+import pytest
+
+from robogauntlet.adapters import catalog
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.ray_runtime import cluster
+from robogauntlet.orchestrator.ray_runtime.cluster import ClusterHead, NoCluster, Placement, check_address
+
+
+class Clock:
+    """A clock that only sleeping moves."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+
+@pytest.fixture
+def listening():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server
+
+
+def closed_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def test_a_head_that_is_silent_too_long_counts_as_dead():
+    clock = Clock()
+    head = ClusterHead(f"127.0.0.1:{closed_port()}", clock, clock.sleep)
+    assert "has not answered for 20 s" in head.wait_for_answer()
+    assert cluster.SILENCE_S <= clock.now <= cluster.SILENCE_S + cluster.PROBE_S
+
+
+def test_a_head_that_answers_again_is_alive(monkeypatch):
+    clock, answers = Clock(), iter(["refused", "refused", None])
+    monkeypatch.setattr(cluster, "_connect", lambda *_: next(answers))
+    assert ClusterHead("node:6379", clock, clock.sleep).wait_for_answer() is None
+    assert next(answers, "all asked") == "all asked"
+
+
+def test_a_head_that_has_just_answered_is_not_asked_again(listening, monkeypatch):
+    clock = Clock()
+    head = ClusterHead(f"127.0.0.1:{listening.getsockname()[1]}", clock, clock.sleep)
+    assert head.wait_for_answer() is None
+    monkeypatch.setattr(cluster, "_connect", lambda *_: pytest.fail("asked again"))
+    assert head.wait_for_answer(after_s=2.0) is None
+
+
+@pytest.mark.parametrize(
+    "address", ["", "node", "node:", ":6379", "node:0", "node:65536", "node:٣", "http://node:1", "a/b:1"]
+)
+def test_an_address_that_is_none_is_refused(address):
+    with pytest.raises(NoCluster, match="expected HOST:PORT"):
+        check_address(address)
+
+
+def nodes_without(simulator, lacking, monkeypatch):
+    """A cluster of these nodes, some of which lack the simulator."""
+    monkeypatch.setattr(
+        "ray.nodes", lambda: [{"NodeID": name, "Alive": name != "dead"} for name in ("a", "b", "c", "dead")]
+    )
+    asked = []
+
+    def ask(self, nodes, simulator):
+        asked.extend(nodes)
+        self._reasons |= {(node, simulator.name): "not installed" if node in lacking else None for node in nodes}
+
+    monkeypatch.setattr(Placement, "_ask", ask)
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("lacking", "options"),
+    [
+        ("", {}),
+        ("b", {"label_selector": {"ray.io/node-id": "in(a,c)"}}),
+        ("ab", {"label_selector": {"ray.io/node-id": "in(c)"}}),
+        ("abc", {}),
+    ],
+)
+def test_workers_are_placed_where_their_simulator_can_be_opened(lacking, options, monkeypatch):
+    simulator = catalog.find("null")
+    asked = nodes_without(simulator, lacking, monkeypatch)
+    placement = Placement(EnvironmentResolver())
+    assert placement.options(simulator) == placement.options(simulator) == options
+    assert asked == ["a", "b", "c"]
