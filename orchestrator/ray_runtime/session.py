@@ -15,6 +15,7 @@ from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, 
 
 _LOCAL_ENVIRONMENT = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
+    "RAY_AUTH_MODE": "token",
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
@@ -55,15 +56,42 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         NoCluster: Nothing answers at the address.
     """
     global _head
-    for name, value in (_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT).items():
-        os.environ.setdefault(name, value)
+    with _environment(_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT):
+        import ray
+
+        if ray.is_initialized():
+            yield
+            return
+        if address is not None:
+            check_address(address)
+        _start(address, workers)
+        _head = None if address is None else ClusterHead(ray.get_runtime_context().gcs_address)
+        try:
+            yield
+        finally:
+            _head = None
+            ray.shutdown()
+
+
+@contextlib.contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables during the block: afterwards they would apply to any other Ray of this process."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _start(address: str | None, workers: int) -> None:
+    """Start Ray on this machine, or join the cluster at the address, without Ray's messages and signal handlers."""
     import ray
 
-    if ray.is_initialized():
-        yield
-        return
-    if address is not None:
-        check_address(address)
     logging.getLogger("ray").setLevel(logging.ERROR)
     on_terminate = signal.getsignal(signal.SIGTERM)
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
@@ -71,15 +99,9 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         cores = max(os.cpu_count() or 1, workers)
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _PAST_THE_OBJECT_STORE}
     ray.init(address or "local", **options)
-    _head = None if address is None else ClusterHead(ray.get_runtime_context().gcs_address)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     _silence_raylet()
-    try:
-        yield
-    finally:
-        _head = None
-        ray.shutdown()
 
 
 def room_for_workers() -> int:

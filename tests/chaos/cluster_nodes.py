@@ -100,7 +100,7 @@ class RayCluster:
         """Use these nodes; `switch` is the process that holds the bridge, `folder` gets the logs."""
         self.nodes, self._switch, self._folder = nodes, switch, folder
         self.environment = {
-            **os.environ,
+            **{name: value for name, value in os.environ.items() if not name.startswith("RAY_")},
             "RAY_AUTH_MODE": "token",
             "RAY_AUTH_TOKEN": secrets.token_hex(32),
             "RAY_USAGE_STATS_ENABLED": "0",
@@ -127,15 +127,16 @@ class RayCluster:
             f"--num-cpus={cpus}",
             "--disable-usage-stats",
         ]
-        with (self._folder / f"{node.name}.log").open("ab") as log:
-            subprocess.run(
+        log = self._folder / f"{node.name}.log"
+        with log.open("ab") as stream:
+            started = subprocess.run(
                 node.inside(*command),
                 env={**self.environment, **(more or {})},
-                stdout=log,
-                stderr=log,
-                check=True,
+                stdout=stream,
+                stderr=stream,
                 timeout=JOIN_S,
             )
+        assert started.returncode == 0, log.read_text()
 
     def popen(self, number: int, command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
         """Start a command on a node."""

@@ -1,4 +1,8 @@
-"""How many workers fit a Ray."""
+"""How many workers fit a Ray, and who can reach it."""
+
+import json
+import subprocess
+import sys
 
 import pytest
 
@@ -17,3 +21,26 @@ from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for
 def test_workers_fit_cores_and_memory_and_are_at_least_one(resources, workers, monkeypatch):
     monkeypatch.setattr("ray.cluster_resources", lambda: resources)
     assert room_for_workers() == workers
+
+
+SESSION = """
+import json, os, psutil
+from robogauntlet.orchestrator.ray_runtime.session import ray_session
+
+before = {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
+with ray_session(address=None, workers=1):
+    token = os.environ["RAY_AUTH_MODE"]
+    family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    sockets = [socket for process in family for socket in process.net_connections("inet")]
+listening = {socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN}
+same = before == {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
+print(json.dumps({"mode": token, "listening": sorted(listening), "environment as before": same}))
+"""
+
+
+@pytest.mark.ray
+def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_environment_as_it_was(monkeypatch):
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    done = subprocess.run([sys.executable, "-c", SESSION], check=True, capture_output=True, text=True, timeout=120)
+    answer = json.loads(done.stdout.splitlines()[-1])
+    assert answer == {"mode": "token", "listening": ["127.0.0.1"], "environment as before": True}
