@@ -13,9 +13,9 @@ from typing import Any
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
 
-_LOCAL_ENVIRONMENT = {
+_LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
-    "RAY_AUTH_MODE": "token",
+    "RAY_AUTH_MODE": None,  # Ray then sets it to `token` and reads it again, even if its configuration was read before
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
 }
@@ -23,7 +23,9 @@ _PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_i
 """Send results directly: when the object store dies, Ray kills every process that reads from it without a message."""
 WORKER_BYTES = 2 * 1024**3
 """Memory of a worker with a simulator, its renderer and a policy (bytes)."""
-_JOINED_ENVIRONMENT = {f"RAY_{name}": str(value) for name, value in _PAST_THE_OBJECT_STORE.items()}
+_JOINED_ENVIRONMENT: dict[str, str | None] = {
+    f"RAY_{name}": str(value) for name, value in _PAST_THE_OBJECT_STORE.items()
+}
 """The same for this process's part in a cluster that others started."""
 _head: ClusterHead | None = None
 """The head of the cluster that this process has joined."""
@@ -74,18 +76,22 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables during the block: afterwards they would apply to any other Ray of this process."""
+def _environment(variables: Mapping[str, str | None]) -> Iterator[None]:
+    """Set or remove variables during the block: later, they would apply to any other Ray of this process."""
     before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
+    _set_environment(variables)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        _set_environment(before)
+
+
+def _set_environment(variables: Mapping[str, str | None]) -> None:
+    for name, value in variables.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 def _start(address: str | None, workers: int) -> None:
