@@ -1,20 +1,21 @@
 #!/usr/bin/env bash
-# Installs what only the tests need: a PostgreSQL server, which a test starts and stops by itself, and a browser that
-# lays out reports without a screen. Where they cannot be installed, the tests that need them are skipped with that reason.
+# Installs what only the tests need: a PostgreSQL server and Slurm, which tests start and stop by themselves, and a browser
+# that lays out reports without a screen. Where they cannot be installed, the tests that need them are skipped with that reason.
 set -euo pipefail
 
 missing=()
 compgen -G '/usr/lib/postgresql/*/bin/pg_ctl' >/dev/null || command -v pg_ctl >/dev/null 2>&1 || missing+=(postgresql)
 command -v chromium >/dev/null 2>&1 || missing+=(chromium)
+command -v slurmd >/dev/null 2>&1 || missing+=(munge slurmctld slurmd slurm-client)
 if [ ${#missing[@]} = 0 ]; then
     exit 0
 fi
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
     apt-get update -qq
-    # No cluster is made and no service is started: only the programs are wanted.
+    # No cluster is made and no service is started (RUNLEVEL=1): only the programs are wanted.
     mkdir -p /etc/postgresql-common
     [ -e /etc/postgresql-common/createcluster.conf ] || echo 'create_main_cluster = false' > /etc/postgresql-common/createcluster.conf
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+    RUNLEVEL=1 DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
     echo "test tools: ${missing[*]} installed"
 else
     echo "test tools: no ${missing[*]}, their tests are skipped; to run them: sudo apt-get install ${missing[*]}"
