@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, metadata
 from importlib.util import find_spec
@@ -55,11 +55,14 @@ def find(simulator: str) -> Simulator:
 
 
 def missing_reason(simulator: Simulator) -> str | None:
-    """Return why the simulator cannot be opened in this process and what to do, or None if its modules are installed.
+    """Return why the simulator cannot be opened in this process and what to do.
 
-    Imports nothing. For other processes, use `robogauntlet.orchestrator.environments`.
+    None if its modules are installed, and those of one of its tasks. Imports nothing. For other processes, use
+    `robogauntlet.orchestrator.environments`.
     """
-    missing = [module for module in simulator.modules if find_spec(module) is None]
+    missing = _missing(simulator.modules)
+    if not missing and installed_task(simulator) is None:
+        missing = _missing(module for task in simulator.tasks.values() for module in task.modules)
     if not missing:
         return None
     remedy = "install the package that provides it"
@@ -70,6 +73,15 @@ def missing_reason(simulator: Simulator) -> str | None:
     elif simulator.distributions:
         remedy = f"install it: pip install {' '.join(simulator.distributions)}"
     return f"not installed (no module {missing[0]}); {remedy}"
+
+
+def installed_task(simulator: Simulator) -> str | None:
+    """Return the simulator's first task whose own modules are installed, or None. Imports nothing."""
+    return next((name for name, task in simulator.tasks.items() if not _missing(task.modules)), None)
+
+
+def _missing(modules: Iterable[str]) -> list[str]:
+    return [module for module in modules if find_spec(module) is None]
 
 
 def _extras() -> list[str]:

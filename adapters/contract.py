@@ -163,6 +163,8 @@ class TaskDescription:
     """Scene control that the simulator has in other tasks but not in this one, to the reason."""
     cameras: tuple[str, ...] = CAMERAS
     """Its cameras, the third-person camera among them."""
+    modules: tuple[str, ...] = ()
+    """Modules that it needs beside its simulator's."""
 
 
 @dataclass(frozen=True)

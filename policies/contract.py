@@ -212,6 +212,20 @@ def check_chunk(actions: FloatArray) -> FloatArray:
     Raises:
         PolicyMismatch: It has another shape, is empty, or holds NaN or infinity.
     """
+    chunk = chunk_of(actions)
+    if not np.isfinite(chunk).all():
+        raise PolicyMismatch(f"expected finite actions, got {chunk[~np.isfinite(chunk)][0]} in the chunk")
+    return chunk
+
+
+def chunk_of(actions: Any) -> FloatArray:
+    """Return what a policy answered as a new float64 array, shape (n, 7), which may hold NaN.
+
+    Raises:
+        PolicyMismatch: It is no array of numbers, has another shape, or is empty.
+    """
+    if actions is None:
+        raise PolicyMismatch(f"expected an action chunk, shape (n, {ACTION_DIM}); got None: a return is missing")
     try:
         chunk = np.array(actions, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -220,6 +234,4 @@ def check_chunk(actions: FloatArray) -> FloatArray:
         ) from None
     if chunk.ndim != 2 or chunk.shape[1] != ACTION_DIM or len(chunk) == 0:
         raise PolicyMismatch(f"expected an action chunk of shape (n, {ACTION_DIM}) with n >= 1, got {chunk.shape}")
-    if not np.isfinite(chunk).all():
-        raise PolicyMismatch(f"expected finite actions, got {chunk[~np.isfinite(chunk)][0]} in the chunk")
     return chunk

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.contract import FloatArray, Observation
 from robogauntlet.policies.contract import (
     Decision,
     Policy,
@@ -44,6 +44,10 @@ class FunctionPolicy(StatelessPolicy):
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
         """Call the function for each query. Raises PolicyError if the result is not a chunk."""
         return [_answer(self._act, query, self._name) for query in queries]
+
+    def ask(self, observation: Observation) -> Any:
+        """Return what the function returns, whatever it is."""
+        return _call(self._act, observation)
 
 
 class StatefulFunctionPolicy:
@@ -81,6 +85,11 @@ class StatefulFunctionPolicy:
         """Call the object of each query's episode. Raises PolicyError if the result is not a chunk."""
         return [_answer(self._playing[query.episode.id], query, self._name) for query in queries]
 
+    def ask(self, observation: Observation) -> Any:
+        """Return what an object returns at the start of an episode, whatever it is."""
+        self._idle[-1].reset()
+        return _call(self._idle[-1], observation)
+
     def finish(self, episodes: Sequence[Episode]) -> None:
         """Free the objects of these episodes for others."""
         self._idle += [self._playing.pop(episode.id) for episode in episodes if episode.id in self._playing]
@@ -98,11 +107,14 @@ class StatefulFunctionPolicy:
         return other
 
 
+def _call(act: Act, observation: Observation) -> Any:
+    return act(**{parameter: getattr(observation, parameter) for parameter in PARAMETERS})
+
+
 def _answer(act: Act, query: Query, name: str) -> Decision:
     assert query.observation is not None
-    actions = act(**{parameter: getattr(query.observation, parameter) for parameter in PARAMETERS})
     try:
-        return Decision(check_chunk(actions))
+        return Decision(check_chunk(_call(act, query.observation)))
     except PolicyError as error:
         raise type(error)(f"{name}: {error}") from None
 

@@ -25,6 +25,7 @@ from robogauntlet.suites.schema import (
     PolicyEntry,
     Seeds,
     Suite,
+    policy_entry,
 )
 from robogauntlet.suites.yaml_file import Place, YamlError, parse_yaml, read_yaml
 
@@ -48,10 +49,13 @@ class Problem:
 
 
 class SuiteError(Exception):
-    """A suite file with mistakes. The message has one line per problem."""
+    """A suite file with mistakes. The message has one line per problem.
 
-    def __init__(self, problems: list[Problem]) -> None:
-        self.problems = sorted(problems, key=lambda p: p.line or 0)
+    `rest` is the suite without its wrong entries, with stand-ins for missing keys; None if that is no suite.
+    """
+
+    def __init__(self, problems: list[Problem], rest: Suite | None = None) -> None:
+        self.problems, self.rest = sorted(problems, key=lambda p: p.line or 0), rest
         super().__init__("\n".join(map(str, self.problems)))
 
 
@@ -94,10 +98,10 @@ def _load(path: Path, text: str, model: type[Model], check: Callable[[Model], Se
         # A list with wrong entries is also called too short.
         errors = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
         wrong: list[Mistake] = [(_place(e["loc"]), _message(e, model)) for e in errors]
-        further: Iterator[Mistake] = _further_mistakes(data, {place for place, _ in wrong}, model, check)
-        raise _refusal(path, lines, (*wrong, *further)) from None
+        wrong += _further_mistakes(data, {place for place, _ in wrong}, model, check)
+        raise _refusal(path, lines, wrong, _rest(data, wrong, model)) from None
     if mistakes := check(loaded):
-        raise _refusal(path, lines, mistakes)
+        raise _refusal(path, lines, mistakes, _rest(data, mistakes, model))
     return loaded
 
 
@@ -105,15 +109,9 @@ def _further_mistakes(
     data: dict[str, Any], wrong: set[Place], model: type[BaseModel], check: Callable[[Any], Sequence[Mistake]]
 ) -> Iterator[Mistake]:
     """Check what is left of a file's data without the entries at these places."""
-    kept: dict[str | int, list[int]] = {}
-    left = {key: value for key, value in data.items() if all(place[0] != key for place in wrong)}
-    for key in {place[0] for place in wrong if len(place) > 1} - {place[0] for place in wrong if len(place) == 1}:
-        if isinstance(data[str(key)], list):
-            kept[key] = [i for i in range(len(data[str(key)])) if all(place[:2] != (key, i) for place in wrong)]
-            left |= {str(key): [data[str(key)][i] for i in kept[key]]} if kept[key] else {}
-    required = {key: value for key, value in REQUIRED.items() if key != "policies" or "needs" not in left}
+    left, kept = _without(data, wrong)
     try:
-        loaded = model.model_validate({**(required if model is Suite else {}), **left})
+        loaded = model.model_validate(_completed(left, model))
     except ValidationError:
         return
     unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)
@@ -123,10 +121,45 @@ def _further_mistakes(
             yield (key, kept[key][int(found[1])], *found[2:]) if key in kept else found, message
 
 
-def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake]) -> SuiteError:
+def _rest(data: dict[str, Any], mistakes: Iterable[Mistake], model: type[BaseModel]) -> Suite | None:
+    """The suite without the entries that are wrong, or None."""
+    left, _ = _without(data, {place for place, _ in mistakes})
+    try:
+        loaded = model.model_validate(_completed(left, model))
+    except ValidationError:
+        return None
+    return loaded if isinstance(loaded, Suite) else None
+
+
+def _completed(left: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]:
+    """The data of a file with stand-ins for required keys that it lacks."""
+    required = {key: value for key, value in REQUIRED.items() if key != "policies" or "needs" not in left}
+    return {**(required if model is Suite else {}), **left}
+
+
+def _without(data: dict[str, Any], wrong: set[Place]) -> tuple[dict[str, Any], dict[str | int, list[int]]]:
+    """A file's data without the entries at these places; of lists that lose some, the indices that are kept."""
+    kept: dict[str | int, list[int]] = {}
+    left = {key: value for key, value in data.items() if all(place[:1] != (key,) for place in wrong)}
+    for key in {place[0] for place in wrong if len(place) > 1} - {place[0] for place in wrong if len(place) == 1}:
+        if isinstance(data[str(key)], list):
+            kept[key] = [i for i in range(len(data[str(key)])) if all(place[:2] != (key, i) for place in wrong)]
+            left |= {str(key): [data[str(key)][i] for i in kept[key]]} if kept[key] else {}
+    return left, kept
+
+
+def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake], rest: Suite | None = None) -> SuiteError:
     # Each problem once: a value that fits neither side of a union is reported by both.
     problems = (Problem(str(path), _line(lines, place), message) for place, message in mistakes)
-    return SuiteError([*dict.fromkeys(problems)])
+    return SuiteError([*dict.fromkeys(problems)], rest)
+
+
+def policy_lines(text: str) -> dict[str, int]:
+    """Return the line of each policy, by name, in the text of a suite that can be read."""
+    document = parse_yaml(text)
+    entries = document.data.get("policies") or ()
+    named = (policy_entry(entry) if isinstance(entry, str) else entry for entry in entries)
+    return {str(entry.get("name", entry.get("kind"))): document.lines["policies", i] for i, entry in enumerate(named)}
 
 
 def _read(path: Path, what: str) -> str:

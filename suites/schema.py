@@ -262,6 +262,11 @@ class Suite(_Model):
             return self.workers.get(simulator, 1)
         return self.workers if isinstance(self.workers, int) else 1
 
+    @property
+    def view(self) -> View:
+        """The images that policies see."""
+        return View(self.cameras, self.image_size, self.render_profile)
+
     def with_names(self, names: Registry) -> Suite:
         """Return the suite with its task patterns replaced by task names."""
         return self.model_copy(update={"tasks": tuple(expand_tasks(self.tasks, names.tasks))})
@@ -275,8 +280,7 @@ class Suite(_Model):
 
         `digests` has the hash of each policy's content.
         """
-        view = View(self.cameras, self.image_size, self.render_profile)
-        cells = []
+        cells, view = [], self.view
         for task in self.tasks:
             protocol = Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view)
             for condition in self.all_conditions():

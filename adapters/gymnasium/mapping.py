@@ -149,7 +149,8 @@ def load_description(path: Path) -> TaskDescription:
     except AdapterError as error:
         return TaskDescription(f"cannot be opened: {first_line(error)}", 1)
     cameras = CAMERAS if mapping.cameras.wrist else CAMERAS[:1]
-    return TaskDescription(mapping.instruction, mapping.horizon, cameras=cameras)
+    module, colon, _ = mapping.env.partition(":")
+    return TaskDescription(mapping.instruction, mapping.horizon, cameras=cameras, modules=(module,) if colon else ())
 
 
 def _message(problem: Any) -> str:

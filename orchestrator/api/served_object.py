@@ -10,22 +10,17 @@ import sysconfig
 import textwrap
 import uuid
 from collections.abc import Iterator, Mapping
-from concurrent.futures import wait
 from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-import numpy as np
-
-from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.orchestrator.environments.resolver import OBJECT_TOKEN
-from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
+from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.orchestrator.inference.server_thread import ServerThread
 from robogauntlet.orchestrator.inference.websocket_server import IdentifiedPolicy, ServerOptions
-from robogauntlet.policies.contract import PolicyError, PolicyMismatch, check_chunk
-from robogauntlet.policies.function_policy import as_policy, is_contract, is_plain
-from robogauntlet.suites.episode import content_hash
+from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy, as_policy, is_contract
+from robogauntlet.suites.episode import View, content_hash
 from robogauntlet.suites.schema import PolicyEntry, valid_name
 
 READERS = {"open", "exec", "eval", "load", "globals"}
@@ -74,37 +69,14 @@ class ServedObject(ServerThread):
             options={"address": self.address, "timeout_s": TIMEOUT_S, "retries": 0, "token_variable": OBJECT_TOKEN},
         )
 
-    def check_answer(self, cameras: tuple[str, ...], image_size: int, instruction: str) -> None:
-        """Refuse a function whose answer to black images has a wrong shape, or is late. That it raises is no reason.
+    def check_answer(self, view: View, instruction: str) -> None:
+        """Ask a function or object once, see `check_first_answer`. Of a class or factory, ask what it makes.
 
         Raises:
-            PolicyMismatch: The answer is no action chunk.
-            PolicyError: There is none within `TIMEOUT_S`.
+            PolicyError: See there.
         """
-        if not is_plain(self._target) and (inspect.isclass(self._target) or inspect.isroutine(self._target)):
-            return  # it makes the policy
-        black = {camera: np.zeros((image_size, image_size, 3), np.uint8) for camera in cameras}
-        observation = {"images": black, "proprioception": np.zeros(PROPRIOCEPTION_DIM), "instruction": instruction}
-        try:
-            inspect.signature(self._target).bind(**observation)
-        except (TypeError, ValueError):  # a policy of the contract, or compiled code without a signature
-            return
-        thread = DaemonThread()
-        asked = thread.submit(self._target, **observation)
-        thread.shutdown(wait=False)
-        if not wait([asked], TIMEOUT_S).done:
-            raise PolicyError(f"policy '{self.name}': expected an answer within {TIMEOUT_S:g} s, got none; it hangs")
-        try:
-            answer = asked.result()
-            shape = np.shape(answer)
-        except Exception:  # a function that needs something to see
-            return
-        if len(shape) == 2 and shape[0] and shape[1] == ACTION_DIM:
-            return
-        try:
-            check_chunk(answer)
-        except PolicyMismatch as error:
-            raise PolicyMismatch(f"policy '{self.name}': {error}") from None
+        if isinstance(policy := self.server.served.policy, FunctionPolicy | StatefulFunctionPolicy):
+            check_first_answer(self.name, policy.ask, view, instruction)
 
 
 def _digest(target: Any, identity: str | None) -> str:

@@ -45,7 +45,9 @@ def validate(
 def _notes(plan: Plan) -> Iterator[str]:
     """What is missing in the suite or on this machine."""
     if not plan.suite.policies:
-        yield f"needs a policy, to play {len(plan.suite.tasks)} tasks; add --policy to robogauntlet run"
+        suite = plan.suite
+        episodes = len(suite.tasks) * len(suite.all_conditions()) * suite.seeds.count
+        yield f"needs a policy, to play {episodes} episodes; add --policy to robogauntlet run"
     for simulator, reason in plan.unavailable.items():
         yield f"simulator {simulator}: {reason}"
     if plan.not_installed:

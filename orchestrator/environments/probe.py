@@ -61,7 +61,7 @@ def _open_and_observe(name: str) -> dict[str, object]:
     simulator = catalog.find(name)
     runner = EpisodeRunner({})
     try:
-        task = next(iter(simulator.tasks))
+        task = catalog.installed_task(simulator) or next(iter(simulator.tasks))
         readiness = runner.prepare(f"{name}/{task}", View(CAMERAS[:1]))
     except Exception as error:  # a missing driver can raise anything
         return {"problem": describe(error)}

@@ -15,15 +15,17 @@ from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, PolicyUnreachable, check_fit
+from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
 from robogauntlet.policies.references import FORMS, read_reference
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
 from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell
-from robogauntlet.suites.loading import Problem, SuiteError, load_suite
+from robogauntlet.suites.loading import Problem, SuiteError, load_suite, policy_lines
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import PolicyEntry, Suite
@@ -33,6 +35,7 @@ from robogauntlet.support.errors import BadInput
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
 UNKNOWN = "unknown until its policy servers answer"
+NO_POLICY = "unknown until it has a policy"
 
 
 class PlanError(Exception):
@@ -48,7 +51,7 @@ class Plan:
     text: str
     """The suite file, word for word."""
     suite_hash: str
-    """Or `UNKNOWN`."""
+    """Or `UNKNOWN`, or `NO_POLICY`."""
     cells: tuple[Cell, ...]
     sources: Mapping[str, PolicySource]
     unavailable: Mapping[str, str]
@@ -149,7 +152,11 @@ def make_plan(
         PolicyError: The part names a checkpoint of the zoo that does not exist.
     """
     names = load_registry()
-    whole, part = _add_policies(load_suite(path, names, text), part, path)
+    try:
+        loaded = load_suite(path, names, text)
+    except SuiteError as error:
+        raise SuiteError([*error.problems, *_policy_problems(path, text, error.rest)], error.rest) from None
+    whole, part = _add_policies(loaded, part, path)
     if require_installed and not whole.policies:
         raise PlanError(needs_policy(path))
     try:
@@ -159,23 +166,27 @@ def make_plan(
     if mistakes := check_names(suite, names):  # of added policies
         raise SuiteError([Problem(str(path), None, message) for _, message in mistakes])
     environments = EnvironmentResolver(suite.environments)
-    sources, not_installed, problems = _resolve_policies(suite, environments)
+    sources, not_installed, wrong = _resolve_policies(suite, environments, ask=require_installed)
     if require_installed:
-        problems = [f"policy '{name}': {reason}" for name, reason in not_installed.items()] + problems
+        wrong = [(name, f"policy '{name}': {reason}") for name, reason in not_installed.items()] + wrong
     unsupported = _unsupported_axes(suite)
     unsupported_tasks = Counter(gap.axis for gap in unsupported)
-    problems += [
+    problems = [
         f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
         for gap in unsupported
         if unsupported_tasks[gap.axis] == len(suite.tasks)
     ]
     problems += _missing_cameras(suite)
-    if problems:
-        raise SuiteError([Problem(str(path), None, problem) for problem in problems])
+    if problems or wrong:
+        lines = policy_lines(path.read_text(encoding="utf-8") if text is None else text)
+        located = [Problem(str(path), lines.get(name), message) for name, message in wrong]
+        raise SuiteError([*located, *(Problem(str(path), None, problem) for problem in problems)])
     digests = {name: str(source.digest) for name, source in sources.items()}
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
-    suite_hash = suite.content_hash(digests, names) if all(source.digest for source in sources.values()) else UNKNOWN
+    suite_hash = NO_POLICY if not digests else UNKNOWN
+    if digests and all(source.digest for source in sources.values()):
+        suite_hash = suite.content_hash(digests, names)
     simulator_names = dict.fromkeys(cell.simulator for cell in cells)
     return Plan(
         suite=suite,
@@ -227,22 +238,34 @@ def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite
     return suite, replace(part, policies=tuple(chosen))
 
 
+def _policy_problems(path: Path, text: str | None, rest: Suite | None) -> list[Problem]:
+    """What is wrong with the policies that can be read in a suite file with other mistakes."""
+    if rest is None:
+        return []
+    lines = policy_lines(path.read_text(encoding="utf-8") if text is None else text)
+    _, _, wrong = _resolve_policies(rest, EnvironmentResolver(rest.environments), ask=False)
+    return [Problem(str(path), lines.get(name), message) for name, message in wrong]
+
+
 def _resolve_policies(
-    suite: Suite, environments: EnvironmentResolver
-) -> tuple[dict[str, PolicySource], dict[str, str], list[str]]:
-    """The policies' sources; those that are not installed, with the reasons; a line for each that cannot be used."""
+    suite: Suite, environments: EnvironmentResolver, *, ask: bool
+) -> tuple[dict[str, PolicySource], dict[str, str], list[tuple[str, str]]]:
+    """The policies' sources; those that are not installed, with the reasons; name and message of those that are wrong.
+
+    With `ask`, functions are asked once.
+    """
     sources: dict[str, PolicySource] = {}
     not_installed: dict[str, str] = {}
-    problems: list[str] = []
+    problems: list[tuple[str, str]] = []
     names_by_digest: dict[str, str] = {}
     for entry in suite.policies:
         try:
-            source, missing = _resolve_policy(entry, suite, environments)
+            source, missing = _resolve_policy(entry, suite, environments, ask=ask)
         except PolicyMismatch as error:
-            problems.append(f"policy '{entry.name}' does not fit: {error.reason}")
+            problems.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
             continue
         except PolicyError as error:
-            problems.append(f"policy '{entry.name}': {error.reason}")
+            problems.append((entry.name, f"policy '{entry.name}': {error.reason}"))
             continue
         sources[entry.name] = source
         if missing:
@@ -250,11 +273,13 @@ def _resolve_policies(
         if source.digest is None:
             continue
         if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
-            problems.append(f"policies '{first}' and '{entry.name}' are the same policy; remove one")
+            problems.append((entry.name, f"policies '{first}' and '{entry.name}' are the same policy; remove one"))
     return sources, not_installed, problems
 
 
-def _resolve_policy(entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver) -> tuple[PolicySource, str]:
+def _resolve_policy(
+    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, ask: bool
+) -> tuple[PolicySource, str]:
     """Find what a policy is built from, and why it is not installed ("" if it is).
 
     Raises:
@@ -273,11 +298,16 @@ def _resolve_policy(entry: PolicyEntry, suite: Suite, environments: EnvironmentR
         source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
     except PolicyUnreachable as error:
         return PolicySource(entry.kind, options), str(error)
+    find_spec = policies.find(entry.kind).spec
     try:
-        spec = policies.spec(entry.kind, options)
+        policy = None if find_spec else policies.load(entry.kind, options)
+        spec = policies.spec(entry.kind, options) if policy is None else policy.spec
     except PolicyNotInstalled as error:
         return source, str(error)
     check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
+    if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
+        instruction = simulators.task_descriptions()[suite.tasks[0]].instruction
+        check_first_answer(entry.name, policy.ask, suite.view, instruction)
     return source, ""
 
 

@@ -1,9 +1,11 @@
 """Simulators and tasks by name."""
 
+from dataclasses import replace
+
 import pytest
 
 from robogauntlet.adapters import catalog
-from robogauntlet.adapters.contract import Simulator, UnknownTask
+from robogauntlet.adapters.contract import Simulator, TaskDescription, UnknownTask
 from robogauntlet.suites.episode import View
 
 
@@ -25,3 +27,12 @@ def test_an_unknown_task_is_refused_with_the_nearest_name(name):
 def test_a_missing_simulator_is_reported_with_a_way_to_install_it(name, distributions, remedy):
     simulator = Simulator(name, "", {}, ("no_such_module",), distributions, open)
     assert catalog.missing_reason(simulator) == f"not installed (no module no_such_module); {remedy}"
+
+
+def test_a_simulator_without_the_modules_of_any_task_is_not_installed():
+    lacking = TaskDescription("reach", 1, modules=("no_such_module",))
+    simulator = replace(catalog.find("null"), tasks={"First": lacking})
+    assert catalog.missing_reason(simulator).startswith("not installed (no module no_such_module)")
+    both = replace(simulator, tasks={"First": lacking, "Second": TaskDescription("reach", 1)})
+    assert catalog.missing_reason(both) is None
+    assert catalog.installed_task(both) == "Second"

@@ -8,14 +8,16 @@ import threading
 import numpy as np
 import pytest
 
-from robogauntlet.orchestrator.api import served_object
 from robogauntlet.orchestrator.api.served_object import ServedObject
+from robogauntlet.orchestrator.inference import first_answer
 from robogauntlet.policies import catalog
 from robogauntlet.policies.contract import PolicyError
+from robogauntlet.suites.episode import View
 from tests import processes
 from tests.errors import one_line_error
 
 SPEED, PACKAGE = 0.01, "numpy"
+WRIST = View(("wrist",), 16)
 
 
 def still(images, proprioception, instruction):
@@ -124,7 +126,7 @@ def test_a_class_or_factory_of_any_options_is_not_taken_for_a_function():
         def __call__(self, images, proprioception, instruction):
             return np.zeros((8, 7))
 
-    ServedObject(Open).check_answer(("wrist",), 16, "reach")
+    ServedObject(Open).check_answer(WRIST, "reach")
 
 
 def test_it_is_named_after_the_function_or_class():
@@ -167,14 +169,15 @@ def test_what_is_no_policy_is_one_line(target, match):
         (np.zeros(7), r"expected an action chunk of shape \(n, 7\) with n >= 1, got \(7,\)"),
         (np.zeros((8, 6)), r"got \(8, 6\)"),
         (np.zeros((0, 7)), r"got \(0, 7\)"),
-        (None, r"policy 'wrong': expected an action chunk"),
+        (None, r"policy 'wrong': expected an action chunk, shape \(n, 7\); got None: a return is missing"),
+        ([["up"] * 7], r"policy 'wrong': expected an action chunk of numbers"),
         ("up", r"policy 'wrong': expected an action chunk"),
     ],
 )
 def test_an_answer_of_a_wrong_shape_is_one_line(answer, match):
     served = ServedObject(lambda images, proprioception, instruction: answer, name="wrong")
     with one_line_error(PolicyError, match):
-        served.check_answer(("wrist",), 16, "reach")
+        served.check_answer(WRIST, "reach")
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -184,7 +187,7 @@ def test_a_function_may_need_something_to_see():
         return np.full((1, 7), rows.mean() if instruction == "reach" else rows[0])
 
     for instruction in ("reach", "push"):
-        ServedObject(act).check_answer(("wrist",), 16, instruction)
+        ServedObject(act).check_answer(WRIST, instruction)
 
 
 def test_a_function_that_hangs_is_refused_before_anything_is_started(monkeypatch):
@@ -193,9 +196,9 @@ def test_a_function_that_hangs_is_refused_before_anything_is_started(monkeypatch
     def hangs(images, proprioception, instruction):
         released.wait(60)
 
-    monkeypatch.setattr(served_object, "TIMEOUT_S", 0.1)
-    with one_line_error(PolicyError, r"policy 'hangs': expected an answer within 0.1 s, got none; it hangs"):
-        ServedObject(hangs).check_answer(("wrist",), 16, "reach")
+    monkeypatch.setattr(first_answer, "LIMIT_S", 0.1)
+    with one_line_error(PolicyError, r"policy 'hangs': expected its first answer within 0.1 s, got none"):
+        ServedObject(hangs).check_answer(WRIST, "reach")
     released.set()
 
 

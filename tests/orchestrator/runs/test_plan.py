@@ -3,7 +3,7 @@
 import pytest
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.runs.plan import make_plan, why_unadjusted
+from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan, why_unadjusted
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.loading import SuiteError
 from tests.errors import one_line_error
@@ -55,3 +55,50 @@ def test_a_policy_that_cannot_be_built_is_named_once(suite_file, tmp_path):
     policy = f"{{name: mine, kind: python, options: {{callable: 'broken:Policy', folder: '{tmp_path}'}}}}"
     with one_line_error(SuiteError, r": policy 'mine': building it raised OSError: no weights$"):
         make_plan(suite_file(f"name: s\npolicies: [{policy}]\ntasks: [null/Reach]\nseeds: {{count: 2}}\n"))
+
+
+MISTAKEN = """name: mistaken
+policies:
+  - oracle
+  - python:no_such_module:act
+  - {name: mine, kind: openpi, options: {address: "http://host"}}
+tasks: [null/Reach, null/Slo]
+seeds: {strat: 3}
+"""
+
+
+def test_mistakes_in_a_file_hide_no_unusable_policy(suite_file):
+    with pytest.raises(SuiteError) as refused:
+        make_plan(suite_file(MISTAKEN), require_installed=False)
+    assert [
+        (problem.line, problem.message.partition(";")[0].partition(" in '")[0]) for problem in refused.value.problems
+    ] == [
+        (4, "policy 'python-no_such_module-act': expected a module 'no_such_module'"),
+        (5, "policy 'mine': address: expected ws://HOST:PORT, got 'http://host'"),
+        (6, "unknown task 'null/Slo'"),
+        (7, "missing key 'count'"),
+        (7, "unknown key 'strat'"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("body", "found"),
+    [
+        ("return np.zeros((8, 6))", r"expected an action chunk of shape \(n, 7\) with n >= 1, got \(8, 6\)"),
+        ("pass", r"expected an action chunk, shape \(n, 7\); got None: a return is missing"),
+    ],
+)
+def test_a_function_whose_answer_is_no_action_chunk_is_refused_with_its_line(suite_file, tmp_path, body, found):
+    module = f"answers_{len(body)}"
+    source = f"import numpy as np\n\n\ndef act(images, proprioception, instruction):\n    {body}\n"
+    (tmp_path / f"{module}.py").write_text(source)
+    policy = f"{{name: mine, kind: python, options: {{callable: '{module}:act', folder: '{tmp_path}'}}}}"
+    with one_line_error(SuiteError, rf":2: policy 'mine' does not fit: {found}$"):
+        make_plan(suite_file(f"name: s\npolicies: [{policy}]\ntasks: [null/Reach]\nseeds: {{count: 2}}\n"))
+
+
+def test_the_hash_of_a_suite_without_policies_is_unknown(suite_file):
+    plan = make_plan(
+        suite_file("name: s\nneeds: policy\ntasks: [null/Reach]\nseeds: {count: 2}\n"), require_installed=False
+    )
+    assert plan.suite_hash == NO_POLICY

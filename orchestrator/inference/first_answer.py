@@ -1,0 +1,64 @@
+"""Asks a function once, about black images, before anything is started."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import TimeoutError as Late
+from typing import Any
+
+import numpy as np
+
+from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Image, Observation
+from robogauntlet.orchestrator.inference.daemon_thread import DaemonThread
+from robogauntlet.policies.contract import PolicyError, PolicyMismatch, chunk_of
+from robogauntlet.suites.episode import View
+
+LIMIT_S = 120.0
+"""Time for the first answer (s), in which a policy may load its weights."""
+
+
+def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View, instruction: str) -> None:
+    """Refuse a policy whose answer to black images has a wrong shape, or is late. It may raise, as one that must see.
+
+    Args:
+        name: The policy's name, for messages.
+        ask: Returns the answer to an observation.
+        view: Cameras and size of the images.
+        instruction: The task's text.
+
+    Raises:
+        PolicyMismatch: The answer is no action chunk.
+        PolicyError: There is none within `LIMIT_S`.
+    """
+    black: Image = np.zeros((view.image_size, view.image_size, 3), np.uint8)
+    images = {camera: black.copy() for camera in view.cameras}
+    try:
+        answer = call_within(LIMIT_S, lambda: ask(Observation(images, np.zeros(PROPRIOCEPTION_DIM), instruction)))
+    except Late:
+        raise PolicyError(
+            f"policy '{name}': expected its first answer within {LIMIT_S:g} s, got none; serve a policy that takes "
+            "longer (robogauntlet policies serve), or find out where it hangs"
+        ) from None
+    except Exception:
+        return
+    try:
+        chunk_of(answer)
+    except PolicyMismatch as error:
+        raise PolicyMismatch(f"policy '{name}': {error}") from None
+
+
+def call_within(seconds: float, function: Callable[[], Any]) -> Any:
+    """Return what a function returns, or raise what it raises.
+
+    Raises:
+        concurrent.futures.TimeoutError: It takes longer (s). It goes on in a thread that keeps no process from ending.
+    """
+    thread = DaemonThread()
+    called = thread.submit(function)
+    thread.shutdown(wait=False)
+    try:
+        return called.result(seconds)
+    except Late:
+        if called.done():  # the function itself raised TimeoutError
+            raise RuntimeError("the function timed out") from None
+        raise
