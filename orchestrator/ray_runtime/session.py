@@ -9,6 +9,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
@@ -58,7 +59,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         NoCluster: Nothing answers at the address.
     """
     global _head
-    with _environment(_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT):
+    with _environment(_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT), _on_loopback(address is None):
         import ray
 
         if ray.is_initialized():
@@ -94,6 +95,18 @@ def _set_environment(variables: Mapping[str, str | None]) -> None:
             os.environ[name] = value
 
 
+@contextlib.contextmanager
+def _on_loopback(applies: bool) -> Iterator[None]:
+    """Give Ray the loopback address during the block: it read the environment variable when it was first imported."""
+    constants = importlib.import_module("ray._private.ray_constants")
+    before = getattr(constants, "ENABLE_RAY_CLUSTER", None)
+    constants.ENABLE_RAY_CLUSTER = before and not applies  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        constants.ENABLE_RAY_CLUSTER = before  # type: ignore[attr-defined]
+
+
 def _start(address: str | None, workers: int) -> None:
     """Start Ray on this machine, or join the cluster at the address, without Ray's messages and signal handlers."""
     import ray
@@ -107,6 +120,8 @@ def _start(address: str | None, workers: int) -> None:
     ray.init(address or "local", **options)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
+    with contextlib.suppress(OSError):
+        (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
     _silence_raylet()
 
 

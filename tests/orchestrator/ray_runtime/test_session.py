@@ -3,10 +3,14 @@
 import json
 import subprocess
 import sys
+import time
+from pathlib import Path
 
+import psutil
 import pytest
 
 from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, room_for_workers
+from tests.processes import GAUNTLET
 
 
 @pytest.mark.parametrize(
@@ -24,7 +28,7 @@ def test_workers_fit_cores_and_memory_and_are_at_least_one(resources, workers, m
 
 
 SESSION = """
-import json, os, psutil
+import json, os, psutil, ray
 from robogauntlet.orchestrator.ray_runtime.session import ray_session
 
 before = {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
@@ -44,3 +48,29 @@ def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_envi
     done = subprocess.run([sys.executable, "-c", SESSION], check=True, capture_output=True, text=True, timeout=120)
     answer = json.loads(done.stdout.splitlines()[-1])
     assert answer == {"mode": "token", "listening": ["127.0.0.1"], "environment as before": True}
+
+
+@pytest.mark.ray
+def test_the_token_of_ray_is_for_its_owner_only(ray_here):
+    assert (Path.home() / ".ray" / "auth_token").stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.ray
+def test_a_run_listens_on_loopback_only(tmp_path):
+    (tmp_path / "suite.yaml").write_text(
+        "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 100}\nworkers: 1\n"
+    )
+    command = psutil.Popen(
+        [*GAUNTLET, "run", "suite.yaml", "--out", "run", "--no-media"], cwd=tmp_path, stdout=subprocess.DEVNULL
+    )
+    try:
+        while not any(process.name().startswith("ray::Worker.play") for process in command.children(recursive=True)):
+            assert command.poll() is None
+            time.sleep(0.1)
+        family = [command, *command.children(recursive=True)]
+        sockets = [socket for process in family for socket in process.net_connections("inet")]
+    finally:
+        command.terminate()
+        command.wait(60)
+    listening = {socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN}
+    assert listening == {"127.0.0.1"}
