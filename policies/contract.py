@@ -13,9 +13,10 @@ import numpy as np
 
 from robogauntlet.adapters.contract import ACTION_DIM, ActionSpec, FloatArray, Observation, ObservationSpec
 from robogauntlet.suites.episode import Episode
+from robogauntlet.support.errors import UserError
 
 
-class PolicyError(Exception):
+class PolicyError(UserError):
     """An error that the policy's user can fix; the message says how."""
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from keyword import iskeyword
 from typing import Any
 
 from robogauntlet.adapters.contract import FloatArray, Observation
@@ -131,6 +132,7 @@ def as_policy(target: Callable[..., Any], options: Mapping[str, Any], text: str)
         PolicyError: It makes none; the message says what to write.
     """
     name = text.rpartition(":")[2]
+    wanted = f"write def {name if name.isidentifier() and not iskeyword(name) else 'act'}({LIST})"
     if is_plain(target):
         try:
             inspect.signature(target).bind(**dict.fromkeys(PARAMETERS), **options)
@@ -140,10 +142,10 @@ def as_policy(target: Callable[..., Any], options: Mapping[str, Any], text: str)
     if inspect.isroutine(target) and (missing := _required(target) - options.keys()):
         raise PolicyError(
             f"policy '{text}': expected parameters named {LIST}, or a factory without required ones; "
-            f"found {name}{_signature(target)}, which needs {', '.join(sorted(missing))}; write def {name}({LIST})"
+            f"found {name}{_signature(target)}, which needs {', '.join(sorted(missing))}; {wanted}"
         )
     if inspect.isroutine(target) and not options and _takes_any_names_only(target):
-        raise PolicyError(f"policy '{text}': found {name}{_signature(target)}; write def {name}({LIST})")
+        raise PolicyError(f"policy '{text}': found {name}{_signature(target)}; {wanted}")
     build = partial(target, **options)
     try:
         made: Any = build()
@@ -154,7 +156,7 @@ def as_policy(target: Callable[..., Any], options: Mapping[str, Any], text: str)
     if not callable(made):
         raise PolicyError(
             f"policy '{text}': expected a function of {LIST}, or a class with __call__(self, {LIST}), and with "
-            f"reset(self) if it keeps state; got a {type(made).__name__} without __call__"
+            f"reset(self) if it keeps state; got {type(made).__name__} without __call__"
         )
     if not _accepts_observation(made):
         raise PolicyError(

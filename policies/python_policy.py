@@ -29,7 +29,7 @@ class _Place:
 
     def __init__(self, options: Mapping[str, Any]) -> None:
         text = options.get("callable")
-        expected = f"policy '{NAME}': expected option callable: module:Name"
+        expected = f"policy '{NAME}': expected python:MODULE:NAME, or option callable: MODULE:NAME"
         if not isinstance(text, str):
             raise PolicyError(f"{expected}, got {text!r}")
         self.text = text
@@ -134,10 +134,10 @@ def _import(place: _Place) -> Any:
     for part in place.name.split("."):
         if not hasattr(target, part):
             names = [name for name in vars(target) if not name.startswith("_")]
-            raise PolicyError(f"policy '{place.text}': expected '{part}', found none{did_you_mean(part, names)}")
+            raise PolicyError(f"policy '{place.text}': {place.module} has no '{part}'{did_you_mean(part, names)}")
         target = getattr(target, part)
     if not callable(target):
-        raise PolicyError(f"policy '{place.text}': expected a class or a function, got a {type(target).__name__}")
+        raise PolicyError(f"policy '{place.text}': expected a class or a function, got {type(target).__name__}")
     return target
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from robogauntlet.policies import catalog, zoo
@@ -23,24 +22,36 @@ FORMS = (
 )
 
 
-def read_reference(text: str, options: Mapping[str, Any] = MappingProxyType({})) -> PolicyEntry:
-    """Return the policy that a text names, one of `FORMS`, with further options. Loads no weights.
+def read_reference(text: str) -> PolicyEntry:
+    """Return the policy that a text names, one of `FORMS`. Loads no weights.
 
     Raises:
-        BadInput: There is no such policy, or its kind has no such option.
+        BadInput: There is no such policy.
         PolicyError: The zoo has no such checkpoint.
     """
     entry = policy_entry(text)
     if entry["kind"] in catalog.kinds():
-        named = PolicyEntry.model_validate(entry)
-    else:
-        kind, own = _checkpoint(text)
-        named = PolicyEntry(name=valid_name(text) or kind, kind=kind, options=dict(own))
-    known = catalog.find(named.kind).options
+        return PolicyEntry.model_validate(entry)
+    kind, own = _checkpoint(text)
+    return PolicyEntry(name=valid_name(text) or kind, kind=kind, options=dict(own))
+
+
+def with_options(entries: Sequence[PolicyEntry], options: Mapping[str, Any]) -> list[PolicyEntry]:
+    """Give each policy those of the options that its kind has. Raises BadInput for an option that no policy has."""
+    known = {entry.kind: catalog.find(entry.kind).options for entry in entries}
     for name in options:
-        if name not in known:
-            raise BadInput(f"policy '{named.kind}' has no option '{name}'{did_you_mean(name, known)}")
-    return named.model_copy(update={"options": {**named.options, **options}})
+        if not any(name in own for own in known.values()):
+            every = dict.fromkeys(option for own in known.values() for option in own)
+            kinds = "', '".join(known)
+            raise BadInput(f"policy '{kinds}' has no option '{name}'{did_you_mean(name, every)}")
+    return [
+        entry.model_copy(
+            update={
+                "options": {**entry.options, **{name: options[name] for name in options if name in known[entry.kind]}}
+            }
+        )
+        for entry in entries
+    ]
 
 
 def read_options(texts: Sequence[str]) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from robogauntlet.suites.schema import (
     policy_entry,
 )
 from robogauntlet.suites.yaml_file import Place, YamlError, parse_yaml, read_yaml
+from robogauntlet.support.errors import UserError
 
 REQUIRED: dict[str, Any] = {"name": "suite", "policies": ["oracle"], "tasks": ["null/Reach"], "seeds": {"count": 1}}
 """Stand in for required keys that are missing or wrong, while the other keys are checked."""
@@ -48,7 +49,7 @@ class Problem:
         return f"{self.path}:{self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
 
 
-class SuiteError(Exception):
+class SuiteError(UserError):
     """A suite file with mistakes. The message has one line per problem.
 
     `rest` is the suite without its wrong entries, with stand-ins for missing keys; None if that is no suite.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -19,14 +19,14 @@ from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
 from robogauntlet.policies.contract import Policy
-from robogauntlet.policies.references import read_reference
+from robogauntlet.policies.references import read_reference, with_options
 from robogauntlet.results.api import OpenRun, open_run
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.run_history import history_url
-from robogauntlet.support.errors import BadInput
+from robogauntlet.support.errors import BadInput, UserError
 
 
-class EvaluationStopped(Exception):
+class EvaluationStopped(UserError):
     """The run ended early, for example because of too many errors; the message has the reason and the run folder."""
 
 
@@ -79,14 +79,15 @@ def evaluate(
         PlanError: The run cannot be started, or `out` holds another run.
         EvaluationStopped: The run ended early.
     """
-    listed = [tasks] if isinstance(tasks, str) else list(tasks)
-    shifts = [conditions] if isinstance(conditions, str) else list(conditions)
+    listed, shifts = _texts("tasks", tasks, "a task"), _texts("conditions", conditions, "a condition")
+    if isinstance(seeds, bool) or not isinstance(seeds, int):
+        raise BadInput(f"seeds: expected their number, such as {SEEDS}, got {seeds!r}")
     with ExitStack() as stack:
         served: ServedObject | None = None
         if isinstance(policy, str | Path):
             if identity is not None:
                 raise BadInput("identity: expected with a function or object only; give it as an option")
-            entry = read_reference(str(policy), options or {})
+            (entry,) = with_options([read_reference(str(policy))], options or {})
             entry = entry.model_copy(update={"name": name or entry.name})
         else:
             if options:
@@ -99,6 +100,14 @@ def evaluate(
         if served is not None:
             _check(served, plan)
         return _play(plan, folder, media=media, quiet=quiet)
+
+
+def _texts(name: str, given: str | Sequence[str], one: str) -> list[str]:
+    """The argument as a list. Raises BadInput if it is neither a text nor texts."""
+    listed = [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
+    if not all(isinstance(text, str) for text in listed):
+        raise BadInput(f"{name}: expected {one}, or a list of them, got {given!r}")
+    return listed
 
 
 def _check(served: ServedObject, plan: Plan) -> None:

@@ -78,7 +78,9 @@ StoreUrl = Annotated[
 ]
 Trust = Annotated[
     bool,
-    typer.Option("--trust", help="Import, contact, read and start what an imported run names, as its author chose."),
+    typer.Option(
+        "--trust", help="Trust the author of an imported run: import, contact, read and start what its suite names."
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 TOKEN = "ROBOGAUNTLET_TOKEN"

@@ -31,7 +31,7 @@ from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
-from robogauntlet.policies.references import option_text, read_options, read_reference
+from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
 from robogauntlet.results.store.run_history import history_url
@@ -105,7 +105,7 @@ def run(
         if missing:
             raise BadInput(f"expected a suite, or --policy and --task; got no {' and no '.join(missing)}")
         plan, folder = compose_plan(
-            [read_reference(text, policy_options) for text in policy or ()],
+            with_options([read_reference(text) for text in policy or ()], policy_options),
             task or (),
             seeds=SEEDS if seeds is None else seeds,
             conditions=condition or (),
@@ -113,7 +113,9 @@ def run(
             only=required,
         )
     elif condition:
-        raise BadInput("--condition: expected no suite beside it; the conditions of a suite are in its file")
+        raise BadInput(
+            "--condition: expected --policy and --task instead of a suite file, which lists its own conditions"
+        )
     else:
         part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, policy_options)
         plan = make_plan(find_suite(suite), part=part, only=required)

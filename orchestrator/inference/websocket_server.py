@@ -197,7 +197,7 @@ class _Client:
                 raise PackingError("expected msgpack in a binary frame, got text")
             message = unpack(frame)
             if not isinstance(message, dict):
-                raise PackingError(f"expected a mapping, got a {type(message).__name__}")
+                raise PackingError(f"expected a mapping, got {type(message).__name__}")
             return await self._decide(message)
         except (PackingError, PolicyError) as error:
             return " ".join(str(error).split())

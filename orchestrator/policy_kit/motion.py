@@ -136,8 +136,8 @@ def whole(played: Play) -> Iterator[Finding]:
         if abs(amount) >= 1e-3
     ]
     steps = len(played.tool) - 1
-    text = f"in {steps} steps the tool moved {', '.join(parts) or 'nowhere'}{'; success' * played.success}"
-    yield Finding("way", Level.NOTE, text, dict(zip(("x_m", "y_m", "z_m"), way.tolist(), strict=True)))
+    text = f"in {steps} steps the tool moved {', '.join(parts) or 'less than 1 mm'}{'; success' * played.success}"
+    yield Finding("path", Level.NOTE, text, dict(zip(("x_m", "y_m", "z_m"), way.tolist(), strict=True)))
     if not played.distances:
         return
     changes = [
@@ -147,6 +147,6 @@ def whole(played: Play) -> Iterator[Finding]:
     closer = any(values.min() < values[0] - 0.01 for values in played.distances.values())
     text = f"distance of the tool: {', '.join(changes)}"
     if not closer:
-        text += "; it comes closer to nothing: wrong frame or signs, or another task than it was trained on?"
+        text += "; it approaches no object: wrong frame or signs, or another task than it was trained on?"
     numbers = {f"{name}_closest_m": float(values.min()) for name, values in played.distances.items()}
     yield Finding("approach", Level.OK if closer else Level.WARNING, text, numbers)

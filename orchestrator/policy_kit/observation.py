@@ -73,7 +73,7 @@ def sensitivity(policy: Policy, answers: Sequence[Answer]) -> Iterator[Finding]:
         except InvalidAnswer as error:
             yield Finding("input", Level.WARNING, f"{name}: {error}")
     blind = effects.get("all images black", np.inf) <= MARGIN * noise
-    usual = f"no other actions than the {percent(noise)} without a change" if noise else "the same actions"
+    usual = f"the actions vary by {percent(noise)}, as without a change" if noise else "the same actions"
     for name, effect in effects.items():
         numbers = {"relative_change": effect, "relative_change_unchanged": noise}
         if effect > MARGIN * noise:

@@ -6,6 +6,7 @@ import os
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from concurrent.futures import TimeoutError as Late
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -14,11 +15,14 @@ import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
+from robogauntlet.orchestrator.inference.first_answer import call_within
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, Query, check_chunk
 from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import Episode
 from robogauntlet.support.errors import describe
 
+LIMIT_S = 60.0
+"""Time for one answer (s)."""
 Result = TypeVar("Result")
 
 
@@ -71,7 +75,7 @@ class RecordingPolicy:
         """Ask the policy. Raises InvalidAnswer if it raises or its answer is not a chunk."""
         asked = deepcopy(list(queries))  # a policy may change what it is given
         start = time.perf_counter()
-        decisions = _called("the policy", lambda: self._policy.act(queries))
+        decisions = _called("the policy", lambda: call_within(LIMIT_S, lambda: self._policy.act(queries)))
         seconds = time.perf_counter() - start
         chunks = _called("the answer", lambda: [check_chunk(decision.actions) for decision in decisions])
         self.answers += [Answer(*pair, seconds) for pair in zip(asked, chunks, strict=False)]
@@ -87,6 +91,8 @@ def _called(what: str, call: Callable[[], Result]) -> Result:
         return call()
     except PolicyError as error:
         raise InvalidAnswer(str(error)) from None
+    except Late:
+        raise InvalidAnswer(f"expected an answer within {LIMIT_S:g} s, got none; find out where {what} hangs") from None
     except Exception as error:  # a policy may raise anything
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{os.path.basename(frame.filename)}:{frame.lineno}"  # noqa: PTH119

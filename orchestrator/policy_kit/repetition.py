@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.policy_kit.recording import Play
 
 CLOSE = 1e-4
 """Differences of actions up to this are rounding (m, rad)."""
-REMEDY = "write reset(self), which sets back all that an episode leaves behind"
+REMEDY = "write reset(self), which resets all state of an episode"
 
 
 def repeated(first: Play, again: Play, play_afresh: Callable[[], Play]) -> Iterator[Finding]:

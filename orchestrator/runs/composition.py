@@ -11,12 +11,13 @@ from typing import Any
 
 import yaml
 
-from robogauntlet.orchestrator.runs.plan import Plan, make_plan
+from robogauntlet.adapters.catalog import task_descriptions
+from robogauntlet.orchestrator.runs.plan import Plan, load_registry, make_plan
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import CLEAN, Condition
+from robogauntlet.suites.episode import CAMERAS, CLEAN, Condition
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.suites.plugins import did_you_mean
-from robogauntlet.suites.schema import MAX_NAME, PolicyEntry, valid_name
+from robogauntlet.suites.schema import MAX_NAME, PolicyEntry, expand_tasks, valid_name
 from robogauntlet.support.errors import BadInput
 
 SUITE_FILE = "suite.yaml"
@@ -73,6 +74,7 @@ def compose_plan(
         raise BadInput(
             f"{', '.join(sorted(clash))}: expected further keys of a suite, got one that other arguments give"
         )
+    suite |= {"cameras": list(shared)} if (shared := _shared_cameras(tasks)) != CAMERAS else {}
     suite |= settings or {}
     folder = folder or new_run_folder(name)
     try:
@@ -83,6 +85,13 @@ def compose_plan(
         raise BadInput(f"expected numbers, text, lists and mappings in a suite, got a {kind}") from None
     except SuiteError as error:
         raise BadInput("\n".join(problem.message for problem in error.problems)) from None
+
+
+def _shared_cameras(tasks: Sequence[str]) -> tuple[str, ...]:
+    """The cameras that all these tasks, or patterns, have. Unknown tasks are left to the suite's own checks."""
+    known = task_descriptions()
+    found = [known[task] for task in expand_tasks(tasks, load_registry().tasks) if task in known]
+    return tuple(camera for camera in CAMERAS if all(camera in task.cameras for task in found))
 
 
 def _suite_name(tasks: Sequence[str]) -> str:

@@ -20,7 +20,7 @@ from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progressi
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, PolicyUnreachable, check_fit
 from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
-from robogauntlet.policies.references import FORMS, read_reference
+from robogauntlet.policies.references import FORMS, read_reference, with_options
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
 from robogauntlet.suites.checks import check_names
@@ -30,7 +30,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import PolicyEntry, Suite
 from robogauntlet.suites.selection import SelectionError, SuiteSelection
-from robogauntlet.support.errors import BadInput
+from robogauntlet.support.errors import BadInput, UserError
 
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
@@ -38,7 +38,7 @@ UNKNOWN = "unknown until its policy servers answer"
 NO_POLICY = "unknown until it has a policy"
 
 
-class PlanError(Exception):
+class PlanError(UserError):
     """A suite that cannot be run; one line per problem."""
 
 
@@ -221,7 +221,7 @@ def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite
             chosen.append(text)
             continue
         try:
-            entry = read_reference(text, part.options)
+            entry = read_reference(text)
         except BadInput:
             if entries and not set(text) & set(":/"):
                 raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
@@ -231,8 +231,9 @@ def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite
                 f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
             )
         chosen.append(entry.name)
-    if len(entries) > len(suite.policies):
-        suite = suite.model_copy(update={"policies": tuple(entries.values()), "needs": None})
+    if added := [entry for name, entry in entries.items() if name not in {policy.name for policy in suite.policies}]:
+        listed = (*suite.policies, *with_options(added, part.options))
+        suite = suite.model_copy(update={"policies": listed, "needs": None})
     elif part.options:
         raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
     return suite, replace(part, policies=tuple(chosen))
@@ -291,7 +292,7 @@ def _resolve_policy(
     except PolicyNotInstalled as error:
         try:
             digest = policies.digest(entry.kind, entry.options)
-        except PolicyError:
+        except PolicyNotInstalled:
             raise error from None
         return PolicySource(entry.kind, entry.options, digest), str(error)
     try:

@@ -136,7 +136,7 @@ class _Process(JsonChild):
             raise ProcessLost(f"policy '{NAME}': {error}") from None
         if not isinstance(answer, dict):
             self.close()
-            raise ProcessLost(f"policy '{NAME}': expected a mapping from its process, got a {type(answer).__name__}")
+            raise ProcessLost(f"policy '{NAME}': expected a mapping from its process, got {type(answer).__name__}")
         if "problem" in answer:
             raise PolicyError(f"policy '{NAME}': {answer['problem']}")
         return answer

@@ -197,7 +197,7 @@ class ServerConnection:
         except PackingError as error:
             raise PolicyError(f"{self._server}: {expected}: {error}") from None
         if not isinstance(message, dict):
-            raise PolicyError(f"{self._server}: {expected}, a mapping, got a {type(message).__name__}")
+            raise PolicyError(f"{self._server}: {expected}, a mapping, got {type(message).__name__}")
         return message
 
 

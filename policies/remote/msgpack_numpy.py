@@ -116,7 +116,7 @@ def _packed(value: Any) -> Any:
             data = array.reshape(-1).view(np.uint8).data if array.size and array.dtype.kind != "U" else array.tobytes()
             return {b"__ndarray__": True, b"data": data, b"dtype": array.dtype.str, b"shape": value.shape}
         return {b"__npgeneric__": True, b"data": value.item(), b"dtype": value.dtype.str}
-    raise TypeError(f"expected numbers, text, lists, mappings and arrays, got a {type(value).__name__}")
+    raise TypeError(f"expected numbers, text, lists, mappings and arrays, got {type(value).__name__}")
 
 
 def _unpacked(value: dict[Any, Any]) -> Any:
@@ -125,7 +125,7 @@ def _unpacked(value: dict[Any, Any]) -> Any:
     if b"__npgeneric__" in value:
         dtype, data = _dtype(value), value.get(b"data")
         if not isinstance(data, bool | int | float | str | bytes):
-            raise PackingError(f"expected a number of type {dtype}, got a {type(data).__name__}")
+            raise PackingError(f"expected a number of type {dtype}, got {type(data).__name__}")
         try:
             return dtype.type(data)
         except (ValueError, TypeError, OverflowError):

@@ -155,7 +155,7 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
     if isinstance(instruction, np.ndarray) and instruction.ndim == 0:
         instruction = instruction.item()
     if not isinstance(instruction, str):
-        raise PackingError(f"expected text as {INSTRUCTION_KEY}, got a {type(instruction).__name__}")
+        raise PackingError(f"expected text as {INSTRUCTION_KEY}, got {type(instruction).__name__}")
     return Observation(images, state.astype(np.float64), str(instruction))
 
 

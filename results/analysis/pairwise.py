@@ -241,7 +241,10 @@ def _compare(
     shared, perturbed = _paired(*sides), _paired(*(_with_verdict(one.perturbed) for one in (first, second)))
     names = " and ".join(f"{one.side.run}:{one.side.policy}" for one in (first, second))
     if shared.empty:
-        raise NotComparable(f"{names} share no episode: {_why_none(first, second)}")
+        raise NotComparable(
+            f"{names} share no episode: {_why_none(first, second)}; play both on the same tasks with the same seeds "
+            "and protocol"
+        )
     unfinished = [f"{one.side.run} is {one.document.status}" for one in (first, second) if _is_unfinished(one)]
     differences = {Difference.UNFINISHED: ", ".join(dict.fromkeys(unfinished))} if unfinished else {}
     settings = setting_differences(first.document, second.document, shared)

@@ -28,12 +28,16 @@ def headline(comparison: Comparison) -> str:
 
 def reasons(comparison: Comparison) -> list[str]:
     """The reasons of the verdict, a line each, with what the comparison can show."""
+    if not comparison.policies:
+        found = "".join(f"; {words}" for words in comparison.differences.values())
+        return [
+            f"{comparison.run} and {comparison.baseline} share no episode of a policy of the same name{found}; play "
+            "the same tasks with the same seeds and protocol, or compare two policies: RUN:A RUN:B"
+        ]
     lines = []
     for kind, words in comparison.differences.items():
         remedy = "(allowed)" if kind in comparison.allowed else f"(compare all the same: --allow {kind})"
         lines.append(f"{kind} differs: {words} {remedy}")
-    if not comparison.policies:
-        return [*lines, f"expected episodes that {comparison.run} shares with {comparison.baseline}, got none"]
     if comparison.verdict is Verdict.NOT_COMPARABLE:
         return lines
     for one in comparison.policies:

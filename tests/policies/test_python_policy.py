@@ -154,17 +154,17 @@ def test_a_copy_on_another_node_is_the_same_policy(package, tmp_path):
 
 def test_a_missing_module_or_name_is_one_line(module, package):
     options = module(FUNCTION)
-    refused({}, "expected option callable: module:Name, got None")
-    refused({"callable": "os.system"}, "expected option callable: module:Name, got 'os.system'")
-    refused({"callable": "../../x:y"}, "expected option callable")
+    refused({}, "expected python:MODULE:NAME, or option callable: MODULE:NAME, got None")
+    refused({"callable": "os.system"}, "expected python:MODULE:NAME, or option callable: MODULE:NAME, got 'os.system'")
+    refused({"callable": "../../x:y"}, "expected python:MODULE:NAME")
     refused(options("towards", folder="nowhere"), "expected option folder: a folder, got 'nowhere'")
     refused(options("towards", files=["../secret"]), "expected a file below")
     refused(options("towards", options=[1]), "expected option options: a mapping")
     absent = {**options("x"), "callable": "no_such_module_here:x"}
     refused(absent, "expected a module 'no_such_module_here' in .* give its folder")
     refused({**options("x"), "callable": "robot_brains.nothing:x"}, "expected a module 'robot_brains.nothing'")
-    refused(options("toward"), "expected 'toward', found none; did you mean 'towards'")
-    refused(options("np.pi"), "expected a class or a function, got a float")
+    refused(options("toward"), "has no 'toward'; did you mean 'towards'")
+    refused(options("np.pi"), "expected a class or a function, got float")
     refused(options("towards", options={"sped": 1}), "options do not fit the function: got an unexpected keyword")
     refused(options("Caller", options={"sped": 1}), "building it raised TypeError")
 
@@ -191,11 +191,11 @@ def test_a_module_that_cannot_be_used_is_one_line(module, text, match):
     [
         (
             "def f():\n    return 3\n",
-            r"expected a function of images, proprioception, instruction, .* got a int without",
+            r"expected a function of images, proprioception, instruction, .* got int without",
         ),
         (
             "class f:\n    pass\n",
-            r"a class with __call__\(self, images, proprioception, instruction\), .* got a f without",
+            r"a class with __call__\(self, images, proprioception, instruction\), .* got f without",
         ),
         (
             "def f(obs):\n    pass\n",

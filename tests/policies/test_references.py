@@ -3,7 +3,7 @@
 import pytest
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.references import option_text, read_options, read_reference
+from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
 
@@ -54,9 +54,12 @@ def test_an_unknown_checkpoint_of_the_zoo_is_one_line():
 
 def test_options_are_added_and_those_that_the_kind_lacks_are_refused():
     given = read_options(["router=nearest-centroid"])
-    assert read_reference("zoo:merged", given).options == {"checkpoint": "zoo:merged", "router": "nearest-centroid"}
+    assert with_options([read_reference("zoo:merged")], given)[0].options == {
+        "checkpoint": "zoo:merged",
+        "router": "nearest-centroid",
+    }
     with one_line_error(BadInput, "policy 'mergevla-merged' has no option 'roter'; did you mean 'router'?"):
-        read_reference("zoo:merged", {"roter": 1})
+        with_options([read_reference("zoo:merged")], {"roter": 1})
 
 
 def test_options_are_values_in_yaml():
@@ -67,3 +70,9 @@ def test_options_are_values_in_yaml():
     for wrong in ("image_size", "=3", "cameras={"):
         with one_line_error(BadInput, "--option"):
             read_options([wrong])
+
+
+def test_of_several_policies_an_option_goes_to_those_whose_kind_has_it():
+    server, oracle = with_options([read_reference("openpi://h:1"), read_reference("oracle")], {"image_size": 224})
+    assert server.options["image_size"] == 224
+    assert oracle.options == {}

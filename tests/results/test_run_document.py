@@ -42,7 +42,7 @@ def test_a_write_that_fails_leaves_the_old_document(tmp_path, monkeypatch):
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path):
-    with pytest.raises(RunError, match="there is nothing"):
+    with pytest.raises(RunError, match="it does not exist"):
         read_run(tmp_path / "absent")
     with pytest.raises(RunError, match=r"it has no run\.json"):
         read_run(tmp_path)

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robogauntlet.support.errors import describe, describe_os_error, describe_os_error_at, first_line, last_line
+from robogauntlet.support.errors import (
+    BadInput,
+    describe,
+    describe_os_error,
+    describe_os_error_at,
+    first_line,
+    last_line,
+)
 
 LINES = "first\n\n  second  \n"
 
@@ -58,3 +65,8 @@ def test_a_path_outside_of_the_folder_is_named_instead():
     inside, outside = (OSError(errno.ENOSPC, "full", f"{folder}/file") for folder in ("/out", "/in"))
     assert describe_os_error_at(inside, Path("/out")).startswith("/out: the disk is full")
     assert describe_os_error_at(outside, Path("/out")) == "/in/file: full"
+
+
+def test_a_notebook_shows_the_message_of_bad_input_and_no_traceback():
+    shown = "".join(BadInput("seeds: expected 1 or more, got 0")._render_traceback_())
+    assert shown == "BadInput: seeds: expected 1 or more, got 0"

@@ -11,7 +11,6 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.adapter_kit.scaffold import TEMPLATE
 from robogauntlet.orchestrator.cli.common import print_line
 from robogauntlet.support.errors import BadInput
-from robogauntlet.support.scaffold import ScaffoldError
 
 
 def new(
@@ -27,11 +26,7 @@ def new(
     folder = out_folder or Path(f"robogauntlet-{name}")
     if name in catalog.simulators():
         raise BadInput(f"the simulator '{name}' exists already; choose another name")
-    try:
-        files = TEMPLATE.write(name, folder)
-    except ScaffoldError as error:
-        raise BadInput(str(error)) from None
-    for path in files:
+    for path in TEMPLATE.write(name, folder):
         print_line(str(path))
     print_line(f"\ncd {folder}")
     print_line("pip install --no-deps --no-build-isolation -e .")

@@ -19,7 +19,7 @@ from robogauntlet.orchestrator.cli.common import RUNS, PolicyOptions, out, print
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.policies import catalog
-from robogauntlet.policies.references import FORMS, read_options, read_reference
+from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
@@ -29,7 +29,9 @@ PICTURE = RUNS / "policy-check.png"
 
 def check(
     policy: Annotated[str, typer.Argument(metavar="POLICY", help=f"{FORMS}.")],
-    task: Annotated[str, typer.Option(help="simulator/task on which it is played, best one it was trained on.")] = TASK,
+    task: Annotated[
+        str, typer.Option(help="simulator/task on which it is played, preferably one that it was trained on.")
+    ] = TASK,
     option: PolicyOptions = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first of the two episodes.")] = 0,
     image_size: Annotated[
@@ -41,11 +43,11 @@ def check(
     """Play short episodes of a policy and say what its numbers do.
 
     Units, limits and what each number moves; the gripper; the images as the policy gets them, and whether it looks at
-    them; state that is kept between episodes; answer times. Exit code 1 if something is surely wrong.
+    them; state that is kept between episodes; answer times. Exit code 1 if something is definitely wrong.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # as in workers
     _check_places(task, picture)
-    entry = read_reference(policy, read_options(option or ()))
+    (entry,) = with_options([read_reference(policy)], read_options(option or ()))
     environments = EnvironmentResolver()
     kind, options = entry.kind, environments.options(entry.kind, entry.options)
     playable = catalog.find(kind).tasks
@@ -61,7 +63,7 @@ def check(
     began = time.perf_counter()
     probe = Probe(policy, PolicySource(kind, options, catalog.digest(kind, options)), task, seed, image_size)
     simulator = simulators.find(task.partition("/")[0])
-    with redirect_stdout(sys.stderr):  # a policy may print
+    with out.status(f"playing {policy} in {task}"), redirect_stdout(sys.stderr):  # a policy may print
         results = run_in_simulator_environment(check_policy, simulator, (probe,), environments)
     findings = [result for result in results if isinstance(result, Finding)]
     images = [result for result in results if not isinstance(result, Finding)]

@@ -12,7 +12,6 @@ import typer
 from robogauntlet.orchestrator.cli.common import print_line
 from robogauntlet.orchestrator.policy_kit import TEMPLATE
 from robogauntlet.support.errors import BadInput
-from robogauntlet.support.scaffold import ScaffoldError
 
 
 def new(
@@ -26,11 +25,7 @@ def new(
     folder = out_folder or Path(name)
     if name.isidentifier() and (keyword.iskeyword(name) or find_spec(name) is not None) and not folder.exists():
         raise BadInput(f"a Python module '{name}' exists already; choose another name")
-    try:
-        files = TEMPLATE.write(name, folder)
-    except ScaffoldError as error:
-        raise BadInput(str(error)) from None
-    for path in files:
+    for path in TEMPLATE.write(name, folder):
         print_line(str(path))
     title = TEMPLATE.renamed(TEMPLATE.placeholder.capitalize(), name)
     print_line(f"\ncd {folder}")

@@ -11,7 +11,7 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import TOKEN, Host, PolicyOptions, Port, out, print_line
 from robogauntlet.policies import catalog
-from robogauntlet.policies.references import FORMS, read_options, read_reference
+from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
 from robogauntlet.support.errors import BadInput
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def serve(
     place = ServerOptions(host, port, os.environ.get(TOKEN) or None, most_mib * 2**20, batch, wait_ms / 1000)
     try:
         place.check()
-        entry = read_reference(policy, read_options(option or ()))
+        (entry,) = with_options([read_reference(policy)], read_options(option or ()))
         digest = catalog.digest(entry.kind, entry.options)
         served = IdentifiedPolicy(catalog.load(entry.kind, entry.options), policy, digest, task)
         asyncio.run(_until_stopped(PolicyServer(served, place)))

@@ -16,8 +16,16 @@ _OS_ERRORS: Mapping[int, str] = {
 }
 
 
-class BadInput(Exception):
-    """The command cannot be carried out as given. The message is for the user, one line per problem."""
+class UserError(Exception):
+    """A message for the user, one line per problem."""
+
+    def _render_traceback_(self) -> list[str]:
+        """What IPython shows in place of a traceback, which would be ours and not the user's."""
+        return [f"{type(self).__name__}: {self}"]
+
+
+class BadInput(UserError):
+    """The command cannot be carried out as given."""
 
 
 def first_line(error: BaseException | str) -> str:

@@ -7,12 +7,10 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from robogauntlet.support.errors import BadInput
+
 LONGEST = 40
 SEPARATORS = {"-": "dashes", "_": "underscores"}
-
-
-class ScaffoldError(Exception):
-    """The files cannot be written; the message says why in one line."""
 
 
 @dataclass(frozen=True)
@@ -29,20 +27,20 @@ class Template:
         """Write the files into a new folder and return them, sorted.
 
         Raises:
-            ScaffoldError: The name is not valid, or the folder cannot be created or written.
+            BadInput: The name is not valid, or the folder cannot be created or written.
         """
         sign, example = self.separator, f"my{self.separator}{self.placeholder.removeprefix('toy')}"
         if not re.fullmatch(f"[a-z][a-z0-9]*({sign}[a-z0-9]+)*", name) or len(name) > LONGEST:
-            raise ScaffoldError(
+            raise BadInput(
                 f"expected a name of up to {LONGEST} small letters, digits and single {SEPARATORS[sign]}, such as "
                 f"{example}; got '{name}'"
             )
         try:
             folder.mkdir(parents=True)
         except FileExistsError:
-            raise ScaffoldError(f"{folder} exists; give another folder with --out") from None
+            raise BadInput(f"{folder} exists; give another folder with --out") from None
         except OSError as error:
-            raise ScaffoldError(f"{folder} cannot be created: {error.strerror}") from None
+            raise BadInput(f"{folder} cannot be created: {error.strerror}") from None
         sources = [path for path in self.folder.rglob("*") if path.is_file() and path.suffix != ".pyc"]
         targets = {
             folder / self.renamed(source.relative_to(self.folder).as_posix(), name): source for source in sources
@@ -53,7 +51,7 @@ class Template:
                 target.write_text(self.renamed(source.read_text(encoding="utf-8"), name), encoding="utf-8")
         except OSError as error:
             shutil.rmtree(folder, ignore_errors=True)
-            raise ScaffoldError(f"{folder} cannot be written: {error.strerror}") from None
+            raise BadInput(f"{folder} cannot be written: {error.strerror}") from None
         return sorted(targets)
 
     def renamed(self, text: str, name: str) -> str:

@@ -106,10 +106,10 @@ def test_a_part_of_a_suite_is_planned(run_command, suite):
             "mysql://host/db: expected an sqlite or postgresql URL, got mysql",
         ),
         (("axes", "show", "nois"), "unknown axis 'nois'; did you mean 'noise'?"),
-        (("report", "no-such-folder"), "no-such-folder: expected a run folder, there is nothing"),
+        (("report", "no-such-folder"), "no-such-folder: expected a run folder, it does not exist"),
         (("report", "."), ".: expected a run folder, it has no run.json"),
         (("report",), "no run under runs/; name one"),
-        (("replay", "0123", "--run", "no-such-folder"), "no-such-folder: expected a run folder, there is nothing"),
+        (("replay", "0123", "--run", "no-such-folder"), "no-such-folder: expected a run folder, it does not exist"),
     ],
 )
 def test_bad_input_is_one_line_with_exit_code_2_and_nothing_is_written(

@@ -130,7 +130,10 @@ def test_policies_that_share_no_episode_are_one_line(run_command, runs):
     own = [Cell(policy, policy, TASKS[0], Protocol(horizon=200)) for policy in ("p", "q")]
     longer = run_folder(runs / "longer", document(40, own), [row(cell, seed) for cell in own for seed in range(40)])
     refusal = run_command("compare", f"{longer}:p", f"{runs}/monday:q").refusal
-    assert refusal == "longer:p and monday:q share no episode: horizon 200 and 100"
+    assert refusal == (
+        "longer:p and monday:q share no episode: horizon 200 and 100; play both on the same tasks with the same seeds "
+        "and protocol"
+    )
 
 
 @pytest.mark.parametrize(
@@ -139,12 +142,12 @@ def test_policies_that_share_no_episode_are_one_line(run_command, runs):
         (("compare", "monday:p"), "expected two policies, RUN:A RUN:B; monday:p names one"),
         (("compare", "monday:p", "tuesday"), "RUN:A RUN:B; monday:p names one and tuesday names none"),
         (("compare", "monday:p", "tuesday:Q"), "tuesday: the run has no policy 'Q'; known: p, q"),
-        (("compare", "nowhere:p", "monday:p"), "nowhere: expected a run folder, there is nothing"),
+        (("compare", "nowhere:p", "monday:p"), "nowhere: expected a run folder, it does not exist"),
         (("compare", "monday", "--policy", "p"), "monday: expected two policies to compare, got p"),
         (("compare", "monday", "--format", "junit"), "--format junit: expected text, json or markdown for"),
         (("compare", "monday:p", "monday:q", "--policy", "p"), "--policy: expected with a whole run only"),
         (("gate", "monday"), "monday: expected a complete earlier run of suite 'synthetic' beside it, found none; "),
-        (("compare", "monday", "nowhere"), "nowhere: expected a run folder, there is nothing"),
+        (("compare", "monday", "nowhere"), "nowhere: expected a run folder, it does not exist"),
         (("compare", "monday", "tuesday", "--policy", "P"), "monday: the run has no policy 'P'; known: p, q"),
         (("gate", "tuesday", "--out", "nowhere/x"), "nowhere/x: cannot be written: No such file or directory"),
     ],

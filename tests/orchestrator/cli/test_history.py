@@ -111,7 +111,7 @@ def test_exports_overwrite_nothing(run_command, runs, tmp_path, form, file):
         (("history", "--history", "postgresql+psycopg://me:secret@127.0.0.1:1/x"), "127.0.0.1"),
         (("leaderboard", "nothing"), "no run of a suite 'nothing'"),
         (("accept", "nothing"), "no run 'nothing' in the history"),
-        (("export", "nothing"), "expected a run folder, there is nothing"),
+        (("export", "nothing"), "expected a run folder, it does not exist"),
         (("export", "runs/monday", "--format", "lerobot"), "the run has p, q; name one with --policy"),
         (
             ("export", "runs/monday", "--format", "csv", "--out", "no/such.csv"),

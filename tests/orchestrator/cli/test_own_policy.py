@@ -76,9 +76,9 @@ def test_a_sure_mistake_exits_with_1_and_json_has_every_finding(run_command, tmp
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["python:checked_brains:nothing"], "expected 'nothing', found none"),
+        (["python:checked_brains:nothing"], "checked_brains has no 'nothing'"),
         (["python:no_such_module:act"], "expected a module 'no_such_module'"),
-        (["python:checked_brains:Silent"], "got a Silent without __call__"),
+        (["python:checked_brains:Silent"], "got Silent without __call__"),
         (["python:checked_brains:other"], "write def other(images, proprioception, instruction)"),
         (["openpi://127.0.0.1:1", "--option", "retries=0"], "no connection"),
         (["untraned"], "did you mean 'untrained'?"),

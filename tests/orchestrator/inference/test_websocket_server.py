@@ -197,7 +197,7 @@ SOUND = {"observation/image": IMAGE, "observation/state": np.zeros(8, np.float32
 MESSAGES = {
     "text": ("hello", "expected msgpack in a binary frame, got text"),
     "no msgpack": (b"\xc1", "expected msgpack, got 1 bytes that are not"),
-    "a list": (b"\x90", "expected a mapping, got a list"),
+    "a list": (b"\x90", "expected a mapping, got list"),
     "pickled": (
         b"\x81\xa1a\x84\xc4\x0b__ndarray__\xc3\xc4\x05dtype\xa2|O\xc4\x04data\xc4\x00\xc4\x05shape\x90",
         "expected an array of numbers or text",
@@ -209,7 +209,7 @@ MESSAGES = {
     "first channels": ({**SOUND, "observation/image": IMAGE.transpose(2, 0, 1)}, r"got \(3, 32, 32\)"),
     "no state": ({**SOUND, "observation/state": None}, "expected an array of 8 numbers as observation/state"),
     "short state": ({**SOUND, "observation/state": np.zeros(7)}, r"got shape \(7,\)"),
-    "words": ({**SOUND, "prompt": 3}, "expected text as prompt, got a int"),
+    "words": ({**SOUND, "prompt": 3}, "expected text as prompt, got int"),
     "episode": ({**SOUND, "robogauntlet/episode": {"seed": 1}, "robogauntlet/step": 0}, "expected an episode"),
     "step": ({**SOUND, "robogauntlet/episode": {}, "robogauntlet/step": -1}, "expected a number of steps"),
 }

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.policy_kit import recording
 from robogauntlet.orchestrator.policy_kit.check import Probe, check_policy
 from robogauntlet.orchestrator.policy_kit.finding import Finding, Level
 from robogauntlet.policies import catalog
@@ -152,6 +153,12 @@ def test_an_answer_that_is_no_chunk_fails(check, returned, text):
     assert text in only(results, "answer").text
 
 
+def test_a_policy_that_hangs_is_a_finding(check, monkeypatch):
+    monkeypatch.setattr(recording, "LIMIT_S", 0.2)
+    results = check("import time\n\ndef f(images, proprioception, instruction):\n    time.sleep(5)\n")
+    assert only(results, "answer").text == "expected an answer within 0.2 s, got none; find out where the policy hangs"
+
+
 def test_a_policy_that_does_not_look_is_told_so(check):
     findings = found(check(function("-0.02 * proprioception[:3]")), "input")
     texts = {finding.text for finding in findings}
@@ -196,7 +203,7 @@ def test_each_number_is_told_by_what_it_moves_in_the_simulation(check):
     fingers = only(results, "fingers").numbers
     assert fingers["open_m"] > 0.07
     assert fingers["closed_m"] < 0.02
-    assert "forward" in only(results, "way").text
+    assert "forward" in only(results, "path").text
     picture = results[-1]
     assert picture.dtype == np.uint8
     assert picture.shape[2] == 3

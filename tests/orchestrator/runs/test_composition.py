@@ -6,6 +6,7 @@ import yaml
 from robogauntlet.orchestrator.runs.composition import SUITE_FILE, compose_plan, new_run_folder
 from robogauntlet.policies.references import read_reference
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import CAMERAS
 from robogauntlet.suites.schema import MAX_NAME, policy_entry
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
@@ -50,6 +51,13 @@ def test_a_condition_is_an_axis_with_some_or_all_severities_beside_clean(conditi
 )
 def test_the_suite_is_named_after_its_tasks(tasks, name):
     assert suite_of(tasks)[0].name == name
+
+
+def test_the_cameras_are_those_that_all_tasks_have():
+    assert suite_of(["null/Reach"])[0].cameras == CAMERAS
+    suite, written = suite_of(["gymnasium/PandaReach-v3", "null/Reach"])
+    assert suite.cameras == ("third_person",)
+    assert written["cameras"] == ["third_person"]
 
 
 def test_further_keys_are_those_of_a_suite():

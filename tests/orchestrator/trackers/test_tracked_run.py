@@ -94,6 +94,6 @@ def test_a_library_that_is_missing_is_one_line_with_the_command_that_installs_it
 def test_a_folder_without_a_run_is_one_line(tmp_path):
     done = gauntlet_log("night", "--to", "wandb", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.strip() == "robogauntlet: night: expected a run folder, there is nothing"
+    assert done.stderr.strip() == "robogauntlet: night: expected a run folder, it does not exist"
     with pytest.raises(RunError):
         robogauntlet.open_run(tmp_path)

@@ -67,7 +67,7 @@ def test_an_answer_that_is_no_array_is_one_line(answering, action):
             "expected an answer in JSON, the process sent 'warning: old driver'",
         ),
         ("os.write(fd, b'{')", "did not answer within 2 s"),
-        (line([1]), "expected a mapping from its process, got a list"),
+        (line([1]), "expected a mapping from its process, got list"),
         ("os.write(fd, b'[' * 60000 + b'\\n')", "expected an answer in JSON"),
     ],
 )

@@ -127,7 +127,7 @@ ANSWERS = {
     "infinite": (wrong(INFINITE), "expected finite numbers as 'actions', got inf in row 0, column 6"),
     "text": (wrong("left a bit"), "expected numbers as 'actions', got str"),
     "ragged": (wrong([[1.0], [1.0, 2.0]]), "expected numbers as 'actions', got list"),
-    "a list": (answering(b"\x93\x01\x02\x03"), "a mapping, got a list"),
+    "a list": (answering(b"\x93\x01\x02\x03"), "a mapping, got list"),
     "no msgpack": (answering(b"\xc1\xff\x00"), "expected an answer: expected msgpack, got 3 bytes that are not"),
     "pickle": (answering(b"\x80\x04\x95\x1d\x00"), "expected an answer: expected"),
     "objects": (
@@ -153,7 +153,7 @@ def test_a_wrong_answer_is_one_line(handler, match):
 GREETINGS = {
     "text": (lambda c: c.send("busy"), "expected metadata on connection.* got an error: busy"),
     "no msgpack": (lambda c: c.send(b"\xc1"), "expected metadata on connection"),
-    "a list": (lambda c: c.send(b"\x90"), "a mapping, got a list"),
+    "a list": (lambda c: c.send(b"\x90"), "a mapping, got list"),
     "nothing": (lambda c: time.sleep(1.2), "got nothing in time; is it another kind of server"),
     "hangs up": (lambda c: c.close(), "got none: it closed the connection"),
     "another version": (lambda c: c.send(pack({"robogauntlet": {"version": 99}})), "of version 1, got version 99"),
