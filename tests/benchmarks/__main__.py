@@ -30,7 +30,7 @@ LONG = (
     *("coverage", "dashboard", "mergevla", "million", "opening", "readers"),
     *("resume", "scale", "shifted_routing", "simplified_meshes"),
 )
-INSTALLS = ("vla_eval",)
+INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
