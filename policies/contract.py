@@ -143,6 +143,9 @@ class PolicyKind:
     """Builds the policy from the options that the suite gives."""
     digest: Callable[[Mapping[str, Any]], str]
     """Hash of the policy's content under these options: equal if and only if it acts the same."""
+    digest_without_start: Callable[[Mapping[str, Any]], str | None] | None = None
+    """For kinds whose options name code or a server: checks the options and returns the digest, without importing or
+    contacting anything; None if only the server knows it."""
     tasks: Callable[[], frozenset[str]] | None = None
     """Tasks it can act in (`simulator/task`), or None for all."""
     spec: Callable[[Mapping[str, Any]], PolicySpec] | None = None

@@ -158,6 +158,7 @@ KIND = PolicyKind(
     summary="a Python class, factory or function",
     load=_load,
     digest=_digest,
+    digest_without_start=_digest,
     options={
         "callable": "module:Name of a class or factory of policies, or of a function of the observation",
         "options": "its keyword arguments",

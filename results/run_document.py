@@ -207,7 +207,9 @@ def read_run(folder: Path) -> RunDocument:
     """
     path = folder / RUN_FILE
     if not folder.is_dir():
-        raise RunError(f"{folder}: expected a run folder, there is {'a file' if folder.exists() else 'nothing'}")
+        raise RunError(
+            f"{folder}: expected a run folder, {'this is a file' if folder.exists() else 'it does not exist'}"
+        )
     try:
         if (size := path.stat().st_size) > LARGEST:
             raise RunError(f"{path}: expected a run document of at most {LARGEST:,} bytes, got {size:,}")

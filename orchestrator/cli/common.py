@@ -15,7 +15,7 @@ from rich.console import Console
 
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.runs.composition import RUNS
-from robogauntlet.orchestrator.runs.plan import PlanError
+from robogauntlet.orchestrator.runs.suite_policies import PlanError
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.references import FORMS
 from robogauntlet.results.folder_lock import FolderError
@@ -75,6 +75,10 @@ PolicyOptions = Annotated[
 ]
 StoreUrl = Annotated[
     str | None, typer.Option("--store", help="URL of the store with the run's rows, if it is not in the run folder.")
+]
+Check = Annotated[
+    bool,
+    typer.Option("--check", help="Import the code that the suite names, contact its policy servers, as a run does."),
 ]
 Trust = Annotated[
     bool,

@@ -7,23 +7,26 @@ from typing import Annotated, Any
 
 import typer
 
-from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, AsJson, fail, print_json, print_line
-from robogauntlet.orchestrator.runs.plan import Plan, PlanError, find_suite, make_plan
+from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, AsJson, Check, fail, print_json, print_line
+from robogauntlet.orchestrator.runs.plan import Plan, find_suite, make_plan
+from robogauntlet.orchestrator.runs.suite_policies import PlanError
 from robogauntlet.suites.loading import SuiteError
 
 
 def validate(
     suites: Annotated[list[str], typer.Argument(help="Suite files, or names of shipped suites.")],
+    check: Check = False,
     as_json: AsJson = False,
 ) -> None:
     """Check suite files and report every mistake with its line.
 
     Neither simulators nor the packages of policies need to be installed; what is missing on this machine is listed.
+    Nothing that a suite names is imported, contacted or started, unless --check is given.
     """
     found: list[dict[str, Any]] = []
     for suite in suites:
         try:
-            plan = make_plan(find_suite(suite), require_installed=False)
+            plan = make_plan(find_suite(suite), require_installed=False, start=check)
         except (SuiteError, PlanError) as error:
             found.append({"suite": suite, "mistakes": str(error).splitlines()})
         else:
@@ -50,7 +53,7 @@ def _notes(plan: Plan) -> Iterator[str]:
         yield f"needs a policy, to play {episodes} episodes; add --policy to robogauntlet run"
     for simulator, reason in plan.unavailable.items():
         yield f"simulator {simulator}: {reason}"
-    if plan.not_installed:
-        names = ", ".join(list(plan.not_installed)[:3]) + (", ..." if len(plan.not_installed) > 3 else "")
-        reasons = "; ".join(dict.fromkeys(plan.not_installed.values()))
+    if plan.unchecked:
+        names = ", ".join(list(plan.unchecked)[:3]) + (", ..." if len(plan.unchecked) > 3 else "")
+        reasons = "; ".join(dict.fromkeys(plan.unchecked.values()))
         yield f"not checked whether the policies {names} fit the suite: {reasons}"

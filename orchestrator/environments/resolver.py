@@ -84,10 +84,17 @@ class EnvironmentResolver:
         environment = self.resolve(simulator)
         return None if environment is None else check(environment, simulator)
 
-    def missing_reason(self, simulator: Simulator) -> str | None:
-        """Why the simulator cannot be opened, with the remedy; None if no reason is known. Imports nothing."""
-        report = self.inspect(simulator)
-        return catalog.missing_reason(simulator) if report is None else report.problem
+    def missing_reason(self, user: EnvironmentUser) -> str | None:
+        """Why a simulator or policy cannot be opened, with the remedy; None if no reason is known. Imports nothing."""
+        report = self.inspect(user)
+        if report is not None:
+            return report.problem
+        return catalog.missing_reason(user) if isinstance(user, Simulator) else None
+
+    def missing_file(self, user: EnvironmentUser) -> str | None:
+        """As `missing_reason`, without starting an environment's interpreter, of which only the file is looked for."""
+        environment = self.resolve(user)
+        return None if environment is not None and environment.python.exists() else self.missing_reason(user)
 
     def versions(self, simulator: Simulator) -> dict[str, str]:
         """Versions of the simulator's installed distributions in its environment."""

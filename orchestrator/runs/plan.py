@@ -6,40 +6,30 @@ from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from robogauntlet import suites
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
 from robogauntlet.adapters.scene_control import ADJUSTABLE
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.inference.first_answer import check_first_answer
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression, Work, key_of, progression
+from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy
 from robogauntlet.policies import catalog as policies
-from robogauntlet.policies.contract import PolicyError, PolicyMismatch, PolicyNotInstalled, PolicyUnreachable, check_fit
-from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
-from robogauntlet.policies.references import FORMS, read_reference, with_options
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
 from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell
-from robogauntlet.suites.loading import Problem, SuiteError, load_suite, policy_lines
+from robogauntlet.suites.loading import Problem, SuiteError, load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
-from robogauntlet.suites.schema import PolicyEntry, Suite
+from robogauntlet.suites.schema import Suite
 from robogauntlet.suites.selection import SelectionError, SuiteSelection
-from robogauntlet.support.errors import BadInput, UserError
 
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
-UNKNOWN = "unknown until its policy servers answer"
+UNKNOWN = "unknown until its policies can be identified"
 NO_POLICY = "unknown until it has a policy"
-
-
-class PlanError(UserError):
-    """A suite that cannot be run; one line per problem."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +48,9 @@ class Plan:
     """Simulators of the suite that are not installed or whose environment is unsuitable, each with the reason."""
     unsupported: tuple[Unsupported, ...] = ()
     """Axes that some tasks of the suite do not support; their cells are not planned."""
-    not_installed: Mapping[str, str] = field(default_factory=dict)
-    """Policies whose packages are not installed, or whose server does not answer, each with the reason. Whether they
-    fit the suite was not checked."""
+    unchecked: Mapping[str, str] = field(default_factory=dict)
+    """Policies of which it was not checked whether they fit the suite, each with the reason: a package is not
+    installed, a server does not answer, or nothing was started."""
     environments: EnvironmentResolver = field(default_factory=EnvironmentResolver, compare=False)
     """The environment of each simulator."""
 
@@ -133,6 +123,7 @@ def make_plan(
     part: SuiteSelection = WHOLE,
     only: Sequence[str] = (),
     require_installed: bool = True,
+    start: bool = True,
 ) -> Plan:
     """Read, validate and resolve a suite.
 
@@ -144,6 +135,8 @@ def make_plan(
         require_installed: Whether a simulator of the suite and the packages of its policies must be installed, and its
             policy servers answer, as a run requires. If not, what is missing is listed in the plan, and a suite that
             needs a policy has no cells.
+        start: Whether to import code that the suite names, contact its policy servers and start interpreters of
+            environments, as a run does.
 
     Raises:
         SuiteError: The file is wrong, or a policy of the part does not fit the suite.
@@ -155,8 +148,11 @@ def make_plan(
     try:
         loaded = load_suite(path, names, text)
     except SuiteError as error:
-        raise SuiteError([*error.problems, *_policy_problems(path, text, error.rest)], error.rest) from None
-    whole, part = _add_policies(loaded, part, path)
+        if (rest := error.rest) is None:
+            raise
+        others = find_policies(rest, EnvironmentResolver(rest.environments), start=start)
+        raise SuiteError([*error.problems, *others.problems(path, _text(path, text))], rest) from None
+    whole, part = add_policies(loaded, part, path)
     if require_installed and not whole.policies:
         raise PlanError(needs_policy(path))
     try:
@@ -166,9 +162,11 @@ def make_plan(
     if mistakes := check_names(suite, names):  # of added policies
         raise SuiteError([Problem(str(path), None, message) for _, message in mistakes])
     environments = EnvironmentResolver(suite.environments)
-    sources, not_installed, wrong = _resolve_policies(suite, environments, ask=require_installed)
+    found = find_policies(suite, environments, start=start, ask=require_installed)
     if require_installed:
-        wrong = [(name, f"policy '{name}': {reason}") for name, reason in not_installed.items()] + wrong
+        missing = [(name, f"policy '{name}': {reason}") for name, reason in found.unchecked.items()]
+        found = replace(found, mistakes=[*missing, *found.mistakes])
+    sources = found.sources
     unsupported = _unsupported_axes(suite)
     unsupported_tasks = Counter(gap.axis for gap in unsupported)
     problems = [
@@ -177,10 +175,9 @@ def make_plan(
         if unsupported_tasks[gap.axis] == len(suite.tasks)
     ]
     problems += _missing_cameras(suite)
-    if problems or wrong:
-        lines = policy_lines(path.read_text(encoding="utf-8") if text is None else text)
-        located = [Problem(str(path), lines.get(name), message) for name, message in wrong]
-        raise SuiteError([*located, *(Problem(str(path), None, problem) for problem in problems)])
+    if problems or found.mistakes:
+        whole_file = [Problem(str(path), None, problem) for problem in problems]
+        raise SuiteError([*found.problems(path, _text(path, text)), *whole_file])
     digests = {name: str(source.digest) for name, source in sources.items()}
     without = {(gap.axis, gap.task) for gap in unsupported}
     cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
@@ -191,125 +188,21 @@ def make_plan(
     return Plan(
         suite=suite,
         path=path,
-        text=path.read_text(encoding="utf-8") if text is None else text,
+        text=_text(path, text),
         suite_hash=suite_hash,
         cells=cells,
         sources=sources,
-        unavailable=_unavailable_simulators(simulator_names, environments, only, require_one=require_installed),
-        not_installed=not_installed,
+        unavailable=_unavailable_simulators(
+            simulator_names, environments, only, require_one=require_installed, start=start
+        ),
+        unchecked=found.unchecked,
         unsupported=unsupported,
         environments=environments,
     )
 
 
-def needs_policy(path: Path) -> str:
-    """The message for a suite that is used without the policy that it needs."""
-    return f"{path}: the suite needs a policy; add --policy with {FORMS}"
-
-
-def _add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite, SuiteSelection]:
-    """Add the policies of `part` that the suite lacks, and return both; `part` then has the names of these policies.
-
-    Raises:
-        PlanError: A name that is neither a policy of the suite nor a reference.
-        BadInput: There is no such policy.
-        PolicyError: The zoo has no such checkpoint.
-    """
-    entries, chosen = {policy.name: policy for policy in suite.policies}, []
-    for text in part.policies:
-        if any(fnmatchcase(name, text) for name in entries):
-            chosen.append(text)
-            continue
-        try:
-            entry = read_reference(text)
-        except BadInput:
-            if entries and not set(text) & set(":/"):
-                raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
-            raise
-        if entries.setdefault(entry.name, entry) != entry:
-            raise BadInput(
-                f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
-            )
-        chosen.append(entry.name)
-    if added := [entry for name, entry in entries.items() if name not in {policy.name for policy in suite.policies}]:
-        listed = (*suite.policies, *with_options(added, part.options))
-        suite = suite.model_copy(update={"policies": listed, "needs": None})
-    elif part.options:
-        raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
-    return suite, replace(part, policies=tuple(chosen))
-
-
-def _policy_problems(path: Path, text: str | None, rest: Suite | None) -> list[Problem]:
-    """What is wrong with the policies that can be read in a suite file with other mistakes."""
-    if rest is None:
-        return []
-    lines = policy_lines(path.read_text(encoding="utf-8") if text is None else text)
-    _, _, wrong = _resolve_policies(rest, EnvironmentResolver(rest.environments), ask=False)
-    return [Problem(str(path), lines.get(name), message) for name, message in wrong]
-
-
-def _resolve_policies(
-    suite: Suite, environments: EnvironmentResolver, *, ask: bool
-) -> tuple[dict[str, PolicySource], dict[str, str], list[tuple[str, str]]]:
-    """The policies' sources; those that are not installed, with the reasons; name and message of those that are wrong.
-
-    With `ask`, functions are asked once.
-    """
-    sources: dict[str, PolicySource] = {}
-    not_installed: dict[str, str] = {}
-    problems: list[tuple[str, str]] = []
-    names_by_digest: dict[str, str] = {}
-    for entry in suite.policies:
-        try:
-            source, missing = _resolve_policy(entry, suite, environments, ask=ask)
-        except PolicyMismatch as error:
-            problems.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
-            continue
-        except PolicyError as error:
-            problems.append((entry.name, f"policy '{entry.name}': {error.reason}"))
-            continue
-        sources[entry.name] = source
-        if missing:
-            not_installed[entry.name] = missing
-        if source.digest is None:
-            continue
-        if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
-            problems.append((entry.name, f"policies '{first}' and '{entry.name}' are the same policy; remove one"))
-    return sources, not_installed, problems
-
-
-def _resolve_policy(
-    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, ask: bool
-) -> tuple[PolicySource, str]:
-    """Find what a policy is built from, and why it is not installed ("" if it is).
-
-    Raises:
-        PolicyError: The policy cannot be used.
-        PolicyMismatch: It does not fit the suite.
-    """
-    try:
-        options = environments.options(entry.kind, entry.options)
-    except PolicyNotInstalled as error:
-        try:
-            digest = policies.digest(entry.kind, entry.options)
-        except PolicyNotInstalled:
-            raise error from None
-        return PolicySource(entry.kind, entry.options, digest), str(error)
-    try:
-        source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
-    except PolicyUnreachable as error:
-        return PolicySource(entry.kind, options), str(error)
-    find_spec = policies.find(entry.kind).spec
-    try:
-        policy = None if find_spec else policies.load(entry.kind, options)
-        spec = policies.spec(entry.kind, options) if policy is None else policy.spec
-    except PolicyNotInstalled as error:
-        return source, str(error)
-    check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
-    if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
-        instruction = simulators.task_descriptions()[suite.tasks[0]].instruction
-        check_first_answer(entry.name, policy.ask, suite.view, instruction)
-    return source, ""
+def _text(path: Path, text: str | None) -> str:
+    return path.read_text(encoding="utf-8") if text is None else text
 
 
 def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
@@ -334,14 +227,20 @@ def _missing_cameras(suite: Suite) -> Iterator[str]:
 
 
 def _unavailable_simulators(
-    names: Collection[str], environments: EnvironmentResolver, required: Sequence[str], *, require_one: bool
+    names: Collection[str],
+    environments: EnvironmentResolver,
+    required: Sequence[str],
+    *,
+    require_one: bool,
+    start: bool,
 ) -> dict[str, str]:
     """The simulators that cannot run on this machine, each with the reason.
 
     Raises:
         PlanError: A required simulator is not in the suite or cannot run; with `require_one`, none can run.
     """
-    unavailable = {name: reason for name in names if (reason := environments.missing_reason(simulators.find(name)))}
+    reason_of = environments.missing_reason if start else environments.missing_file
+    unavailable = {name: reason for name in names if (reason := reason_of(simulators.find(name)))}
     unused = [name for name in required if name not in names]
     none_can_run = len(unavailable) == len(names)
     broken = unavailable if require_one and none_can_run else [name for name in required if name in unavailable]

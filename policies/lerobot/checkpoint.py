@@ -152,13 +152,20 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
     )
 
 
+def is_on_hub(checkpoint: str) -> bool:
+    """Whether a text is an id on the hub, `USER/NAME` or `USER/NAME@REVISION`, and no folder."""
+    if Path(checkpoint).expanduser().is_dir() or checkpoint.startswith("."):
+        return False
+    return re.fullmatch(r"[\w.-]+/[\w.-]+", checkpoint.partition("@")[0]) is not None
+
+
 def _folder(checkpoint: str) -> Path:
     """Return the checkpoint's folder; from the hub, JSON files and weights are downloaded."""
     path = Path(checkpoint).expanduser()
     if path.is_dir():
         return path.resolve()
     repository, _, revision = checkpoint.partition("@")
-    if not re.fullmatch(r"[\w.-]+/[\w.-]+", repository) or checkpoint.startswith("."):
+    if not is_on_hub(checkpoint):
         raise PolicyError(f"policy '{NAME}': expected a folder or an id on the hub, got '{checkpoint}'")
     try:
         from huggingface_hub import snapshot_download

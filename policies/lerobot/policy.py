@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
-from robogauntlet.policies.lerobot.checkpoint import NAME, OPTIONS, files, read_checkpoint
+from robogauntlet.policies.lerobot.checkpoint import NAME, OPTIONS, files, is_on_hub, read_checkpoint
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
@@ -17,6 +17,11 @@ def _load(options: Mapping[str, Any]) -> Policy:
 
 def _digest(options: Mapping[str, Any]) -> str:
     return read_checkpoint(options).digest()
+
+
+def _digest_without_start(options: Mapping[str, Any]) -> str | None:
+    checkpoint = options.get("checkpoint")
+    return None if isinstance(checkpoint, str) and is_on_hub(checkpoint) else _digest(options)
 
 
 def _spec(options: Mapping[str, Any]) -> PolicySpec:
@@ -33,6 +38,7 @@ KIND = PolicyKind(
     summary="a checkpoint of LeRobot: lerobot:FOLDER, or lerobot:USER/NAME on the hub",
     load=_load,
     digest=_digest,
+    digest_without_start=_digest_without_start,
     spec=_spec,
     options=OPTIONS,
     files=_files,

@@ -33,6 +33,11 @@ def _digest(options: Mapping[str, Any]) -> str:
         return policy.digest()
 
 
+def _digest_by_identity(options: Mapping[str, Any]) -> str | None:
+    server_options = read_options(options)
+    return None if server_options.identity is None else server_options.digest({"identity": server_options.identity})
+
+
 def _spec(options: Mapping[str, Any]) -> PolicySpec:
     with closing(_load(options)) as policy:
         return policy.spec
@@ -43,6 +48,7 @@ KIND = PolicyKind(
     summary="a policy behind a websocket, in openpi's protocol",
     load=_load,
     digest=_digest,
+    digest_without_start=_digest_by_identity,
     spec=_spec,
     options=OPTIONS,
 )

@@ -241,10 +241,7 @@ def _compare(
     shared, perturbed = _paired(*sides), _paired(*(_with_verdict(one.perturbed) for one in (first, second)))
     names = " and ".join(f"{one.side.run}:{one.side.policy}" for one in (first, second))
     if shared.empty:
-        raise NotComparable(
-            f"{names} share no episode: {_why_none(first, second)}; play both on the same tasks with the same seeds "
-            "and protocol"
-        )
+        raise NotComparable(f"{names} share no episode: {_why_none(first, second)}")
     unfinished = [f"{one.side.run} is {one.document.status}" for one in (first, second) if _is_unfinished(one)]
     differences = {Difference.UNFINISHED: ", ".join(dict.fromkeys(unfinished))} if unfinished else {}
     settings = setting_differences(first.document, second.document, shared)
@@ -336,6 +333,9 @@ def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[Pai
     return tuple(adjusted)
 
 
+PLAY_ALIKE = "play both on the same tasks with the same seeds and protocol"
+
+
 def _why_none(first: PolicyRows, second: PolicyRows) -> str:
     """Why two policies have no episode in common, in words."""
     sides = [_with_verdict(one.rows) for one in (first, second)]
@@ -345,7 +345,7 @@ def _why_none(first: PolicyRows, second: PolicyRows) -> str:
             return f"{one.side.run}:{one.side.policy} has no clean episode with a verdict{errors}"
     values = [set(rows["task"]) for rows in sides]
     if not values[0] & values[1]:
-        return f"tasks {_listed(values[0])} and {_listed(values[1])}"
+        return f"tasks {_listed(values[0])} and {_listed(values[1])}; {PLAY_ALIKE}"
     of_both = [rows[rows["task"].isin(values[0] & values[1])] for rows in sides]
     found = []
     for name in PROTOCOL:
@@ -355,7 +355,7 @@ def _why_none(first: PolicyRows, second: PolicyRows) -> str:
     seeds = [set(rows["seed"]) for rows in of_both]
     if not seeds[0] & seeds[1]:
         found.append(f"seeds {_range(seeds[0])} and {_range(seeds[1])}")
-    return "; ".join(found) or "no task was played by both with the same seed and protocol"
+    return "; ".join([*(found or ["no task was played by both with the same seed and protocol"]), PLAY_ALIKE])
 
 
 def _listed(values: Set[object]) -> str:

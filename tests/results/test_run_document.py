@@ -48,7 +48,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
         read_run(tmp_path)
     file = tmp_path / "file"
     file.touch()
-    with pytest.raises(RunError, match="there is a file"):
+    with pytest.raises(RunError, match="this is a file"):
         read_run(file)
 
 

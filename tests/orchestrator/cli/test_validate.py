@@ -1,5 +1,6 @@
 """Suites are checked and planned where neither simulators nor torch are installed."""
 
+import socket
 import sys
 
 import pytest
@@ -58,13 +59,37 @@ def test_mistakes_are_reported_without_simulators(suite):
 
 
 @pytest.mark.parametrize("verb", ["validate", "plan"])
+def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, verb):
+    marker = tmp_path / "started"
+    (tmp_path / "named.py").write_text(f"open({str(marker)!r}, 'w')\n\n\ndef act(**observation):\n    pass\n")
+    interpreter = tmp_path / "python"
+    interpreter.write_text(f"#!/bin/sh\ntouch {marker}\n")
+    interpreter.chmod(0o755)
+    configuration = tmp_path / "config.yaml"
+    configuration.write_text(f"environments: {{pybullet: {{interpreter: {interpreter}}}}}\n")
+    policy = f"{{name: mine, kind: python, options: {{callable: 'named:act', folder: '{tmp_path}'}}}}"
+    file = tmp_path / "suite.yaml"
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"openpi://127.0.0.1:{server.getsockname()[1]}"
+        file.write_text(SUITE.replace("[oracle]", f'[oracle, {policy}, "{address}"]'))
+        done = run_gauntlet(verb, file, ROBOGAUNTLET_CONFIG=str(configuration))
+        server.settimeout(0.1)
+        with pytest.raises(TimeoutError):
+            server.accept()
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "6 episodes" in done.stdout
+    assert "nothing that a suite names is imported or contacted; --check does" in done.stdout
+    assert not marker.exists()
+
+
+@pytest.mark.parametrize("verb", ["validate", "plan"])
 def test_a_policy_server_that_does_not_answer_is_a_note(tmp_path, verb):
     file = tmp_path / "suite.yaml"
     file.write_text(SUITE.replace("[oracle]", '[oracle, "openpi://127.0.0.1:9"]'))
-    done = run_gauntlet(verb, file)
+    done = run_gauntlet(verb, "--check", file)
     assert done.returncode == 0
     assert "4 episodes" in done.stdout
-    assert "hash unknown until its policy servers answer" in done.stdout
+    assert "hash unknown until its policies can be identified" in done.stdout
     assert "policy server ws://127.0.0.1:9" in done.stdout + done.stderr
 
 

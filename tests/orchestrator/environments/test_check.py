@@ -143,7 +143,7 @@ class TestTheCommand:
         (tmp_path / "config.yaml").write_text("environments: {lerobot: {interpreter: /nowhere/python}}\n")
         monkeypatch.setenv("ROBOGAUNTLET_CONFIG", str(tmp_path / "config.yaml"))
         reason = "expected a Python interpreter at /nowhere/python, found none"
-        line = run_command("validate", "suite.yaml").refusal
+        line = run_command("run", "suite.yaml", "--out", "run").refusal
         assert line.endswith(f"policy 'lerobot-x-y': environment lerobot: {reason}")
 
     @pytest.mark.parametrize("verb", ["validate", "plan", "run", "profile"])

@@ -1,0 +1,180 @@
+"""Finds the policies of a suite: what the command line adds, what each is built from, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from robogauntlet.adapters import catalog as simulators
+from robogauntlet.adapters.contract import ActionSpec, ObservationSpec
+from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.inference.first_answer import check_first_answer
+from robogauntlet.policies import catalog as policies
+from robogauntlet.policies.contract import (
+    PolicyError,
+    PolicyMismatch,
+    PolicyNotInstalled,
+    PolicySpec,
+    PolicyUnreachable,
+    check_fit,
+)
+from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
+from robogauntlet.policies.references import FORMS, read_reference, with_options
+from robogauntlet.suites.loading import Problem, policy_lines
+from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.schema import PolicyEntry, Suite
+from robogauntlet.suites.selection import SuiteSelection
+from robogauntlet.support.errors import BadInput, UserError
+
+NOT_STARTED = "nothing that a suite names is imported or contacted; --check does"
+"""Why a policy was not checked."""
+
+
+class PlanError(UserError):
+    """A suite that cannot be run; one line per problem."""
+
+
+@dataclass(frozen=True)
+class SuitePolicies:
+    """The policies of a suite."""
+
+    sources: Mapping[str, PolicySource]
+    unchecked: Mapping[str, str]
+    """Policies of which it is unknown whether they fit the suite, each with the reason."""
+    mistakes: Sequence[tuple[str, str]]
+    """Name and message of each that cannot be used."""
+
+    def problems(self, path: Path, text: str) -> list[Problem]:
+        """The mistakes with their lines in the suite file of this text."""
+        lines = policy_lines(text)
+        return [Problem(str(path), lines.get(name), message) for name, message in self.mistakes]
+
+
+def needs_policy(path: Path) -> str:
+    """The message for a suite that is used without the policy that it needs."""
+    return f"{path}: the suite needs a policy; add --policy with {FORMS}"
+
+
+def add_policies(suite: Suite, part: SuiteSelection, path: Path) -> tuple[Suite, SuiteSelection]:
+    """Add the policies of `part` that the suite lacks, and return both; `part` then has the names of these policies.
+
+    Raises:
+        PlanError: A name that is neither a policy of the suite nor a reference.
+        BadInput: There is no such policy.
+        PolicyError: The zoo has no such checkpoint.
+    """
+    entries, chosen = {policy.name: policy for policy in suite.policies}, []
+    for text in part.policies:
+        if any(fnmatchcase(name, text) for name in entries):
+            chosen.append(text)
+            continue
+        try:
+            entry = read_reference(text)
+        except BadInput:
+            if entries and not set(text) & set(":/"):
+                raise PlanError(f"{path}: the suite has no policy '{text}'{did_you_mean(text, entries)}") from None
+            raise
+        if entries.setdefault(entry.name, entry) != entry:
+            raise BadInput(
+                f"--policy {text}: another policy has the name '{entry.name}' too; name them in a suite file"
+            )
+        chosen.append(entry.name)
+    if added := [entry for name, entry in entries.items() if name not in {policy.name for policy in suite.policies}]:
+        listed = (*suite.policies, *with_options(added, part.options))
+        suite = suite.model_copy(update={"policies": listed, "needs": None})
+    elif part.options:
+        raise BadInput("--option: expected --policy with a policy that the suite lacks, to which the option belongs")
+    return suite, replace(part, policies=tuple(chosen))
+
+
+def find_policies(suite: Suite, environments: EnvironmentResolver, *, start: bool, ask: bool = False) -> SuitePolicies:
+    """Find what each policy of a suite is built from.
+
+    Args:
+        suite: The suite.
+        environments: The environments of policies.
+        start: Whether to import code that the suite names, contact its servers and start interpreters.
+        ask: Whether to ask functions once.
+    """
+    sources: dict[str, PolicySource] = {}
+    unchecked: dict[str, str] = {}
+    mistakes: list[tuple[str, str]] = []
+    names_by_digest: dict[str, str] = {}
+    for entry in suite.policies:
+        try:
+            source, reason = (
+                _find(entry, suite, environments, ask=ask) if start else _find_without_start(entry, suite, environments)
+            )
+        except PolicyMismatch as error:
+            mistakes.append((entry.name, f"policy '{entry.name}' does not fit: {error.reason}"))
+            continue
+        except PolicyError as error:
+            mistakes.append((entry.name, f"policy '{entry.name}': {error.reason}"))
+            continue
+        sources[entry.name] = source
+        if reason:
+            unchecked[entry.name] = reason
+        if source.digest is None:
+            continue
+        if (first := names_by_digest.setdefault(str(source.digest), entry.name)) != entry.name:
+            mistakes.append((entry.name, f"policies '{first}' and '{entry.name}' are the same policy; remove one"))
+    return SuitePolicies(sources, unchecked, mistakes)
+
+
+def _find(
+    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver, *, ask: bool
+) -> tuple[PolicySource, str]:
+    """Find what a policy is built from, and why it was not checked ("" if it was).
+
+    Raises:
+        PolicyError: The policy cannot be used.
+        PolicyMismatch: It does not fit the suite.
+    """
+    try:
+        options = environments.options(entry.kind, entry.options)
+    except PolicyNotInstalled as error:
+        try:
+            digest = policies.digest(entry.kind, entry.options)
+        except PolicyNotInstalled:
+            raise error from None
+        return PolicySource(entry.kind, entry.options, digest), str(error)
+    try:
+        source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
+    except PolicyUnreachable as error:
+        return PolicySource(entry.kind, options), str(error)
+    find_spec = policies.find(entry.kind).spec
+    try:
+        policy = None if find_spec else policies.load(entry.kind, options)
+        spec = policies.spec(entry.kind, options) if policy is None else policy.spec
+    except PolicyNotInstalled as error:
+        return source, str(error)
+    _check_fit(spec, suite)
+    if ask and isinstance(policy, FunctionPolicy | StatefulFunctionPolicy):
+        instruction = simulators.task_descriptions()[suite.tasks[0]].instruction
+        check_first_answer(entry.name, policy.ask, suite.view, instruction)
+    return source, ""
+
+
+def _find_without_start(
+    entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver
+) -> tuple[PolicySource, str]:
+    """The same, without importing, contacting or starting anything that the suite names."""
+    kind = policies.find(entry.kind)
+    if kind.digest_without_start:
+        has_own = bool(kind.requirements or kind.without_dependencies) and "python" not in entry.options
+        reason = (environments.missing_file(kind) if has_own else None) or NOT_STARTED
+        return PolicySource(entry.kind, entry.options, kind.digest_without_start(entry.options)), reason
+    source = PolicySource(entry.kind, entry.options, policies.digest(entry.kind, entry.options))
+    try:
+        spec = policies.spec(entry.kind, entry.options)
+    except PolicyNotInstalled as error:
+        return source, str(error)
+    _check_fit(spec, suite)
+    return source, ""
+
+
+def _check_fit(spec: PolicySpec, suite: Suite) -> None:
+    check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
