@@ -133,11 +133,12 @@ def _find(
         PolicyError: The policy cannot be used.
         PolicyMismatch: It does not fit the suite.
     """
+    kind = policies.find(entry.kind)
     try:
         options = environments.options(entry.kind, entry.options)
     except PolicyNotInstalled as error:
         try:
-            digest = policies.digest(entry.kind, entry.options)
+            digest = (kind.digest_without_start or kind.digest)(entry.options)
         except PolicyNotInstalled:
             raise error from None
         return PolicySource(entry.kind, entry.options, digest), str(error)
@@ -145,9 +146,8 @@ def _find(
         source = PolicySource(entry.kind, options, policies.digest(entry.kind, options))
     except PolicyUnreachable as error:
         return PolicySource(entry.kind, options), str(error)
-    find_spec = policies.find(entry.kind).spec
     try:
-        policy = None if find_spec else policies.load(entry.kind, options)
+        policy = None if kind.spec else policies.load(entry.kind, options)
         spec = policies.spec(entry.kind, options) if policy is None else policy.spec
     except PolicyNotInstalled as error:
         return source, str(error)
