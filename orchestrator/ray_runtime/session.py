@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
+from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
@@ -30,6 +31,8 @@ _JOINED_ENVIRONMENT: dict[str, str | None] = {
 """The same for this process's part in a cluster that others started."""
 _head: ClusterHead | None = None
 """The head of the cluster that this process has joined."""
+_folder: SessionFolder | None = None
+"""The folder of the Ray that was started here."""
 _VITAL = ("raylet", "gcs_server")
 _RESOURCES = (
     ("num_cpus", "CPU", "num_cpus", 1),
@@ -58,7 +61,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
     Raises:
         NoCluster: Nothing answers at the address.
     """
-    global _head
+    global _head, _folder
     with _environment(_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT), _on_loopback(address is None):
         import ray
 
@@ -69,11 +72,16 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             check_address(address)
         _start(address, workers)
         _head = None if address is None else ClusterHead(ray.get_runtime_context().gcs_address)
+        if address is None:
+            _folder = SessionFolder(Path(_private("worker", "_global_node").get_session_dir_path()))
         try:
             yield
         finally:
-            _head = None
+            has_died, folder = bool(_dead_parts()), _folder
+            _head = _folder = None
             ray.shutdown()
+            if folder is not None:
+                folder.keep() if has_died else folder.remove()
 
 
 @contextlib.contextmanager
@@ -168,12 +176,28 @@ def check_alive(*, after_s: float = PROBE_S) -> None:
     Raises:
         RayLost: A process of the Ray started here has died, or the head of the cluster does not answer.
     """
-    node = _private("worker", "_global_node")
-    for kind, process in node.dead_processes() if node else ():
-        if kind in _VITAL:
-            raise RayLost(f"Ray's {kind} died (exit status {process.returncode})")
+    for kind, status in _dead_parts().items():
+        raise RayLost(f"Ray's {kind} died (exit status {status})")
     if _head is not None and (silence := _head.wait_for_answer(after_s=after_s)):
         raise RayLost(silence)
+
+
+def temporary_folder() -> Path | None:
+    """Where processes of the session keep temporary files, so that none are left; None for the system's folder."""
+    return None if _folder is None else _folder.temporary
+
+
+def with_temporary_folder(runtime_env: Mapping[str, Any]) -> dict[str, Any]:
+    """A `runtime_env` of Ray whose processes keep temporary files in the session's folder."""
+    if _folder is None:
+        return dict(runtime_env)
+    return {**runtime_env, "env_vars": {**runtime_env["env_vars"], "TMPDIR": str(_folder.temporary)}}
+
+
+def _dead_parts() -> dict[str, int]:
+    """The vital processes of the Ray started here that have died, with their exit status."""
+    node = _private("worker", "_global_node")
+    return {kind: process.returncode for kind, process in (node.dead_processes() if node else ()) if kind in _VITAL}
 
 
 def answer(reference: Any) -> Any:

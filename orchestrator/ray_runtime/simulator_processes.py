@@ -18,7 +18,13 @@ from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import Simulator, SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver, worker_environment
 from robogauntlet.orchestrator.ray_runtime.cluster import Placement
-from robogauntlet.orchestrator.ray_runtime.session import WORKER_BYTES, RayLost, check_alive, ray_session
+from robogauntlet.orchestrator.ray_runtime.session import (
+    WORKER_BYTES,
+    RayLost,
+    check_alive,
+    ray_session,
+    with_temporary_folder,
+)
 from robogauntlet.support.errors import last_line
 
 CHECK_S = 1.0
@@ -68,7 +74,8 @@ def run_per_simulator(
                 yield name, ProcessEnded(reason)
                 continue
             options = {**room, **placement.options(simulator)}
-            actors[name] = process.options(runtime_env=environments.ray_runtime_env(simulator), **options).remote()
+            environment = with_temporary_folder(environments.ray_runtime_env(simulator))
+            actors[name] = process.options(runtime_env=environment, **options).remote()
             streams[actors[name].run.remote(generator, its_arguments)] = name
         last_heard: dict[Any, float] = {}
         while streams and (left_s := began + time_s - time.monotonic()) > 0:

@@ -17,6 +17,7 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder, encode_png
+from robogauntlet.orchestrator.ray_runtime.session import temporary_folder
 from robogauntlet.orchestrator.replay.media_selection import (
     new_failures,
     recording_order,
@@ -75,7 +76,7 @@ def record_media(
         OSError: The folder cannot be written.
     """
     # This process owns the temporary files, because one that is killed cannot remove them.
-    with tempfile.TemporaryDirectory(prefix="robogauntlet-", ignore_cleanup_errors=True) as scratch:
+    with tempfile.TemporaryDirectory(dir=temporary_folder(), ignore_cleanup_errors=True) as scratch:
         job = partial(_record, scratch=Path(scratch))
         for _, media in replay_rows(pending, sources, environments, job, time_s):
             if isinstance(media, NotReplayed):

@@ -19,7 +19,7 @@ from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, Placement
-from robogauntlet.orchestrator.ray_runtime.session import RayLost, check_alive, check_room
+from robogauntlet.orchestrator.ray_runtime.session import RayLost, check_alive, check_room, with_temporary_folder
 from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.orchestrator.scheduling.ray_worker import Job, Worker
 from robogauntlet.policies.contract import PolicyError
@@ -128,7 +128,7 @@ class RayWorkerPool:
                 **self._resources.get(simulator, Resources()).ray_options(),
                 **self._placement.options(description),
             }
-            environment = dict(self._environments.ray_runtime_env(description))
+            environment = with_temporary_folder(self._environments.ray_runtime_env(description))
             server = self._servers[self._started % len(self._servers)] if self._servers else None
             self._started += 1
             actor: Any = Worker

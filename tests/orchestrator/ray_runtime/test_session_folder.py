@@ -1,0 +1,59 @@
+"""Nothing of a session is left, however the process that began it ends."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.processes import GAUNTLET, run_process
+
+WITHIN_S = 30.0
+SUITE = "name: s\npolicies: [oracle]\ntasks: [null/Slow]\nseeds: {count: 200}\nworkers: 2\n"
+SESSION = """
+from robogauntlet.orchestrator.ray_runtime.session import ray_session, temporary_folder
+
+with ray_session(address=None, workers=1):
+    print(temporary_folder())
+"""
+
+pytestmark = pytest.mark.ray
+
+
+def test_the_folder_of_a_session_goes_with_it():
+    done = run_process([sys.executable, "-c", SESSION])
+    assert done.returncode == 0, done.stderr
+    temporary = Path(done.stdout.splitlines()[-1])
+    assert temporary.parent.name.startswith("session_")
+    assert not temporary.parent.exists()
+
+
+def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
+    (tmp_path / "suite.yaml").write_text(SUITE)
+    command = psutil.Popen(
+        [*GAUNTLET, "run", "suite.yaml", "--out", "run", "--no-media"], cwd=tmp_path, stdout=subprocess.DEVNULL
+    )
+    while not (workers := [child for child in family(command) if "Worker.play" in child.name()]):
+        assert command.poll() is None
+        time.sleep(0.1)
+    temporary = Path(workers[0].environ()["TMPDIR"])
+    assert temporary.is_dir()
+    started = family(command)
+    assert any(child.name() == "raylet" for child in started)
+    command.send_signal(signal.SIGKILL)
+    command.wait()
+    deadline = time.monotonic() + WITHIN_S
+    while time.monotonic() < deadline and (temporary.parent.exists() or any(map(psutil.Process.is_running, started))):
+        time.sleep(0.2)
+    assert not temporary.parent.exists()
+    assert [child for child in started if child.is_running()] == []
+
+
+def family(command):
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return command.children(recursive=True)
+    return []
