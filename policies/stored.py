@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from robogauntlet.policies.contract import PolicyError
+from robogauntlet.support.errors import plain_words
 
 STRICT = ConfigDict(extra="forbid")
 """Configuration of pydantic dataclasses that refuse unknown fields."""
@@ -38,7 +39,7 @@ def first_fault(error: ValidationError) -> str:
     """Return the first error in one line."""
     fault = error.errors(include_url=False)[0]
     place = ".".join(map(str, fault["loc"]))
-    message = " ".join(fault["msg"].removeprefix("Value error, ").split())
+    message = " ".join(plain_words(fault["msg"]).split())
     if message.startswith("Input should be "):
         message = f"expected {message.removeprefix('Input should be ')}, got {reprlib.repr(fault['input'])}"
     return f"{place}: {message}" if place else message

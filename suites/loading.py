@@ -28,10 +28,13 @@ from robogauntlet.suites.schema import (
     policy_entry,
 )
 from robogauntlet.suites.yaml_file import Place, YamlError, parse_yaml, read_yaml
-from robogauntlet.support.errors import UserError
+from robogauntlet.support.errors import UserError, plain_words
+from robogauntlet.support.text import shortened, visible
 
 REQUIRED: dict[str, Any] = {"name": "suite", "policies": ["oracle"], "tasks": ["null/Reach"], "seeds": {"count": 1}}
 """Stand in for required keys that are missing or wrong, while the other keys are checked."""
+LONGEST_MESSAGE, LONGEST_VALUE = 400, 60
+"""Characters of a message, and of a wrong value in it."""
 ROLES = ("oracle_gate", "no_skill_baselines", "merging", "compare", "adaptive")
 """Keys that name policies of the suite."""
 Model = TypeVar("Model", Suite, Config)
@@ -122,6 +125,11 @@ def _further_mistakes(
             yield (key, kept[key][int(found[1])], *found[2:]) if key in kept else found, message
 
 
+def problem_at(path: Path, line: int | None, message: str) -> Problem:
+    """Return a problem whose message is one line of moderate length, whatever names the file has."""
+    return Problem(str(path), line, shortened(visible(message), LONGEST_MESSAGE))
+
+
 def _rest(data: dict[str, Any], mistakes: Iterable[Mistake], model: type[BaseModel]) -> Suite | None:
     """The suite without the entries that are wrong, or None."""
     left, _ = _without(data, {place for place, _ in mistakes})
@@ -151,7 +159,7 @@ def _without(data: dict[str, Any], wrong: set[Place]) -> tuple[dict[str, Any], d
 
 def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake], rest: Suite | None = None) -> SuiteError:
     # Each problem once: a value that fits neither side of a union is reported by both.
-    problems = (Problem(str(path), _line(lines, place), message) for place, message in mistakes)
+    problems = (problem_at(path, _line(lines, place), message) for place, message in mistakes)
     return SuiteError([*dict.fromkeys(problems)], rest)
 
 
@@ -175,9 +183,9 @@ def _parse(path: Path, text: str, keys: str) -> tuple[dict[str, Any], dict[Place
     try:
         document = parse_yaml(text)
     except YamlError as error:
-        raise SuiteError([Problem(str(path), error.line, str(error))]) from None
+        raise SuiteError([problem_at(path, error.line, str(error))]) from None
     if document.duplicates:
-        raise SuiteError([Problem(str(path), line, f"duplicate key '{name}'") for line, name in document.duplicates])
+        raise SuiteError([problem_at(path, line, f"duplicate key '{name}'") for line, name in document.duplicates])
     if not isinstance(document.data, dict):
         raise SuiteError([Problem(str(path), None, f"expected a mapping with {keys}; found {_kind(document.data)}")])
     return document.data, document.lines
@@ -199,6 +207,7 @@ def _message(error: Any, model: type[BaseModel]) -> str:
     place = _place(error["loc"])
     where = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
     value = error.get("input")
+    shown = _shown(value)
     match error["type"]:
         case "missing":
             return f"missing key '{place[-1]}'"
@@ -210,14 +219,20 @@ def _message(error: Any, model: type[BaseModel]) -> str:
         case "too_short":
             return f"{where}: expected at least one entry, found an empty list"
         case "greater_than_equal" | "greater_than" | "less_than_equal" | "less_than":
-            return f"{where}: {error['msg'].replace('Input should be', 'expected a value')}, found {value!r}"
+            return f"{where}: {error['msg'].replace('Input should be', 'expected a value')}, found {shown}"
         case "enum" | "literal_error":
-            return f"{where}: expected {error['ctx']['expected']}, found {value!r}"
+            return f"{where}: expected {error['ctx']['expected']}, found {shown}"
         case "string_pattern_mismatch":
             rule = "letters, digits, '.', '_' or '-', starting with a letter or digit"
-            return f"{where}: expected {rule}; found {value!r}"
+            return f"{where}: expected {rule}; found {shown}"
+        case "string_too_long":
+            return f"{where}: expected at most {error['ctx']['max_length']} characters, found {_kind(value)}"
+        case "dict_type":
+            return f"{where}: expected a mapping, found {_kind(value)}"
+        case "tuple_type" | "list_type":
+            return f"{where}: expected a list, found {_kind(value)}"
         case _:
-            expected = error["msg"].replace("Input should be", "expected").replace("Value error, ", "")
+            expected = plain_words(error["msg"]).replace("Input should be", "expected")
             return f"{where}: {expected}, found {_kind(value)}"
 
 
@@ -249,4 +264,8 @@ def _kind(value: Any) -> str:
         float: "a number",
     }
     name = names.get(type(value), type(value).__name__)
-    return name if isinstance(value, dict | list) else f"{name} ({value!r})"
+    return name if isinstance(value, dict | list) else f"{name} ({_shown(value)})"
+
+
+def _shown(value: Any) -> str:
+    return shortened(repr(value), LONGEST_VALUE)

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import metadata
+from itertools import accumulate
 from typing import Protocol, TypeVar
 
-LISTED = 12
-"""Maximum number of known names in a message."""
+LISTED, LONGEST_LIST = 12, 250
+"""Maximum number of known names in a message, and of their characters."""
 
 
 class _Named(Protocol):
@@ -59,6 +60,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     near = get_close_matches(name, known, n=1, cutoff=0.5) or [k for k in known if k.split("/")[-1].startswith(name)]
     if near:
         return f"; did you mean '{near[0]}'?"
-    if len(known) > LISTED:
-        return f"; known: {', '.join(known[:LISTED])} and {len(known) - LISTED} more"
+    room = accumulate(len(name) + 2 for name in known)
+    listed = min(LISTED, max(1, sum(length <= LONGEST_LIST for length in room)))
+    if len(known) > listed:
+        return f"; known: {', '.join(known[:listed])} and {len(known) - listed} more"
     return f"; known: {', '.join(known)}" if known else "; there are none"

@@ -67,7 +67,8 @@ def policy_entry(text: str) -> dict[str, Any]:
     if not colon or kind not in SHORT_FORMS or not rest:
         return {"name": text, "kind": text}
     value = text if rest.startswith("//") else rest
-    return {"name": valid_name(text), "kind": kind, "options": {SHORT_FORMS[kind]: value}}
+    shown = re.sub("//[^/]*@", "//", text)  # no user or password of an address
+    return {"name": valid_name(shown), "kind": kind, "options": {SHORT_FORMS[kind]: value}}
 
 
 def valid_name(text: str) -> str:
@@ -95,8 +96,9 @@ class PolicyEntry(_Model):
     def _shorthand(cls, value: Any) -> Any:
         if isinstance(value, str):
             return policy_entry(value)
-        if isinstance(value, dict) and isinstance(value.get("kind"), str):
-            return {"name": value["kind"], **value}
+        if isinstance(value, dict) and "kind" in value:
+            kind = value["kind"]
+            return {"name": kind if isinstance(kind, str) else "policy", **value}
         return value
 
 

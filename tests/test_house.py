@@ -123,7 +123,7 @@ def test_no_file_is_longer_than_the_limit():
 
 
 def test_tests_have_the_same_packages_as_the_source():
-    of_tests = ("data", "benchmarks", "chaos")
+    of_tests = ("data", "bad_input", "benchmarks", "chaos", "fuzz")
     folders = {path.parent.relative_to(ROOT / "tests") for path in (ROOT / "tests").rglob("test_*.py")} - {Path()}
     strays = [path for path in folders if path.parts[0] not in of_tests and not (SOURCE / path).is_dir()]
     assert strays == []

@@ -10,12 +10,16 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from robogauntlet.adapters.contract import AdapterError, TaskDescription
-from robogauntlet.adapters.gymnasium.expressions import check_attribute, check_expression, undeclared
+from robogauntlet.adapters.gymnasium.expressions import LARGEST, check_attribute, check_expression, undeclared
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.suites.ranges import MAX_STEPS, MAX_TEXT
 from robogauntlet.suites.yaml_file import YamlError, parse_yaml, read_yaml
-from robogauntlet.support.errors import first_line
+from robogauntlet.support.errors import first_line, plain_words
+from robogauntlet.support.text import shortened, visible
 
+LONGEST_MESSAGE = 300
+"""Characters of a message about a mapping."""
 FOLDERS = "ROBOGAUNTLET_GYMNASIUM"
 """Environment variable: folders with further mapping files, separated as in PATH. They replace shipped ones."""
 
@@ -24,13 +28,13 @@ Vector = tuple[float, float, float]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_max_length=MAX_TEXT)
 
 
 class Drive(_Strict):
     """Adds `offset + scale * number` of an action to one number of the environment's action."""
 
-    index: Annotated[int, Field(ge=0)]
+    index: Annotated[int, Field(ge=0, le=LARGEST)]
     scale: float
     offset: float = 0.0
 
@@ -71,8 +75,8 @@ class EnvironmentMapping(_Strict):
     make: dict[str, Any] = {}
     """Further arguments for `gymnasium.make`."""
     instruction: Annotated[str, Field(min_length=1)]
-    horizon: Annotated[int, Field(ge=1)]
-    control_hz: Annotated[float, Field(gt=0)]
+    horizon: Annotated[int, Field(ge=1, le=MAX_STEPS)]
+    control_hz: Annotated[float, Field(gt=0, le=1e6)]
     max_translation: Annotated[float, Field(ge=0)]
     """Largest translation of the tool per axis and step (m)."""
     max_rotation: Annotated[float, Field(ge=0)] = 0.0
@@ -124,14 +128,16 @@ def load_mapping(path: Path) -> EnvironmentMapping:
         document = parse_yaml(read_yaml(path, "a mapping file"))
         if document.duplicates:
             raise AdapterError(
-                "\n".join(f"{path}: line {line}: duplicate key '{key}'" for line, key in document.duplicates)
+                "\n".join(_in_a_line(path, f"line {line}: duplicate key '{key}'") for line, key in document.duplicates)
             )
         return EnvironmentMapping.model_validate(document.data)
     except ValidationError as error:
-        raise AdapterError("\n".join(dict.fromkeys(f"{path}: {_message(one)}" for one in error.errors()))) from None
+        raise AdapterError(
+            "\n".join(dict.fromkeys(_in_a_line(path, _message(one)) for one in error.errors()))
+        ) from None
     except YamlError as error:
         line = f", line {error.line}" if error.line else ""
-        raise AdapterError(f"{path}: not a mapping file{line}: {error}") from None
+        raise AdapterError(_in_a_line(path, f"not a mapping file{line}: {error}")) from None
 
 
 def definition(path: Path) -> str:
@@ -153,6 +159,10 @@ def load_description(path: Path) -> TaskDescription:
     return TaskDescription(mapping.instruction, mapping.horizon, cameras=cameras, modules=(module,) if colon else ())
 
 
+def _in_a_line(path: Path, message: str) -> str:
+    return f"{path}: {shortened(visible(message), LONGEST_MESSAGE)}"
+
+
 def _message(problem: Any) -> str:
     """Return one of pydantic's errors as a line."""
     if not problem["loc"] and problem["type"] == "value_error":
@@ -169,7 +179,9 @@ def _message(problem: Any) -> str:
         case "value_error":
             return f"{place}: {problem['ctx']['error']}"
         case _:
-            return f"{place}: {problem['msg'].replace('Input should', 'should')}, found {problem['input']!r}"
+            return (
+                f"{place}: {plain_words(problem['msg']).replace('Input should', 'should')}, found {problem['input']!r}"
+            )
 
 
 FILES = dict(mapping_files())

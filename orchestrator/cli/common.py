@@ -6,7 +6,7 @@ import dataclasses
 import json
 import os
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -147,11 +147,28 @@ def open_history(url: str | None, root: Path | None = None) -> Iterator[History]
         StoreError: The history cannot be opened, read or written.
     """
     root = root or runs_root(url)
+    file = _history_file(url, root)
+    is_new, is_new_root, is_refused = file is not None and not file.exists(), not root.exists(), False
     try:
         if url is None:
             root.mkdir(parents=True, exist_ok=True)
         with closing(History.open(history_url(url, root))) as history:
             record_run_folders(history, root, fail)
-            yield history
+            try:
+                yield history
+            except BadInput:
+                is_refused = is_new and not history.runs(limit=1)
+                raise
     except OSError as error:
         raise BadInput(f"{root}: {error.strerror}") from None
+    finally:
+        if is_refused and file is not None:  # a mistake leaves nothing behind
+            file.unlink(missing_ok=True)
+            if is_new_root:
+                with suppress(OSError):
+                    root.rmdir()
+
+
+def _history_file(url: str | None, root: Path) -> Path | None:
+    parsed = parse(history_url(url, root))
+    return Path(parsed.database) if parsed.get_backend_name() == "sqlite" and parsed.database else None

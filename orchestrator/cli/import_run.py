@@ -18,7 +18,7 @@ from robogauntlet.results.report.formatting import counted
 from robogauntlet.results.store import run_archive
 from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.run_history import history_url
-from robogauntlet.support.errors import BadInput, describe
+from robogauntlet.support.errors import BadInput, describe, describe_os_error
 
 
 def import_run(
@@ -51,6 +51,6 @@ def import_run(
                 raise
             raise BadInput(f"{file}: expected a run with a report, it cannot be made: {describe(error)}") from error
     except OSError as error:
-        raise BadInput(f"{root}: cannot be written: {error.strerror}") from None
+        raise BadInput(f"{root}: cannot be written: {describe_os_error(error)}") from None
     print_line(f"{counted(document.planned, 'planned episode')} of {document.suite.name} in {run}")
     print_line(f"report: {run / 'report.html'}")

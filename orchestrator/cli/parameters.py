@@ -13,6 +13,7 @@ from typing import Any
 import typer
 
 from robogauntlet.suites.ranges import MAX_COUNT, MAX_FILE_NAME, MAX_NUMBER, MAX_PATH, MAX_TEXT
+from robogauntlet.support.errors import plain_words
 
 WHOLE = re.compile(r"[+-]?[0-9]+")
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -26,8 +27,7 @@ def check_parameters(command: Any) -> Any:
     for parameter in command.params:
         kind = parameter.type_descriptor.annotation
         kind = (typing.get_args(kind) or (kind,))[0]
-        if kind is not bool:
-            parameter.process_value = partial(_check_and_process, parameter, parameter.process_value, kind)
+        parameter.process_value = partial(_check_and_process, parameter, parameter.process_value, kind)
     return command
 
 
@@ -67,7 +67,20 @@ def _check_and_process(parameter: Any, process: Callable[..., Any], kind: type, 
         plain = isinstance(given, str | int | float) and not isinstance(given, bool)
         if plain and (message := problem(kind, str(given))) is not None:
             raise typer.BadParameter(message, ctx=context, param=parameter)
-    return process(context, value)
+    try:
+        return process(context, value)
+    except typer.BadParameter as error:
+        error.message = _in_our_words(error.message, value)
+        raise
+
+
+def _in_our_words(message: str, value: Any) -> str:
+    """Return a message of typer about a value, which does not say what was given, as those of `problem` say it."""
+    text = plain_words(message).rstrip(".")
+    if "Input should be" not in text:
+        return f"{text}."
+    expected = text.replace("Input should be a ", "expected a ").replace("Input should be", "expected a value")
+    return f"{expected}, got {value if isinstance(value, int | float) else _shown(str(value))}."
 
 
 def _shown(value: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Mapping
@@ -19,6 +18,7 @@ from robogauntlet.suites.environments import Config, EnvironmentEntry
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.suites.loading import load_config
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.json_text import parse_json
 
 MARKER = "environment.json"
 """Written last, so that a folder without it is an unfinished environment."""
@@ -76,7 +76,7 @@ class Environment:
         if self.entry.interpreter is not None:
             return {} if os.access(self.python, os.X_OK) else None
         try:
-            return dict(json.loads((self.folder / MARKER).read_text(encoding="utf-8")))
+            return dict(parse_json((self.folder / MARKER).read_text(encoding="utf-8")))
         except (OSError, ValueError):
             return None
 

@@ -33,7 +33,8 @@ def check_address(address: str) -> None:
     if address == "auto":
         return
     host, _, port = address.rpartition(":")
-    if not host or "/" in host or not (port.isdecimal() and port.isascii() and 0 < int(port) < 2**16):
+    is_plain = ":" not in host or host.startswith("[")  # an address of IPv6 is in brackets
+    if not host or "/" in host or not is_plain or not (port.isdecimal() and port.isascii() and 0 < int(port) < 2**16):
         raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
     if (why := _connect(host.strip("[]"), int(port), CONNECT_S)) is not None:
         raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}")

@@ -20,7 +20,7 @@ from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsuppor
 from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
 from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell
-from robogauntlet.suites.loading import Problem, SuiteError, load_suite
+from robogauntlet.suites.loading import Problem, SuiteError, load_suite, problem_at
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import Suite
@@ -160,7 +160,7 @@ def make_plan(
     except SelectionError as error:
         raise PlanError(f"{path}: {error}") from None
     if mistakes := check_names(suite, names):  # of added policies
-        raise SuiteError([Problem(str(path), None, message) for _, message in mistakes])
+        raise SuiteError([problem_at(path, None, message) for _, message in mistakes])
     environments = EnvironmentResolver(suite.environments)
     found = find_policies(suite, environments, start=start, ask=require_installed)
     if require_installed:
@@ -176,7 +176,7 @@ def make_plan(
     ]
     problems += _missing_cameras(suite)
     if problems or found.mistakes:
-        whole_file = [Problem(str(path), None, problem) for problem in problems]
+        whole_file = [problem_at(path, None, problem) for problem in problems]
         raise SuiteError([*found.problems(path, _text(path, text)), *whole_file])
     digests = {name: str(source.digest) for name, source in sources.items()}
     without = {(gap.axis, gap.task) for gap in unsupported}

@@ -23,7 +23,7 @@ from robogauntlet.policies.contract import (
 )
 from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
 from robogauntlet.policies.references import FORMS, read_reference, with_options
-from robogauntlet.suites.loading import Problem, policy_lines
+from robogauntlet.suites.loading import Problem, policy_lines, problem_at
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import PolicyEntry, Suite
 from robogauntlet.suites.selection import SuiteSelection
@@ -50,7 +50,7 @@ class SuitePolicies:
     def problems(self, path: Path, text: str) -> list[Problem]:
         """The mistakes with their lines in the suite file of this text."""
         lines = policy_lines(text)
-        return [Problem(str(path), lines.get(name), message) for name, message in self.mistakes]
+        return [problem_at(path, lines.get(name), message) for name, message in self.mistakes]
 
 
 def needs_policy(path: Path) -> str:

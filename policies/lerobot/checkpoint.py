@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 from collections.abc import Mapping
@@ -21,6 +20,7 @@ from robogauntlet.policies.remote.server_options import CONVENTION_OPTIONS, Conv
 from robogauntlet.policies.stored import first_fault
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.json_text import parse_json
 
 NAME = "lerobot"
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
@@ -85,7 +85,7 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
             f"policy '{NAME}': expected a checkpoint of LeRobot 0.4 or newer in {folder}, it lacks {missing[0]}"
         )
     try:
-        config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        config = parse_json((folder / "config.json").read_text(encoding="utf-8"))
         features = {**config["input_features"], **config["output_features"]}
         shapes = {name: tuple(map(int, feature["shape"])) for name, feature in features.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

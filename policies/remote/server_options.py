@@ -135,7 +135,8 @@ class ServerOptions(Convention):
         except ValueError:
             sound = False
         if not sound or any(character.isspace() for character in value):
-            raise ValueError(f"expected ws://HOST:PORT, got '{value}'")
+            shown = "one with a user or password" if "@" in value else f"'{value}'"
+            raise ValueError(f"expected ws://HOST:PORT, got {shown}")
         return f"{scheme}://{rest}"
 
     @field_validator("token_variable")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,6 +33,7 @@ from robogauntlet.policies.training.lerobot_format import (
 )
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.json_text import parse_json
 
 CHUNK_LENGTH = 8
 
@@ -114,7 +114,7 @@ class Demonstrations:
         """How RoboGauntlet recorded the dataset; empty for a dataset of another origin."""
         path = self.folder / JOURNAL_FILE
         try:
-            return dict(json.loads(path.read_text(encoding="utf-8"))["source"])
+            return dict(parse_json(path.read_text(encoding="utf-8"))["source"])
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -273,7 +273,7 @@ def datasets_of(folders: Sequence[Path], tasks: Sequence[str]) -> list[Demonstra
 def _read_info(folder: Path) -> tuple[dict[str, Any], DatasetSpec]:
     path = folder / INFO_FILE
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
+        info = parse_json(path.read_text(encoding="utf-8"))
         version = info["codebase_version"]
         total_frames, total_episodes = int(info["total_frames"]), int(info["total_episodes"])
         images = [name for name in info["features"] if name.startswith(image_key(""))]

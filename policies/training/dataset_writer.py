@@ -36,6 +36,7 @@ from robogauntlet.policies.training.lerobot_format import (
 )
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.files import replacing
+from robogauntlet.support.json_text import parse_json
 
 SUCCESS_STATUS = "success"
 FLUSH_BYTES = 32 * 2**20
@@ -223,7 +224,7 @@ class DatasetWriter:
     def _continue(self) -> None:
         path = self.folder / JOURNAL_FILE
         try:
-            document = json.loads(path.read_text(encoding="utf-8"))
+            document = parse_json(path.read_text(encoding="utf-8"))
             stored = dict(document["source"])
             self._files, episodes = int(document["data_files"]), int(document["episodes"])
             self.attempts = [Attempt(**attempt) for attempt in document["attempts"]]
@@ -243,7 +244,7 @@ class DatasetWriter:
                 data = pq.ParquetFile(self.folder / DATA_FILE.format(chunk_index=chunk, file_index=file))
                 names = [field.name for field in data.schema_arrow if not pa.types.is_struct(field.type)]
                 self._numbers.append(data.read(names))
-            self.spec = spec_of(json.loads((self.folder / INFO_FILE).read_text(encoding="utf-8")))
+            self.spec = spec_of(parse_json((self.folder / INFO_FILE).read_text(encoding="utf-8")))
         except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
             raise DatasetError(f"{self.folder}: it cannot be continued: {type(error).__name__}: {error}") from None
         for row in self._rows:

@@ -74,7 +74,7 @@ class Settings(Stored):
     refusal: ClassVar = TrainingError
 
     steps: PositiveInt = 2000
-    batch_size: PositiveInt = 32
+    batch_size: Annotated[int, Field(gt=0, le=100_000)] = 32
     learning_rate: Annotated[float, Field(gt=0.0, lt=1.0)] = 1e-3
     warm_up: NonNegativeInt = 50
     """Steps in which the learning rate rises."""
@@ -82,14 +82,14 @@ class Settings(Stored):
     weight_decay: float = 0.01
     clip: PositiveFloat = 1.0
     """Largest norm of the gradient."""
-    largest_shift: NonNegativeInt = 4
+    largest_shift: Annotated[int, Field(ge=0, le=1024)] = 4
     """Augmentation: largest shift of an image (px)."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     evaluate_every: PositiveInt = 250
     """Steps between evaluations of the held-out episodes."""
     save_s: float = 60.0
     """Time between two writes of the state file (s)."""
-    threads: PositiveInt = 1
+    threads: Annotated[int, Field(gt=0, le=1024)] = 1
 
     @property
     def decisive(self) -> dict[str, object]:

@@ -32,6 +32,7 @@ STATE, ACTION, SUCCESS = "observation.state", "action", "next.success"
 STATE_NAMES = ("x", "y", "z", "rx", "ry", "rz", "finger_left", "finger_right")
 ROBOT = "panda"
 PNG_LEVEL = 3
+MAX_FPS, MAX_SIZE = 10_000, 8192
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 
 Floats = NDArray[np.float32]
@@ -105,10 +106,15 @@ def image_key(camera: str) -> str:
 
 
 def spec_of(info: Mapping[str, Any]) -> DatasetSpec:
-    """Return the spec in the content of `meta/info.json`."""
+    """Return the spec in the content of `meta/info.json`. Raises ValueError, KeyError or TypeError if it has none."""
     prefix = image_key("")
     images = {name.removeprefix(prefix): f for name, f in info["features"].items() if name.startswith(prefix)}
-    return DatasetSpec(int(info["fps"]), tuple(images), int(next(iter(images.values()))["shape"][0]))
+    fps, size = int(info["fps"]), int(next(iter(images.values()))["shape"][0])
+    if not 1 <= fps <= MAX_FPS or not 1 <= size <= MAX_SIZE:
+        raise ValueError(
+            f"expected 1 to {MAX_FPS} frames per second and images of 1 to {MAX_SIZE} px, got fps {fps} and {size} px"
+        )
+    return DatasetSpec(fps, tuple(images), size)
 
 
 def encode_episode(recording: Recording) -> EncodedEpisode:

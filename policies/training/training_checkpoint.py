@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import write_tensors
 from robogauntlet.support.files import replacing
+from robogauntlet.support.json_text import parse_json
 
 STATE_FILE = "training.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -60,7 +61,7 @@ def load_state(
         return None
     try:
         with safe_open(path, framework="pt") as file:
-            plain = json.loads(file.metadata()["training"])
+            plain = parse_json(file.metadata()["training"])
             history = History(**{**plain, "held_out": [(int(step), float(loss)) for step, loss in plain["held_out"]]})
             tensors: dict[str, Tensor] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, TypeError, KeyError, ValueError) as error:

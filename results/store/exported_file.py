@@ -6,7 +6,6 @@ no view, trigger, generated column or virtual table of the sender's is evaluated
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import sqlite3
@@ -27,6 +26,7 @@ from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_r
 from robogauntlet.results.store.sqlite_file import why_no_database
 from robogauntlet.suites.episode import RenderProfile
 from robogauntlet.suites.ranges import MAX_STEPS
+from robogauntlet.support.json_text import parse_json
 
 LONGEST_VALUE = 16 * 2**20
 """Largest length of a value in the file, such as the run's document (bytes)."""
@@ -256,8 +256,8 @@ def _is_one_of(kind: type[StrEnum], text: str) -> bool:
 
 def _are_scores(text: str) -> bool:
     try:
-        scores = json.loads(text)
-    except (ValueError, RecursionError):
+        scores = parse_json(text)
+    except ValueError:
         return False
     return isinstance(scores, dict) and all(
         isinstance(score, int | float) and math.isfinite(score) for score in scores.values()

@@ -182,7 +182,7 @@ def test_internal_tasks_and_policies_are_not_suggested(tmp_path):
         (("name: a-suite", "name: a-suite\nworkers: all"), "2: workers: expected 'auto', found 'all'"),
         (("seeds: {start: 3, count: 4}", ""), "1: missing key 'seeds'"),
         (("policies: [oracle]", "policies: []"), "2: policies: expected at least one entry, found an empty list"),
-        (("policies: [oracle]", "policies: oracle"), "2: policies: expected a valid tuple, found text ('oracle')"),
+        (("policies: [oracle]", "policies: oracle"), "2: policies: expected a list, found text ('oracle')"),
         (("policies: [oracle]", "policies: [oracle, oracle]"), "2: duplicate policy 'oracle', already at entry 1; give it another `name`"),
         (("policies: [oracle]", "policies: [{kind: oracle, options: {speed: 2}}]"), "2: policy 'oracle' has no option 'speed'; there are none"),
         (("tasks: [robosuite/Lift]", "tasks: []"), "3: tasks: expected at least one entry, found an empty list"),

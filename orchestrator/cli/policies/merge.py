@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -26,6 +25,7 @@ from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput, describe_os_error_at
+from robogauntlet.support.json_text import parse_json
 
 AUTO = "auto"
 
@@ -170,7 +170,7 @@ def _options(given: Sequence[str]) -> dict[str, Any]:
             raise MergeError(f"expected --option NAME=VALUE, got '{text}'")
         options[name] = value
         with suppress(ValueError):
-            options[name] = json.loads(value)
+            options[name] = parse_json(value)
     return options
 
 

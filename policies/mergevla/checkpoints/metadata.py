@@ -24,6 +24,7 @@ from robogauntlet.policies.stored import STRICT, Stored
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.json_text import parse_json
 
 WEIGHTS, METADATA_FILE, FORMAT = "model.safetensors", "card.json", 1
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt")
@@ -163,7 +164,7 @@ def locate(reference: str) -> Path:
 def read_metadata_file(folder: Path) -> dict[str, Any]:
     """Read the metadata file of `folder`. Raises CheckpointError if it is missing or holds no JSON object."""
     try:
-        plain = json.loads((folder / METADATA_FILE).read_text())
+        plain = parse_json((folder / METADATA_FILE).read_text())
     except FileNotFoundError:
         raise CheckpointError(f"expected {METADATA_FILE} in '{folder}', got a folder without it") from None
     except OSError as error:
@@ -255,7 +256,7 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
     length = int.from_bytes(file.read(8), "little")
     text = file.read(length) if length <= LARGEST_HEADER else b""
     try:
-        header = json.loads(text)
+        header = parse_json(text)
         header.pop("__metadata__", None)
         offsets = [entry["data_offsets"] for entry in header.values() if entry["dtype"] and entry["shape"] is not None]
         if any(not 0 <= first <= last for first, last in offsets):

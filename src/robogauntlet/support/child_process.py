@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Self
 
 from robogauntlet.support.errors import last_line
+from robogauntlet.support.json_text import parse_json
 from robogauntlet.support.secret_variables import without_secrets
 
 MAX_ANSWER_BYTES = 64 * 2**20
@@ -149,8 +150,8 @@ class JsonChild:
         line = bytes(self._unread[:end])
         del self._unread[: end + 1]
         try:
-            return json.loads(line)
-        except (ValueError, RecursionError):
+            return parse_json(line)
+        except ValueError:
             self.kill()
             raise ChildEnded(
                 f"expected an answer in JSON, the process sent {line[:60].decode(errors='replace')!a}"

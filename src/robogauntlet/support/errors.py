@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -41,6 +42,13 @@ def last_line(error: BaseException | str) -> str:
 def describe(error: BaseException) -> str:
     """`ValueError: first line of the message`, or `ValueError: no message`."""
     return f"{type(error).__name__}: {first_line(_message(error))}"
+
+
+def plain_words(message: str) -> str:
+    """Return a message of pydantic about a value without what only programmers know: its classes and parsers."""
+    message = message.removeprefix("Value error, ")
+    message = re.sub(r"a (valid )?dictionary or (an )?instance of \w+", "a mapping", message)
+    return re.sub(r", (unable to (parse|interpret)|got a number with) .*", "", message)
 
 
 def describe_os_error(error: BaseException) -> str:
