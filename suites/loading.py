@@ -164,11 +164,15 @@ def _refusal(path: Path, lines: dict[Place, int], mistakes: Iterable[Mistake], r
 
 
 def policy_lines(text: str) -> dict[str, int]:
-    """Return the line of each policy, by name, in the text of a suite that can be read."""
+    """Return the line of each policy that can be read in the text of a suite, by name."""
     document = parse_yaml(text)
-    entries = document.data.get("policies") or ()
-    named = (policy_entry(entry) if isinstance(entry, str) else entry for entry in entries)
-    return {str(entry.get("name", entry.get("kind"))): document.lines["policies", i] for i, entry in enumerate(named)}
+    entries = document.data.get("policies")
+    lines = {}
+    for i, entry in enumerate(entries if isinstance(entries, list) else ()):
+        named = policy_entry(entry) if isinstance(entry, str) else entry
+        if isinstance(named, dict) and (line := document.lines.get(("policies", i))):
+            lines[str(named.get("name", named.get("kind")))] = line
+    return lines
 
 
 def _read(path: Path, what: str) -> str:

@@ -15,8 +15,8 @@ READERS = (
 )
 """Every command that reads a run folder."""
 NO_RUNS = {
-    "nowhere": "nowhere: expected a run folder, there is nothing",
-    "text": "text: expected a run folder, there is a file",
+    "nowhere": "nowhere: expected a run folder, it does not exist",
+    "text": "text: expected a run folder, this is a file",
     "notes": "notes: expected a run folder, it has no run.json",
 }
 DOCUMENTS = {
@@ -148,7 +148,7 @@ RUNS = [
     Case("run", "expected a suite, or --policy and --task; got no --policy and no --task"),
     Case("run --policy random", "expected a suite, or --policy and --task; got no --task"),
     Case("run --task null/Reach --seeds 1", "expected a suite, or --policy and --task; got no --policy"),
-    Case("run suite.yaml --condition noise", "--condition: expected no suite beside it"),
+    Case("run suite.yaml --condition noise", "--condition: expected --policy and --task instead of a suite file"),
     Case("run --policy random --task null/Reech", "unknown task 'null/Reech'; did you mean 'null/Reach'?"),
     Case("run --policy randm --task null/Reach", "did you mean 'random'?"),
     Case("run --policy random --policy random --task null/Reach", "duplicate policy 'random'"),
