@@ -55,7 +55,7 @@ def run(
         list[str] | None,
         typer.Option(
             "--condition",
-            help="Without a suite: AXIS or AXIS:SEVERITY[,SEVERITY], beside the clean condition. Repeatable.",
+            help="Without a suite: AXIS or AXIS@SEVERITY[,SEVERITY], beside the clean condition. Repeatable.",
         ),
     ] = None,
     out_folder: Annotated[

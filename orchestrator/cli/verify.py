@@ -12,6 +12,7 @@ from robogauntlet.orchestrator.replay.replay import environments_of, policy_sour
 from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.episode import Condition
 
 
 def verify(
@@ -50,7 +51,8 @@ def verify(
             with ray_session(address=None, workers=len({row.simulator for row in stored.sample})):
                 for checked in verify.check_rows(stored.sample, sources, environments):
                     row = checked.row
-                    name = f"{row.episode_id} {row.task}, {row.policy}, {row.axis}@{row.severity}, seed {row.seed}"
+                    condition = Condition(row.axis, row.severity)
+                    name = f"{row.episode_id} {row.task}, {row.policy}, {condition}, seed {row.seed}"
                     verdict = "differs" if checked.differences else "the same"
                     print_line(f"{name}: {verdict}")
                     problems += [f"{name}: {line}" for line in checked.differences]

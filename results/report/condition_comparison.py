@@ -127,7 +127,7 @@ def stopping_rule(comparison: ConditionComparison) -> str | None:
         "random order per round. "
     )
     parts = [
-        f"{row.axis}@{row.severity} after {formatting.counted(row.seeds, 'seed')} per task "
+        f"{Condition(row.axis, row.severity)} after {formatting.counted(row.seeds, 'seed')} per task "
         f"({row.policy}, e-value {e_value(row.evidence)})"
         for row in comparison.decided
     ]

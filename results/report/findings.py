@@ -12,6 +12,7 @@ from robogauntlet.results.report.formatting import points, rate
 from robogauntlet.results.report.robustness import agreement_findings, known_rates, overall_curves
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import Condition
 
 MAX_NAMED = 3
 """Axes that are named with their rates in one sentence."""
@@ -32,7 +33,7 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     sentences += _controls(robustness)
     left_out = [row for row in robustness.gate_rows if row.capped]
     if left_out:
-        levels = ", ".join(dict.fromkeys(condition_text(row.axis, row.severity).partition(":")[0] for row in left_out))
+        levels = ", ".join(dict.fromkeys(str(Condition(row.axis, row.severity)) for row in left_out))
         sentences.append(
             f"{formatting.counted(len(left_out), 'level')} of a task left out because the oracle gate "
             f"{robustness.oracle_gate} solved less than 95 % of the seeds ({levels})."
