@@ -10,6 +10,7 @@ import typer
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, AsJson, fail, print_json, print_line
 from robogauntlet.orchestrator.runs.plan import Plan, PlanError, find_suite, make_plan
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.support.text import counted
 
 
 def validate(
@@ -35,7 +36,7 @@ def validate(
         for mistake in row["mistakes"]:
             fail(mistake)
         if not row["mistakes"]:
-            print_line(f"{row['suite']}: valid, {row['episodes']} episodes, hash {row['hash']}")
+            print_line(f"{row['suite']}: valid, {counted(row['episodes'], 'episode')}, hash {row['hash']}")
             for note in row["notes"]:
                 print_line(f"  note: {note}")
     if any(row["mistakes"] for row in found):
@@ -45,7 +46,7 @@ def validate(
 def _notes(plan: Plan) -> Iterator[str]:
     """What is missing in the suite or on this machine."""
     if not plan.suite.policies:
-        yield f"needs a policy, to play {len(plan.suite.tasks)} tasks; add --policy to robogauntlet run"
+        yield f"needs a policy, to play {counted(len(plan.suite.tasks), 'task')}; add --policy to robogauntlet run"
     for simulator, reason in plan.unavailable.items():
         yield f"simulator {simulator}: {reason}"
     if plan.not_installed:

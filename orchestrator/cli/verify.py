@@ -13,6 +13,7 @@ from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import Condition
+from robogauntlet.support.text import counted
 
 
 def verify(
@@ -38,7 +39,7 @@ def verify(
     sources = policy_sources(document, folder, trust=trust) if stored.sample else {}
     environments = environments_of(document)
     problems = []
-    rows_text = f"{stored.rows:,} rows, hash {stored.rows_hash}"
+    rows_text = f"{counted(stored.rows, 'row')}, hash {stored.rows_hash}"
     if document.rows_hash is None:
         out.print(f"{rows_text}; run.json has no hash, since the run has not ended")
     elif document.rows_hash == stored.rows_hash:
@@ -61,4 +62,4 @@ def verify(
     if problems:
         fail("\n".join(problems))
         raise typer.Exit(1)
-    out.print(f"{len(stored.sample)} of {stored.rows:,} episodes replayed: all the same")
+    out.print(f"{len(stored.sample)} of {counted(stored.rows, 'episode')} replayed: all the same")

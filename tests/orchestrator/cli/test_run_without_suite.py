@@ -77,7 +77,7 @@ def test_a_policy_is_played_in_a_suite_instead_of_its_own(run_command, folder):
 def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_command, folder):
     validated = run_command("validate", "free.yaml")
     assert "free.yaml: valid, 0 episodes" in validated.out
-    assert "note: needs a policy, to play 1 tasks; add --policy to robogauntlet run" in validated.out
+    assert "note: needs a policy, to play 1 task; add --policy to robogauntlet run" in validated.out
     assert "s: 3 episodes, 3 to play" in run_command("plan", "free.yaml", *OWN).out
     assert "needs a policy" in run_command("plan", "free.yaml").refusal
 
@@ -96,7 +96,7 @@ def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folde
     assert written["conditions"] == ["clean", {"axis": "noise", "severities": [2, 4]}]
     assert {(row.axis, row.severity) for row in rows_of(folder / "run")} == {("clean", 0), ("noise", 2), ("noise", 4)}
     again = run_command(*line)
-    assert "continuing: 6 of 6 episodes are done already" in again.out
+    assert "continuing: 6 of 6 episodes already done" in again.out
     resume = shlex.split(read_run(folder / "run").command)
     assert "6 of 6 episodes" in run_command(*resume[1:]).out
     other = run_command(*line[:-3], "--seeds", "3", "--out", "run")
@@ -114,4 +114,4 @@ def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_c
     assert (suite.compare, suite.oracle_gate, suite.no_skill_baselines) == (None, None, ())
     resume = shlex.split(read_run(folder / "run").command)
     assert resume[1:3] == ["run", "s.yaml"]
-    assert "continuing: 3 of 3 episodes are done already" in run_command(*resume[1:]).out
+    assert "continuing: 3 of 3 episodes already done" in run_command(*resume[1:]).out
