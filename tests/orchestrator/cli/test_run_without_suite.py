@@ -46,7 +46,7 @@ def own(folder):
         ((*OWN, *TASK, "--condition", "noize:2"), "unknown condition 'noize'; did you mean 'noise'?"),
         ((*OWN, *TASK, "--condition", "noise:6"), "expected a value less than or equal to 5, found 6"),
         ((*OWN, *TASK, "--condition", "noise:0"), "expected severities from 1 for 'noise'"),
-        ((*OWN, *TASK, "--condition", "noise:two"), "condition 'noise:two': expected clean, AXIS or AXIS:SEVERITY"),
+        ((*OWN, *TASK, "--condition", "noise:two"), "condition 'noise:two': expected clean, AXIS or AXIS@SEVERITY"),
         (("--policy", "orcale", *TASK), "a kind of policy; got 'orcale'; did you mean 'oracle'?"),
         (("--policy", "python:mine:atc", *TASK), "expected 'atc', found none; did you mean 'act'?"),
         (("--policy", "python:none:act", *TASK), "expected a module 'none'"),
