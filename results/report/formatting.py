@@ -216,5 +216,8 @@ _LATEX: dict[str, str | int | None] = {
 
 
 def escape_latex(text: str) -> str:
-    """Escape text for LaTeX, including the characters that its default font encoding draws as others."""
-    return " ".join(text.split()).translate(str.maketrans(_LATEX))
+    """Escape text for LaTeX, including the characters that its default font encoding draws as others.
+
+    Unprintable characters, at which LaTeX stops, are shown as escapes.
+    """
+    return visible(" ".join(text.split())).translate(str.maketrans(_LATEX))
