@@ -19,7 +19,7 @@ def towards_the_middle(images: dict[str, np.ndarray], proprioception: np.ndarray
 
 
 # %% Its success, clean and with noisy images.
-run = robogauntlet.evaluate(towards_the_middle, TASK, seeds=4, conditions="noise:2")
+run = robogauntlet.evaluate(towards_the_middle, TASK, seeds=4, conditions="noise@2")
 print(run)
 
 # %% A row per episode.

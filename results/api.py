@@ -19,6 +19,7 @@ from robogauntlet.results.store.episode_frame import frame_of
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.history_records import RunEntry, rows_url
 from robogauntlet.results.store.run_history import History
+from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +38,8 @@ class OpenRun:
 
     def __repr__(self) -> str:
         document = self.document
-        return f"{self.folder}: suite {document.suite.name}, {document.planned:,} episodes planned, {document.status}"
+        planned = counted(document.planned, "episode")
+        return f"{self.folder}: suite {document.suite.name}, {planned} planned, {document.status}"
 
     def __str__(self) -> str:
         numbers = self.table().to_string(index=False, float_format="{:.2f}".format, na_rep="-")

@@ -20,6 +20,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
+from robogauntlet.suites.conditions import read_severities
 from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import (
     CAMERAS,
@@ -111,8 +112,11 @@ class ConditionEntry(_Model):
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        axis, severities = read_severities(value)
         # A name alone is clean or a control; severity 0 of anything else is refused when names are checked.
-        return {"axis": value, "severities": [int(value in CONTROLS)]} if isinstance(value, str) else value
+        return {"axis": axis, "severities": [int(axis in CONTROLS)] if severities is None else severities}
 
     def conditions(self) -> list[Condition]:
         """One condition per severity."""

@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 import pytest
 from PIL import Image
+from typer import Context
 from typer.main import get_command
 
 from robogauntlet.orchestrator.cli import app
@@ -84,12 +85,16 @@ def test_the_search_covers_the_pages_and_not_the_long_reports(site):
 
 def commands(command, name):
     yield name, command
-    for sub, subcommand in getattr(command, "commands", {}).items():
-        yield from commands(subcommand, f"{name} {sub}")
+    context = Context(command)
+    for sub in command.list_commands(context) if hasattr(command, "list_commands") else ():
+        yield from commands(command.get_command(context, sub), f"{name} {sub}")
 
 
 def test_the_reference_has_every_verb_and_option(site):
     page = unescape(re.sub(r"<[^>]+>", "", (site / "reference" / "cli.html").read_text(encoding="utf-8")))
+    assert "--condition" in {
+        option for _, one in commands(get_command(app), "") for p in one.params for option in p.opts
+    }
     missing = [name for name, _ in commands(get_command(app), "robogauntlet") if name not in page]
     missing += [
         f"{name} {option}"

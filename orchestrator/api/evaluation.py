@@ -60,7 +60,7 @@ def evaluate(
             its class; or a policy of `robogauntlet.policies.contract`.
         tasks: A task, `simulator/task`, or a pattern such as `pybullet/*`; or several.
         seeds: Number of seeds, from 0.
-        conditions: `AXIS` for all severities of a perturbation axis, `AXIS:SEVERITY[,SEVERITY]`, or `clean`, which is
+        conditions: `AXIS` for all severities of a perturbation axis, `AXIS@SEVERITY[,SEVERITY]`, or `clean`, which is
             always included; or several.
         out: Run folder; by default a new one below `runs/`. A run of the same policy and tasks that is in it is
             continued.

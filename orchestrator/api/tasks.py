@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.runs.composition import read_condition
 from robogauntlet.orchestrator.runs.plan import why_unadjusted
 from robogauntlet.suites.axes import axis_of, why_unsupported
+from robogauntlet.suites.conditions import read_condition
 from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, View
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
@@ -41,7 +41,7 @@ def make(
         image_size: Height and width of their images (px), 16 to 1024.
         render_profile: `standard`, `fast` or `fast-2`.
         horizon: Control steps after which an episode is truncated; by default that of the task.
-        condition: `clean`, or one perturbation axis at one severity, `AXIS:SEVERITY`. Each seed has the disturbance
+        condition: `clean`, or one perturbation axis at one severity, `AXIS@SEVERITY`. Each seed has the disturbance
             that it has in a run with the same horizon, cameras, image size and profile, and the default of eight
             actions between queries. A perturbation that cannot be delivered raises `NotDelivered` during `reset`.
 

@@ -23,7 +23,7 @@ VERBS = {
         "Show how far an episode in each simulator is from its bound: physics, frames and answers.",
     ),
     "report": ("report:report", "Write the report of a run again."),
-    "cite": ("cite:cite", "Print BibTeX of RoboGauntlet, and of the simulators of a run."),
+    "cite": ("cite:cite", "Print BibTeX of RoboGauntlet, and of the suite and the simulators of a run."),
     "replay": ("replay:replay_episode", "Replay a stored episode, compare it with its row and record a video."),
     "verify": ("verify:verify", "Check the rows of a run against their hash and replay a sample of its episodes."),
     "compare": (
@@ -56,7 +56,7 @@ class _Verbs(TyperGroup):
         self.commands = {name: TyperCommand(name) for name in VERBS}  # for "Did you mean" only
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return list(VERBS)
+        return [*VERBS]  # `list` is a module here once that verb was imported
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in VERBS:

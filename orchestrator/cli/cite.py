@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -18,13 +19,15 @@ YEAR = 2026
 
 
 def cite(folder: Annotated[Path | None, typer.Argument(metavar="[RUN]", help="Run folder.")] = None) -> None:
-    """Print BibTeX of RoboGauntlet, and of the simulators of a run.
+    """Print BibTeX of RoboGauntlet, and of the suite and the simulators of a run.
 
-    With a run, the version is that which played it, and a note has its suite, the hash of its suite and that of its
-    rows.
+    With a run, the version is that which played it. The suite's entry has the hash of the suite and that of the run's
+    rows. Published benchmarks, such as LIBERO and Meta-World, are among the simulators.
     """
     document = None if folder is None else read_run(folder)
-    entries = [_tool(document), *(() if document is None else _simulators(document))]
+    entries = [_tool(document)]
+    if document is not None:
+        entries += [_suite(document), *_simulators(document)]
     typer.echo("\n\n".join(dict.fromkeys(entries)))
 
 
@@ -34,16 +37,31 @@ def _tool(document: RunDocument | None) -> str:
         "title": "{RoboGauntlet}: Reproducible, statistically sound evaluation of robot policies across simulators",
         "author": "{RoboGauntlet contributors}",
         "year": str(YEAR),
-        "version": version,
+        "version": version if document is None else document.provenance.packages.get("robogauntlet", version),
     }
-    if document is not None:
-        fields["version"] = document.provenance.packages.get("robogauntlet", version)
-        rows = document.rows_hash or "not computed"
-        fields["note"] = (
-            f"Suite {escape_latex(document.suite.name)}, suite hash {document.suite_hash}, rows hash {rows}"
-        )
+    return _entry("software", "robogauntlet", fields)
+
+
+def _suite(document: RunDocument) -> str:
+    name = _escaped(document.suite.name)
+    rows = document.rows_hash or "not computed"
+    fields = {
+        "title": f"{{{name}}}: an evaluation suite of {{RoboGauntlet}}",
+        "year": str(datetime.fromtimestamp(document.started_at, UTC).year),
+        "note": f"Suite hash {document.suite_hash}; run {_escaped(document.run_id)}, rows hash {rows}",
+    }
+    return _entry("misc", f"robogauntlet-suite-{document.suite_hash[:8]}", fields)
+
+
+def _entry(kind: str, key: str, fields: dict[str, str]) -> str:
     lines = ",\n".join(f"  {name} = {{{value}}}" for name, value in fields.items())
-    return f"@software{{robogauntlet,\n{lines}\n}}"
+    return f"@{kind}{{{key},\n{lines}\n}}"
+
+
+def _escaped(text: str) -> str:
+    """A text for LaTeX in which BibTeX, which counts escaped braces too, finds every brace closed."""
+    escaped = escape_latex(text)
+    return escaped.replace(r"\{", r"\textbraceleft{}").replace(r"\}", r"\textbraceright{}")
 
 
 def _simulators(document: RunDocument) -> Iterator[str]:

@@ -72,7 +72,7 @@ def export(
     ] = None,
     condition: Annotated[
         list[str] | None,
-        typer.Option(help="lerobot-dataset: only this condition, such as clean or 'noise@*'. Repeatable."),
+        typer.Option(help="lerobot-dataset: only this condition, such as clean, noise@4 or noise. Repeatable."),
     ] = None,
     status: Annotated[
         list[Outcome] | None,

@@ -31,6 +31,7 @@ from robogauntlet.results.run_document import RUN_FILE, read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 
 def plan(
@@ -90,7 +91,9 @@ def plan(
         table.add_row(*map(str, row.values()))
     out.print(table)
     play = "to play" if planned.suite.adaptive is None else "to play in the current round"
-    out.print(f"{planned.suite.name}: {planned.episodes} episodes, {total} {play}, hash {planned.suite_hash}")
+    out.print(
+        f"{planned.suite.name}: {counted(planned.episodes, 'episode')}, {total:,} {play}, hash {planned.suite_hash}"
+    )
     for name, reason in planned.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     for name, reason in planned.unchecked.items():

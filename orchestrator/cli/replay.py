@@ -16,6 +16,7 @@ from robogauntlet.results.record import Status
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 
 def replay_episode(
@@ -42,7 +43,9 @@ def replay_episode(
     except RayLost as error:
         raise BadInput(str(error)) from None
     result = replay.result
-    outcome = result.error if result.status == Status.ERROR else f"{result.status} after {result.steps} steps"
+    outcome = (
+        result.error if result.status == Status.ERROR else f"{result.status} after {counted(result.steps, 'step')}"
+    )
     print_line(f"{row.task}, {row.policy}, seed {row.seed}: {outcome}")
     if video.exists():
         print_line(f"video: {video}")

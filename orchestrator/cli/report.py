@@ -12,6 +12,7 @@ from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, ne
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.results.report.figures import FOLDER, FigureFormat, check_matplotlib, write_figures
 from robogauntlet.results.report.success_table import TableFormat, render_table, success_table
+from robogauntlet.suites.conditions import split_condition
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
@@ -33,7 +34,7 @@ def report(
     ] = None,
     condition: Annotated[
         str | None,
-        typer.Option(metavar="AXIS[:SEVERITY]", help="Condition of the table; by default the first of the run."),
+        typer.Option(metavar="AXIS[@SEVERITY]", help="Condition of the table; by default the first of the run."),
     ] = None,
 ) -> None:
     """Write the report of a run again.
@@ -78,11 +79,11 @@ def _find(wanted: str | None, conditions: Sequence[Condition]) -> Condition:
     """Return the wanted one of a run's conditions, by default the first. Raises BadInput."""
     if wanted is None:
         return conditions[0] if conditions else Condition()
-    axis, _, severity = wanted.replace("@", ":").partition(":")
-    found = [one for one in conditions if one.axis == axis and severity in ("", str(one.severity))]
+    axis, severity = split_condition(wanted)
+    found = [one for one in conditions if one.axis == axis and severity in (None, str(one.severity))]
     if len(found) == 1:
         return found[0]
-    names = [str(one).replace("@", ":") for one in found or conditions]
+    names = [str(one) for one in found or conditions]
     if found:
         raise BadInput(f"--condition: expected one severity of {axis}, got '{wanted}'; the run has {', '.join(names)}")
-    raise BadInput(f"--condition: the run has no condition '{wanted}'{did_you_mean(wanted, names)}")
+    raise BadInput(f"--condition: the run has no condition '{wanted}'{did_you_mean(wanted.replace(':', '@'), names)}")

@@ -38,6 +38,7 @@ from robogauntlet.results.store.run_history import history_url
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 STORE_VARIABLE = "ROBOGAUNTLET_STORE"
 
@@ -55,7 +56,7 @@ def run(
         list[str] | None,
         typer.Option(
             "--condition",
-            help="Without a suite: AXIS or AXIS:SEVERITY[,SEVERITY], beside the clean condition. Repeatable.",
+            help="Without a suite: AXIS or AXIS@SEVERITY[,SEVERITY], beside the clean condition. Repeatable.",
         ),
     ] = None,
     out_folder: Annotated[
@@ -128,7 +129,7 @@ def run(
             check_address(address)
         except NoCluster as error:
             raise BadInput(f"--address {address}: {error}") from None
-    print_line(f"{plan.suite.name}: {plan.episodes} episodes into {folder}")
+    print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} into {folder}")
     for name, reason in plan.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)
@@ -168,7 +169,9 @@ def _print_numbers(outcome: RunOutcome) -> None:
         print_summary(outcome.report)
     for warning in outcome.warnings:
         fail(warning)
-    out.print(f"{outcome.done} of {document.planned} episodes in {format_duration(document.elapsed_s)}", end="")
+    out.print(
+        f"{outcome.done:,} of {counted(document.planned, 'episode')} in {format_duration(document.elapsed_s)}", end=""
+    )
     out.print(f", rows hash {document.rows_hash}" if document.rows_hash else "")
     print_line(f"report: {outcome.folder / 'report.html'}")
 
@@ -177,7 +180,8 @@ def _conclude(outcome: RunOutcome, command: str, continuing: str) -> None:
     document = outcome.document
     if document.media_left_out and not outcome.media_interrupted:
         print_line(
-            f"{document.media_left_out} videos and snapshots were not recorded; to record all: {command} --media"
+            f"not recorded: {counted(document.media_left_out, 'video or snapshot', 'videos and snapshots')}; "
+            f"to record all: {command} --media"
         )
     if outcome.media_interrupted or document.status is RunStatus.INTERRUPTED:
         fail(f"interrupted; continue with: {continuing}")

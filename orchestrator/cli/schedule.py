@@ -35,6 +35,7 @@ from robogauntlet.results.store.run_history import History
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.selection import SuiteSelection
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 app = typer.Typer(no_args_is_help=True)
 ScheduleName = Annotated[str, typer.Argument(help="Name of a schedule.")]
@@ -92,7 +93,7 @@ def add(
     checked(schedule)
     with _open_stores(url) as stores:
         stores.schedules.add(schedule)
-    print_line(f"{name}: {plan.episodes:,} episodes of {plan.suite.name}, next at {_next_time(schedule)}")
+    print_line(f"{name}: {counted(plan.episodes, 'episode')} of {plan.suite.name}, next at {_next_time(schedule)}")
 
 
 @app.command("list")

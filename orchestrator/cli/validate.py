@@ -11,6 +11,7 @@ from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT, AsJson, Check, 
 from robogauntlet.orchestrator.runs.plan import Plan, find_suite, make_plan
 from robogauntlet.orchestrator.runs.suite_policies import PlanError
 from robogauntlet.suites.loading import SuiteError
+from robogauntlet.support.text import counted
 
 
 def validate(
@@ -38,7 +39,7 @@ def validate(
         for mistake in row["mistakes"]:
             fail(mistake)
         if not row["mistakes"]:
-            print_line(f"{row['suite']}: valid, {row['episodes']} episodes, hash {row['hash']}")
+            print_line(f"{row['suite']}: valid, {counted(row['episodes'], 'episode')}, hash {row['hash']}")
             for note in row["notes"]:
                 print_line(f"  note: {note}")
     if any(row["mistakes"] for row in found):
@@ -50,7 +51,7 @@ def _notes(plan: Plan) -> Iterator[str]:
     if not plan.suite.policies:
         suite = plan.suite
         episodes = len(suite.tasks) * len(suite.all_conditions()) * suite.seeds.count
-        yield f"needs a policy, to play {episodes} episodes; add --policy to robogauntlet run"
+        yield f"needs a policy, to play {counted(episodes, 'episode')}; add --policy to robogauntlet run"
     for simulator, reason in plan.unavailable.items():
         yield f"simulator {simulator}: {reason}"
     if plan.unchecked:

@@ -12,6 +12,8 @@ from robogauntlet.orchestrator.replay.replay import environments_of, policy_sour
 from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.episode import Condition
+from robogauntlet.support.text import counted
 
 
 def verify(
@@ -37,7 +39,7 @@ def verify(
     sources = policy_sources(document, folder, trust=trust) if stored.sample else {}
     environments = environments_of(document)
     problems = []
-    rows_text = f"{stored.rows:,} rows, hash {stored.rows_hash}"
+    rows_text = f"{counted(stored.rows, 'row')}, hash {stored.rows_hash}"
     if document.rows_hash is None:
         out.print(f"{rows_text}; run.json has no hash, since the run has not ended")
     elif document.rows_hash == stored.rows_hash:
@@ -50,7 +52,8 @@ def verify(
             with ray_session(address=None, workers=len({row.simulator for row in stored.sample})):
                 for checked in verify.check_rows(stored.sample, sources, environments):
                     row = checked.row
-                    name = f"{row.episode_id} {row.task}, {row.policy}, {row.axis}@{row.severity}, seed {row.seed}"
+                    condition = Condition(row.axis, row.severity)
+                    name = f"{row.episode_id} {row.task}, {row.policy}, {condition}, seed {row.seed}"
                     verdict = "differs" if checked.differences else "the same"
                     print_line(f"{name}: {verdict}")
                     problems += [f"{name}: {line}" for line in checked.differences]
@@ -59,4 +62,4 @@ def verify(
     if problems:
         fail("\n".join(problems))
         raise typer.Exit(1)
-    out.print(f"{len(stored.sample)} of {stored.rows:,} episodes replayed: all the same")
+    out.print(f"{len(stored.sample)} of {counted(stored.rows, 'episode')} replayed: all the same")

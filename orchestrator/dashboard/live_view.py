@@ -14,6 +14,7 @@ from robogauntlet.results.report.history_plot import run_rate
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.results.store.history_records import Counts, RunEntry
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.text import counted
 
 SILENT = "silent"
 """State of a run whose status is "running" but which has not reported for `STALE_S`."""
@@ -102,7 +103,9 @@ def _simulator(live: LiveSimulator, silent: bool, policies: int) -> dict[str, An
     pace, left_s = (None, None) if silent else (live.per_minute, live.left_s)
     whole = max(live.planned, live.done, 1)
     rate, left = _rate(_counts(live), policies), NOTHING if left_s is None else brief(left_s)
-    progress = f"{count(live.done)} of {count(live.planned)} episodes, success {rate}, {count(live.errors)} errors"
+    progress = (
+        f"{count(live.done)} of {counted(live.planned, 'episode')}, success {rate}, {counted(live.errors, 'error')}"
+    )
     return {
         "simulator": live.simulator,
         "planned": live.planned,

@@ -12,6 +12,7 @@ from rich.table import Table
 from robogauntlet.orchestrator.demonstrations.task_queue import CollectionTask
 from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.text import counted
 
 
 class DemonstrationProgress(Display):
@@ -27,7 +28,9 @@ class DemonstrationProgress(Display):
         if self._began is None:
             self._began = self._now(), kept
             if kept:
-                self.log(f"continuing: {kept} of {sum(task.episodes for task in tasks)} episodes are there already")
+                self.log(
+                    f"continuing: {kept} of {counted(sum(task.episodes for task in tasks), 'episode')} already there"
+                )
         self.draw(lambda: self._table(tasks), lambda: self._lines(tasks))
 
     def _lines(self, tasks: Sequence[CollectionTask]) -> Iterator[str]:
@@ -61,4 +64,4 @@ class DemonstrationProgress(Display):
 
 def _rejections(task: CollectionTask) -> str:
     rejected = f", {task.rejected} rejected" if task.rejected else ""
-    return rejected + (f", {task.errors} errors" if task.errors else "")
+    return rejected + (f", {counted(task.errors, 'error')}" if task.errors else "")

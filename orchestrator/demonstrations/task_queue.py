@@ -12,6 +12,7 @@ from robogauntlet.policies.training.dataset_writer import Attempt, DatasetWriter
 from robogauntlet.policies.training.lerobot_format import EncodedEpisode
 from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import Cell
+from robogauntlet.support.text import counted
 
 MAX_LEASE = 4
 """Maximum number of episodes in a lease."""
@@ -122,7 +123,7 @@ class CollectionTask:
         limit = 3 * self.episodes + 20
         if self.kept < self.episodes and self._counts.total() >= limit:
             latest = f"; latest error: {attempt.error}" if attempt.error else ""
-            self.give_up(f"only {self.kept} of {self._counts.total()} episodes succeeded{latest}")
+            self.give_up(f"only {self.kept} of {counted(self._counts.total(), 'episode')} succeeded{latest}")
 
     def put_back(self, seeds: Sequence[int], reason: str) -> None:
         """Put back unfinished seeds of a dead worker; it died while playing the first."""

@@ -25,6 +25,7 @@ from robogauntlet.policies.training.lerobot_format import DatasetError, EncodedE
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.record import EpisodeResult, Status
 from robogauntlet.results.run_document import PlannedCell, RunDocument
+from robogauntlet.suites.conditions import condition_patterns
 from robogauntlet.suites.episode import Condition, content_hash
 from robogauntlet.suites.selection import match_patterns
 
@@ -43,7 +44,7 @@ class EpisodeFilter:
     tasks: tuple[str, ...] = ()
     """`simulator/task`, or patterns."""
     conditions: tuple[str, ...] = ()
-    """As `str(Condition)`: `clean`, `noise@3`, or patterns such as `noise@*`."""
+    """`clean`, `noise@3`, `noise` for all severities, or patterns such as `n*@4`."""
     statuses: tuple[str, ...] = (str(Status.FAILURE),)
     limit: int | None = None
     """Maximum per task, selected by the hashes of the ids. A larger limit adds to the selection of a smaller one."""
@@ -60,7 +61,8 @@ class EpisodeFilter:
 
         policies = matching("policy", self.policies, (cell.policy for cell in document.plan))
         tasks = matching("task", self.tasks, (cell.task for cell in document.plan))
-        conditions = matching("condition", self.conditions, map(_condition, document.plan))
+        shown = [pattern for text in self.conditions for pattern in condition_patterns(text)]
+        conditions = matching("condition", shown, map(_condition, document.plan))
         drawn: dict[str, list[tuple[int, str, EpisodeResult]]] = {}
         for row in rows:
             is_named = row.policy in policies and row.task in tasks and _condition(row) in conditions

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import chain, count
@@ -13,10 +12,9 @@ import yaml
 
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.orchestrator.runs.plan import Plan, load_registry, make_plan
-from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import CAMERAS, CLEAN, Condition
+from robogauntlet.suites.conditions import read_axis
+from robogauntlet.suites.episode import CAMERAS, CLEAN
 from robogauntlet.suites.loading import SuiteError
-from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.schema import MAX_NAME, PolicyEntry, expand_tasks, valid_name
 from robogauntlet.support.errors import BadInput
 
@@ -25,7 +23,6 @@ SUITE_FILE = "suite.yaml"
 SEEDS = 20
 """Number of seeds, if none is given."""
 RUNS = Path("runs")
-SEVERITY = re.compile(r"[0-9]{1,9}")
 
 
 def new_run_folder(suite: str) -> Path:
@@ -51,7 +48,7 @@ def compose_plan(
         policies: The policies.
         tasks: `simulator/task`, or patterns.
         seeds: Number of seeds, from 0.
-        conditions: `clean`, `AXIS` for all its severities, or `AXIS:SEVERITY[,SEVERITY]`; clean is always included.
+        conditions: `clean`, `AXIS` for all its severities, or `AXIS@SEVERITY[,SEVERITY]`; clean is always included.
         folder: The run folder; by default a new one below `runs/`.
         only: Simulators that must be available.
         settings: Further keys of the suite.
@@ -101,38 +98,7 @@ def _suite_name(tasks: Sequence[str]) -> str:
     return (first or "tasks")[: MAX_NAME - len(more)] + more
 
 
-def read_condition(text: str) -> Condition:
-    """Return the one condition that a text names: `clean`, a control such as `again`, or `AXIS:SEVERITY`.
-
-    Raises:
-        BadInput: There is no such axis or severity, or the text names several.
-    """
-    if text == CLEAN:
-        return Condition()
-    axis, severities = _axis_and_severities(text)
-    if axis not in AXES:
-        raise BadInput(f"condition '{text}': unknown axis '{axis}'{did_you_mean(axis, [CLEAN, *AXES])}")
-    if len(severities) != 1:
-        raise BadInput(f"condition '{text}': expected one severity, such as {axis}:2, got {len(severities)}")
-    if not 1 <= severities[0] <= _levels(axis):
-        raise BadInput(f"condition '{text}': expected a severity from 1 to {_levels(axis)}, got {severities[0]}")
-    return Condition(axis, severities[0])
-
-
 def _conditions(texts: Sequence[str]) -> list[Any]:
     """The entries of a suite. An unknown axis is left to the suite's own checks."""
-    named = [_axis_and_severities(text) for text in texts if text != CLEAN]
-    return [CLEAN, *({"axis": axis, "severities": severities} for axis, severities in named)]
-
-
-def _axis_and_severities(text: str) -> tuple[str, list[int]]:
-    """The parts of `AXIS`, which has all its severities, or `AXIS:SEVERITY[,SEVERITY]`."""
-    axis, colon, listed = text.partition(":")
-    severities = listed.split(",") if colon else [str(number + 1) for number in range(_levels(axis))]
-    if not all(SEVERITY.fullmatch(severity) for severity in severities):
-        raise BadInput(f"condition '{text}': expected clean, AXIS or AXIS:SEVERITY[,SEVERITY], such as noise:2,4")
-    return axis, [int(severity) for severity in severities]
-
-
-def _levels(axis: str) -> int:
-    return len(AXES[axis].levels) if axis in AXES else 1
+    named = [read_axis(text) for text in texts if text != CLEAN]
+    return [CLEAN, *({"axis": axis, "severities": list(severities)} for axis, severities in named)]

@@ -21,6 +21,7 @@ from robogauntlet.results.record import EpisodeResult
 from robogauntlet.suites.episode import CLEAN, Condition
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import first_line
+from robogauntlet.support.text import counted
 
 WINDOW_S = 60.0
 """Time over which the pace is averaged (s)."""
@@ -76,7 +77,7 @@ class Progress(Display):
                 setattr(self._simulators[name], status, count)
         already = sum(counts.values())
         if already:
-            self.log(f"continuing: {already} of {plan.episodes} episodes are done already")
+            self.log(f"continuing: {already:,} of {counted(plan.episodes, 'episode')} already done")
 
     def __exit__(self, *error: Any) -> None:
         self.draw(self._table, self._lines, at_once=True)
@@ -97,7 +98,7 @@ class Progress(Display):
             condition = "" if row.axis == CLEAN else f" under {Condition(row.axis, row.severity)}"
             reason = f": {first_line(row.error)}" if row.error else ""
             episode = f"{row.task}, {row.policy}{condition}, seed {row.seed}"
-            self.log(f"{episode}: {row.status} in {row.steps} steps, {row.wall_s:.2f} s{reason}")
+            self.log(f"{episode}: {row.status} in {counted(row.steps, 'step')}, {row.wall_s:.2f} s{reason}")
         for (name, status), count in Counter((r.simulator, r.status) for r in results).items():
             progress = self._simulators[name]
             setattr(progress, status, getattr(progress, status) + count)
@@ -153,7 +154,7 @@ class Progress(Display):
             f"success {100 * progress.success / valid:.0f} %" if valid and self._policies == 1 else "",
             f"{pace:.0f} episodes/min" if pace and progress.done < progress.planned else "",
             f"{format_duration(left)} left" if left and progress.done < progress.planned else "",
-            f"{progress.error} errors" if progress.error else "",
+            counted(progress.error, "error") if progress.error else "",
         ]
 
 

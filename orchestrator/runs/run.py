@@ -29,6 +29,7 @@ from robogauntlet.suites.episode import Cell
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import describe_os_error
 from robogauntlet.support.files import write_whole
+from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.episodes.first_observation import Snapshot
@@ -220,7 +221,7 @@ class RunSession:
             digest = rows_hash(map(outcome_row, self._store.results()))
         missing = self._document.planned - done
         if self._status is RunStatus.COMPLETE and missing > 0 and not self._observer.skipped_simulators:
-            self._status, self._reason = RunStatus.STOPPED, f"{missing} episodes are missing"
+            self._status, self._reason = RunStatus.STOPPED, f"{counted(missing, 'episode')} missing"
         self._update(
             status=self._status,
             reason=None if self._reason is None else shortened(self._reason),
@@ -271,7 +272,7 @@ class RunSession:
         if not pending:
             return bool(missing)
         limit = f", for at most {format_duration(left_s)}" if left_s < math.inf else ""
-        self._progress.log(f"recording {len(pending)} videos and snapshots{limit}")
+        self._progress.log(f"recording {counted(len(pending), 'video or snapshot', 'videos and snapshots')}{limit}")
         with self._progress.recording(len(pending), end) as bar:
 
             def on_recorded(warning: str | None) -> None:
@@ -285,7 +286,8 @@ class RunSession:
             left_s, environments = end - time.monotonic(), self._plan.environments
             record_media(self._folder, pending, self._sources(), on_recorded, environments, left_s)
         taken = format_duration(time.monotonic() - self._began)
-        self._progress.log(f"recorded {len(missing) - self._left_out} videos and snapshots in {taken}")
+        recorded = counted(len(missing) - self._left_out, "video or snapshot", "videos and snapshots")
+        self._progress.log(f"recorded {recorded} in {taken}")
         return True
 
     def _write(self, done: int) -> RunOutcome:

@@ -12,6 +12,7 @@ from robogauntlet.orchestrator.scheduling.scheduler import Observer
 from robogauntlet.results.live_status import LiveStatus, LiveWorker
 from robogauntlet.results.record import EpisodeResult
 from robogauntlet.results.run_document import RunDocument, shortened
+from robogauntlet.support.text import counted
 
 SHOWN_WARNINGS = 10
 """Number of messages in the live status, the latest ones."""
@@ -44,7 +45,7 @@ class RunObserver(Observer[EpisodeResult]):
     def on_skipped(self, simulator: str, reason: str, episodes: int) -> None:
         """A simulator cannot run here."""
         self.skipped_simulators[simulator] = shortened(reason)
-        self.on_warning(f"{simulator} is skipped ({episodes} episodes): {reason}")
+        self.on_warning(f"{simulator} is skipped ({counted(episodes, 'episode')}): {reason}")
 
     def on_results(self, results: Sequence[EpisodeResult]) -> None:
         """Workers have returned rows."""

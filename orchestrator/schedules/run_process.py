@@ -171,7 +171,9 @@ def _check_regression(
     """The comparison with the baseline run, if there is one and it is wanted, and the outcome in one line."""
     entry = history.find(document.run_id)
     rate = (
-        "complete" if entry is None else f"{run_rate(entry.counts, entry.policies)}, {entry.counts.verdicts:,} episodes"
+        "complete"
+        if entry is None
+        else f"{run_rate(entry.counts, entry.policies)}, {counted(entry.counts.verdicts, 'episode')}"
     )
     if not schedule.gate:
         return None, rate

@@ -18,6 +18,7 @@ from robogauntlet.orchestrator.scheduling.work_queue import Outcome, Result, Wor
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.record import Status
 from robogauntlet.suites.resources import Resources
+from robogauntlet.support.text import counted
 
 OPEN_ALLOWANCE_S = 180.0
 """Added to the time limit while a worker starts, imports its simulator and opens a task."""
@@ -341,8 +342,8 @@ class Scheduler(Generic[Result]):
         if self._errors > self.options.allowed_errors:
             latest = next(r for r in reversed(results) if r.status == Status.ERROR)
             raise TooManyErrors(
-                f"{self._errors} episodes ended in errors, the suite tolerates {self.options.allowed_errors}; "
-                f"latest: {latest.error}"
+                f"{counted(self._errors, 'episode')} ended in an error, "
+                f"the suite tolerates {self.options.allowed_errors}; latest: {latest.error}"
             )
 
     def _save(self, *, force: bool = False) -> None:

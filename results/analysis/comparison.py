@@ -28,6 +28,7 @@ from robogauntlet.results.statistics.pairs import (
     pooled,
 )
 from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -221,13 +222,15 @@ def _differences(run: Run, baseline: Run, pairs: pd.DataFrame) -> dict[Differenc
     now, before = run.document, baseline.document
     for side in (run, baseline):
         if side.document.status is not RunStatus.COMPLETE:
-            done = f"{len(side.rows):,} of {side.document.planned:,} episodes are done"
+            done = f"{len(side.rows):,} of {counted(side.document.planned, 'episode')} done"
             found[Difference.UNFINISHED] = f"{side.name} is {side.document.status}, {done}"
     if now.suite.name != before.suite.name:
         found[Difference.SUITE] = f"suite '{now.suite.name}', the baseline has '{before.suite.name}'"
     elif (lines := _plan(now)) != (others := _plan(before)):
         new, gone = len(lines - others), len(others - lines)
-        text = f"the suite plans other episodes: {new} cells are new, {gone} are gone or have another number of seeds"
+        text = (
+            f"the suite plans other episodes: {counted(new, 'new cell')}, {gone:,} gone or with another number of seeds"
+        )
         found[Difference.SUITE] = text
     return found | setting_differences(now, before, pairs)
 
@@ -249,7 +252,7 @@ def setting_differences(now: RunDocument, before: RunDocument, pairs: pd.DataFra
     if devices:
         found[Difference.RENDERER] = "; ".join(devices)
     if moved := int((pairs["state_hash"] != pairs["state_hash_before"]).sum()):
-        found[Difference.WORLD] = f"{moved} of {len(pairs)} pairs start from another physical state"
+        found[Difference.WORLD] = f"another physical state at the start of {moved:,} of {counted(len(pairs), 'pair')}"
     return found
 
 

@@ -58,7 +58,7 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
     for line in changed:
         p = min(line.p_worse, line.p_better)
         yield (
-            f"{one.policy}, {line.task or ALL}: {rates(line.pairs)} of {line.pairs.trials:,} episodes, "
+            f"{one.policy}, {line.task or ALL}: {rates(line.pairs)} of {counted(line.pairs.trials, 'episode')}, "
             f"{points(line.difference)}, p {p_text(p)}"
         )
     if not changed and not one.differing and not one.changed:
@@ -67,13 +67,13 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
     if not changed:
         drop = NOTHING if whole.detectable is None else f"{100 * whole.detectable:.1f} points"
         yield (
-            f"{one.policy}: {rates(whole.pairs)} of {whole.pairs.trials:,} episodes, {points(whole.difference)}; "
-            f"a drop of {drop} over all tasks would be shown in four of five cases"
+            f"{one.policy}: {rates(whole.pairs)} of {counted(whole.pairs.trials, 'episode')}, "
+            f"{points(whole.difference)}; a drop of {drop} over all tasks would be shown in four of five cases"
         )
     if not one.changed and one.differing:
         yield (
-            f"{one.policy}: not changed, but {one.differing:,} of {whole.pairs.trials:,} episodes have different "
-            f"actions: {_why(*comparison.processors)}"
+            f"{one.policy}: not changed, but other actions in {one.differing:,} of "
+            f"{counted(whole.pairs.trials, 'episode')}: {_why(*comparison.processors)}"
         )
     if not any(line.p_worse <= alpha for line in changed):
         is_shown = "is shown" if one.no_worse else "is not shown"
@@ -170,7 +170,7 @@ def as_junit(comparison: Comparison) -> str:
     for one in comparison.policies:
         for line in one.lines:
             case = ElementTree.SubElement(suite, "testcase", classname=one.policy, name=line.task or ALL)
-            text = f"{rates(line.pairs)} of {line.pairs.trials} episodes, {points(line.difference)}"
+            text = f"{rates(line.pairs)} of {counted(line.pairs.trials, 'episode')}, {points(line.difference)}"
             if comparison.verdict is Verdict.NOT_COMPARABLE:
                 ElementTree.SubElement(case, "skipped", message="; ".join(comparison.differences.values()))
             elif line.p_worse <= comparison.alpha:

@@ -12,6 +12,7 @@ from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, 
 from robogauntlet.results.report.robustness import known_rates, overall_curves
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
 
 REACH = 0.5
 """Half the range of a forest plot, a difference of rates."""
@@ -80,10 +81,11 @@ def _heat_cell(curve: PolicyCurve | None, level: int) -> HeatCell | None:
 
 
 def condition_text(axis: str, severity: int) -> str:
-    """A condition with its level, `noise@4: 18.4 dB PSNR`, or `clean`."""
+    """A condition with its level, `noise@4: 18.4 dB PSNR`; `clean` and controls have none."""
     if not severity:
-        return "clean"
-    return f"{axis}@{severity}" + (f": {AXES[axis].describe(severity)}" if axis in AXES else "")
+        return CLEAN
+    level = f": {AXES[axis].describe(severity)}" if axis in AXES and axis not in CONTROLS else ""
+    return f"{Condition(axis, severity)}{level}"
 
 
 def heat_table(found: HeatMap) -> TextTable:
@@ -125,7 +127,7 @@ def stopping_rule(comparison: ConditionComparison) -> str | None:
         "random order per round. "
     )
     parts = [
-        f"{row.axis}@{row.severity} after {formatting.counted(row.seeds, 'seed')} per task "
+        f"{Condition(row.axis, row.severity)} after {formatting.counted(row.seeds, 'seed')} per task "
         f"({row.policy}, e-value {e_value(row.evidence)})"
         for row in comparison.decided
     ]

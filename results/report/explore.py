@@ -15,8 +15,10 @@ from robogauntlet.results.report.page import FOLDER, SERIES
 from robogauntlet.results.report.robustness import axis_curves, axis_heading, known_rates, severity_text
 from robogauntlet.results.report.templates import template_environment
 from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.statistics.rates import Interval
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
+from robogauntlet.support.text import visible
 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "triangle-down", "cross")
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
@@ -82,12 +84,20 @@ def _line(found: PolicyCurve, colour: int, dash: int) -> dict[str, Any]:
         "line": {"dash": DASHES[dash % len(DASHES)]},
         "marker": {"symbol": SYMBOLS[colour % len(SYMBOLS)], "size": 9},
         "customdata": [
-            (formatting.span(rate.interval), n, severity_text(Condition(found.axis, int(level))) if level else "clean")
+            (
+                *_texts(rate.value, rate.interval, n),
+                severity_text(Condition(found.axis, int(level))) if level else "clean",
+            )
             for (level, rate), n in zip(points, episodes, strict=True)
         ],
-        "hovertemplate": f"{name}<br>severity %{{customdata[2]}}<br>"
-        "%{y:.0%} %{customdata[0]}, %{customdata[1]} episodes<extra></extra>",
+        "hovertemplate": f"{name}<br>severity %{{customdata[3]}}<br>"
+        "%{customdata[0]} %{customdata[1]}, %{customdata[2]}<extra></extra>",
     }
+
+
+def _texts(rate: float | None, interval: Interval | None, episodes: int) -> tuple[str, str, str]:
+    """A rate, its interval and the episodes behind it, as a label and the table of values show them."""
+    return formatting.percent(rate), formatting.span(interval), formatting.counted(episodes, "episode")
 
 
 def _end(rate: Any, end: str) -> float:
@@ -104,12 +114,12 @@ def _maps(tables: Tables, last: Collection[str | None]) -> dict[str, Any]:
         maps[policy] = {
             "z": [[None if one is None else one.rate for one in row] for row in rows],
             "customdata": [
-                [("", 0) if one is None else (formatting.span(one.interval), one.verdicts) for one in row]
+                [("", "", "") if one is None else _texts(one.rate, one.interval, one.verdicts) for one in row]
                 for row in rows
             ],
         }
     return {
-        "tasks": [escape_html(task).replace("/", "<br>") for task in tasks],
+        "tasks": list(map(visible, tasks)),
         "conditions": [str(condition) for condition in tables.conditions],
         "levels": [_level(condition) for condition in tables.conditions],
         "of": maps,

@@ -9,6 +9,7 @@ from robogauntlet.results.analysis.tables import NotRun, Tables
 from robogauntlet.results.report import formatting
 from robogauntlet.results.run_document import RunDocument, RunStatus
 from robogauntlet.suites.episode import SUCCESS_HOLD
+from robogauntlet.support.text import counted
 
 DEFINITIONS = {
     "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps within the horizon; "
@@ -53,7 +54,7 @@ DEFINITIONS = {
     "half lost at": "Severity at which a monotone fit has lost half of the clean rate; > means beyond the last one.",
     "trend p": "One-sided p-value of the hypothesis that success does not fall with severity, conditional on the "
     "successes of each seed; not adjusted for the number of axes.",
-    "findings": "From the tests below: falls by the trend test, adjusted over the axes of a policy (Holm, 5 %), "
+    "findings": "From the tests below: drops by the trend test, adjusted over the axes of a policy (Holm, 5 %), "
     "and differences of policies if the simultaneous interval for all axes excludes 0.",
     "all axes": "Over all levels of all axes, with equal weight of tasks: mean; interquartile mean (IQM); mean "
     "of the worst fifth of the levels (CVaR); and the axis with the lowest mean, with the share of bootstrap samples "
@@ -127,7 +128,7 @@ def verdict(document: RunDocument, tables: Tables) -> str:
 def provenance(document: RunDocument) -> list[tuple[str, str]]:
     """Return suite, policies, software and hardware of the run as (name, value)."""
     software = document.provenance
-    machine = (software.processor, f"{software.cores} cores" if software.cores else "", software.platform)
+    machine = (software.processor, counted(software.cores, "core") if software.cores else "", software.platform)
     dirty = {None: "", True: " with uncommitted changes", False: " (clean)"}[software.git_dirty]
     facts = [
         ("run", document.run_id),

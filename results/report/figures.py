@@ -3,18 +3,33 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
+from robogauntlet.results.analysis.timing import PHASES, PhaseTiming
 from robogauntlet.results.report import formatting
-from robogauntlet.results.report.condition_comparison import HeatMap, condition_text, heat_maps
+from robogauntlet.results.report.comparison_figures import differences, losses
+from robogauntlet.results.report.condition_comparison import HeatMap, condition_text, heat_maps, interactions_of
+from robogauntlet.results.report.figure_style import (
+    COLOURS,
+    GRID,
+    LINES,
+    MARKERS,
+    PHASE_COLOURS,
+    STYLE,
+    draw_legend,
+    new_figure,
+)
+from robogauntlet.results.report.pairwise import overview_forest, task_forest, title
 from robogauntlet.results.report.robustness import axis_heading, known_rates, overall_curves
+from robogauntlet.results.report.routing_figures import confusion, reliability
 from robogauntlet.results.report.summary import Report
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.episode import Condition
@@ -25,21 +40,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDER = "figures"
-COLUMN = 3.35
-"""Width of a figure (inches): one column of a two-column paper."""
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#aa4499", "#b88700", "#56748c")
-"""Colours of policies, those of report.css on white; distinguishable with colour blindness."""
-MARKERS = ("o", "s", "D", "^", "P", "v")
-LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
-STYLE = {
-    **{"font.size": 7, "axes.titlesize": 7, "axes.labelsize": 7, "legend.fontsize": 6.5},
-    **{"xtick.labelsize": 6.5, "ytick.labelsize": 6.5, "axes.linewidth": 0.6, "lines.linewidth": 1.1},
-    **{"xtick.major.width": 0.6, "ytick.major.width": 0.6, "axes.spines.top": False, "axes.spines.right": False},
-    **{"font.family": "sans-serif", "figure.dpi": 300, "savefig.dpi": 300, "svg.hashsalt": "robogauntlet"},
-    **{"pdf.fonttype": 42, "axes.unicode_minus": False, "text.parse_math": False},
-}
-"""Sizes for print, embedded TrueType fonts, equal bytes for equal numbers, and no formulae in names."""
-GRID = {"color": "#d5dadd", "linewidth": 0.5, "zorder": 0}
+TASKS, SEVERITY, WORKER_TIME = "success-by-task", "success-by-severity", "worker-time"
+MAPS, COMPARISONS, LOSSES = "heat-map", "comparison", "losses"
+CONFUSION, RELIABILITY = "confusion", "reliability"
+LONGEST = 60
+"""Characters of the names of policies in the name of a file."""
 
 
 class FigureFormat(StrEnum):
@@ -57,10 +62,13 @@ def check_matplotlib() -> None:
 
 
 def write_figures(report: Report, folder: Path, form: FigureFormat) -> list[Path]:
-    """Write the figures of a report into a folder, and return their paths.
+    """Write the plots of a report into a folder, and return their paths.
 
-    `success-by-task` is a forest plot under the first condition. Runs with perturbations also have
-    `success-by-severity`, and a heat map of conditions and simulators per policy.
+    `success-by-task` is a forest plot under the first condition, `comparison` one of the differences of policies. Runs
+    with perturbations also have `success-by-severity`, a heat map of conditions and simulators per policy, and forest
+    plots of what is lost beyond the clean loss; routed policies their confusions and their reliability.
+
+    Figures that an earlier call wrote in this format and that the report has no more are removed. Other files stay.
 
     Raises:
         BadInput: matplotlib is not installed.
@@ -78,28 +86,54 @@ def write_figures(report: Report, folder: Path, form: FigureFormat) -> list[Path
             dates = {FigureFormat.SVG: {"Date": None}, FigureFormat.PDF: {"CreationDate": None}}
             draw().savefig(path, format=str(form), metadata=dates.get(form, {}), bbox_inches="tight", pad_inches=0.02)
             written.append(path)
+    for path in set(folder.glob(f"*.{form}")) - set(written):
+        if _OWN_NAME.fullmatch(path.stem) and not path.is_dir():
+            path.unlink()
     return written
 
 
+_OWN_NAME = re.compile(
+    f"{TASKS}|{SEVERITY}|{WORKER_TIME}|{COMPARISONS}|({MAPS}|{COMPARISONS}|{LOSSES}|{CONFUSION}|{RELIABILITY})-[0-9]+-.*"
+)
+
+
 def _figures(report: Report) -> Iterator[tuple[str, Callable[[], Figure]]]:
-    """Name and drawing function of each figure of a run."""
+    """Name and drawing function of each figure of a run, in the order of the report."""
     tables, robustness = report.tables, report.robustness
+    series = {policy: place for place, policy in enumerate(tables.policies)}
     if any(cell.tally.verdicts for cell in _shown(tables)):
-        yield "success-by-task", partial(_forest, tables)
-    if robustness is None:
-        return
-    if any(overall_curves(robustness, axis) for axis in robustness.axes):
-        yield "success-by-severity", partial(_curves, robustness, tables.policies)
-    for number, found in enumerate(heat_maps(robustness), start=1):
-        name = re.sub(r"[^\w.-]+", "-", found.policy).strip("-.")
-        yield f"heat-map-{number}-{name}", partial(_heat_map, found)
+        yield TASKS, partial(_forest, tables)
+    if report.pairwise is not None:
+        yield from _comparisons(report.pairwise)
+    if robustness is not None:
+        if any(overall_curves(robustness, axis) for axis in robustness.axes):
+            yield SEVERITY, partial(_curves, robustness, tables.policies)
+        for number, found in enumerate(heat_maps(robustness), start=1):
+            yield _name(MAPS, number, found.policy), partial(_heat_map, found)
+        if robustness.condition_comparison is not None:
+            for number, (policy, rows) in enumerate(interactions_of(robustness.condition_comparison), start=1):
+                baseline = robustness.condition_comparison.baseline
+                yield _name(LOSSES, number, policy), partial(losses, policy, baseline, rows, series[policy])
+    routed = () if report.merging is None else report.merging.routed
+    for number, one in enumerate(routed, start=1):
+        if one.router is not None:
+            yield _name(CONFUSION, number, one.policy), partial(confusion, one.policy, one.router.confusion)
+            if one.router.calibration is not None:
+                drawn = partial(reliability, one.policy, one.router.calibration, series[one.policy])
+                yield _name(RELIABILITY, number, one.policy), drawn
+    if any(line.total_s > 0 for line in tables.timing):
+        yield WORKER_TIME, partial(_worker_time, tables.timing)
 
 
-def _new_figure(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
-    from matplotlib.figure import Figure
+def _comparisons(found: PairwiseComparisons) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    if len(found.comparisons) > 1:
+        yield COMPARISONS, partial(differences, overview_forest(found))
+    for number, one in enumerate(found.comparisons, start=1):
+        yield _name(COMPARISONS, number, title(one)), partial(differences, task_forest(one, found))
 
-    figure = Figure(figsize=(COLUMN, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+def _name(kind: str, number: int, policies: str) -> str:
+    return f"{kind}-{number}-{re.sub(r'[^A-Za-z0-9_.-]+', '-', policies)[:LONGEST].strip('-.')}"
 
 
 def _shown(tables: Tables) -> list[CellRow]:
@@ -118,7 +152,7 @@ def _forest(tables: Tables) -> Figure:
         of_simulator += [] if cell.task in of_simulator else [cell.task]
     heights = [len(names) for names in tasks.values()]
     height = max(0.16, 0.11 * (len(policies) + 1)) * sum(heights) + 0.3 * len(heights) + 0.5
-    figure, panels = _new_figure(height, len(heights), sharex=True, height_ratios=heights)
+    figure, panels = new_figure(height, len(heights), sharex=True, height_ratios=heights)
     for panel, (simulator, names) in zip(panels[:, 0], tasks.items(), strict=True):
         for place, policy in enumerate(policies):
             lines = [
@@ -137,7 +171,7 @@ def _forest(tables: Tables) -> Figure:
             panel.axhline(border - 0.5, **GRID)
         panel.tick_params(axis="y", length=0)
     panels[-1, 0].set_xlabel("success (%), 95 % Wilson interval")
-    _legend(figure, panels[:, 0], policies)
+    draw_legend(figure, panels[:, 0], policies)
     return figure
 
 
@@ -162,7 +196,7 @@ def _curves(robustness: Robustness, order: Sequence[str]) -> Figure:
     """Success by severity over all simulators: a panel per axis, a line with its 95 % band per policy."""
     axes = [axis for axis in robustness.axes if overall_curves(robustness, axis)]
     rows = (len(axes) + 1) // 2
-    figure, panels = _new_figure(1.3 * rows + 0.35, rows, 2, sharey=True)
+    figure, panels = new_figure(1.3 * rows + 0.35, rows, 2, sharey=True)
     places = {policy: place for place, policy in enumerate(order)}
     drawn: dict[str, None] = {}
     for axis, panel in zip(axes, panels.flat, strict=False):
@@ -180,7 +214,7 @@ def _curves(robustness: Robustness, order: Sequence[str]) -> Figure:
         panel.set_axis_off()
     for row in panels:
         row[0].set_ylabel("success (%)")
-    _legend(figure, panels.flat, [policy for policy in order if policy in drawn])
+    draw_legend(figure, panels.flat, [policy for policy in order if policy in drawn])
     return figure
 
 
@@ -217,7 +251,7 @@ def _heat_map(found: HeatMap) -> Figure:
     from matplotlib.colors import LinearSegmentedColormap
 
     values = [[float("nan") if cell is None else 100 * cell.rate.value for cell in row.cells] for row in found.rows]
-    figure, panels = _new_figure(0.125 * len(found.rows) + 0.75)
+    figure, panels = new_figure(0.125 * len(found.rows) + 0.75)
     panel = panels[0, 0]
     # The darkest colour is light enough for black numbers.
     colours = LinearSegmentedColormap.from_list("success", ("#ffffff", "#5f9fcf"), bad="#e3e6e8")
@@ -238,17 +272,26 @@ def _heat_map(found: HeatMap) -> Figure:
     return figure
 
 
-def _legend(figure: Figure, panels: Iterable[Axes], policies: Sequence[str]) -> None:
-    handles: dict[str, Any] = {}
-    for panel in panels:
-        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
-    columns = 2 if len(policies) > 1 and max(map(len, policies)) <= 28 else 1
-    figure.legend(
-        [handles[policy] for policy in policies],
-        policies,
-        loc="outside upper center",
-        ncols=columns,
-        frameon=False,
-        handletextpad=0.5,
-        columnspacing=1.2,
-    )
+def _worker_time(timing: Sequence[PhaseTiming]) -> Figure:
+    """Shares of each simulator's worker time by phase, with the total beside them."""
+    lines = [line for line in timing if line.total_s > 0]
+    figure, panels = new_figure(0.24 * len(lines) + 0.75)
+    panel = panels[0, 0]
+    at = [0.0] * len(lines)
+    drawn = []
+    for phase in PHASES:
+        shares = [100 * line.seconds(phase) / line.total_s for line in lines]
+        if any(shares):
+            panel.barh(range(len(lines)), shares, 0.7, left=at, color=PHASE_COLOURS[phase], label=phase)
+            drawn.append(phase)
+        at = [start + share for start, share in zip(at, shares, strict=True)]
+    for y, line in enumerate(lines):
+        panel.text(102, y, formatting.seconds(line.total_s), va="center", fontsize=6)
+    panel.set_yticks(range(len(lines)), [line.simulator for line in lines])
+    panel.set_ylim(len(lines) - 0.5, -0.5)
+    panel.set_xlim(0, 100)
+    panel.set_xticks(range(0, 101, 25))
+    panel.set_xlabel("worker time (%)")
+    panel.tick_params(axis="y", length=0)
+    draw_legend(figure, [panel], drawn, columns=4)
+    return figure

@@ -12,6 +12,7 @@ from robogauntlet.results.report.formatting import points, rate
 from robogauntlet.results.report.robustness import agreement_findings, known_rates, overall_curves
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import Condition
 
 MAX_NAMED = 3
 """Axes that are named with their rates in one sentence."""
@@ -23,7 +24,7 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     policies = dict.fromkeys(
         curve.policy for curve in robustness.curves if curve.policy not in robustness.no_skill_baselines
     )
-    sentences = [sentence for policy in policies for sentence in _falls(robustness, policy)]
+    sentences = [sentence for policy in policies for sentence in _drops(robustness, policy)]
     if robustness.condition_comparison is not None:
         sentences += _merging(robustness.condition_comparison)
         sentences += _routers(robustness.condition_comparison)
@@ -32,7 +33,7 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     sentences += _controls(robustness)
     left_out = [row for row in robustness.gate_rows if row.capped]
     if left_out:
-        levels = ", ".join(dict.fromkeys(condition_text(row.axis, row.severity).partition(":")[0] for row in left_out))
+        levels = ", ".join(dict.fromkeys(str(Condition(row.axis, row.severity)) for row in left_out))
         sentences.append(
             f"{formatting.counted(len(left_out), 'level')} of a task left out because the oracle gate "
             f"{robustness.oracle_gate} solved less than 95 % of the seeds ({levels})."
@@ -40,8 +41,8 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _falls(robustness: Robustness, policy: str) -> list[str]:
-    """Axes along which success falls, adjusted over all axes of the policy (Holm)."""
+def _drops(robustness: Robustness, policy: str) -> list[str]:
+    """Axes along which success drops, adjusted over all axes of the policy (Holm)."""
     curves = [c for axis in robustness.axes for c in overall_curves(robustness, axis) if c.policy == policy]
     tested = [(curve, curve.curve.trend) for curve in curves if curve.curve.trend is not None]
     adjusted = holm([p for _, p in tested if p is not None]) if tested else ()
@@ -49,14 +50,14 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
     sentences = []
     if dropped:
         worst = sorted(dropped, key=lambda curve: known_rates(curve.curve)[-1][1].value)
-        where = _listed([_fall(curve) for curve in worst[:MAX_NAMED]])
+        where = _listed([_drop(curve) for curve in worst[:MAX_NAMED]])
         if len(worst) > MAX_NAMED:
             where = f"{len(worst)} of {len(curves)} axes, to the lowest rates along {where}"
-        sentences.append(f"{policy}: success falls with severity along {where}.")
+        sentences.append(f"{policy}: success drops with severity along {where}.")
     rest = [curve for curve in curves if curve not in dropped]
     if rest:
         names = _listed([curve.axis for curve in rest])
-        sentences.append(f"{policy}: a fall was not shown along {names}; this does not show that there is none.")
+        sentences.append(f"{policy}: no significant drop along {names} (not evidence of no drop).")
     lowest = worst_level(robustness, policy)
     if lowest is not None:
         curve, severity = lowest
@@ -65,7 +66,7 @@ def _falls(robustness: Robustness, policy: str) -> list[str]:
     return sentences
 
 
-def _fall(found: PolicyCurve) -> str:
+def _drop(found: PolicyCurve) -> str:
     shown = known_rates(found.curve)
     (_, clean), (severity, last) = shown[0], shown[-1]
     level = AXES[found.axis].describe(int(severity))
@@ -94,7 +95,7 @@ def _merging(comparison: ConditionComparison) -> list[str]:
         if not more and not less:
             sentences.append(
                 f"{policy}: no axis was shown to change its loss against {comparison.baseline} from the clean loss "
-                f"({formatting.counted(len(rows), 'axis').replace('axiss', 'axes')} tested together)."
+                f"({formatting.counted(len(rows), 'axis', 'axes')} tested together)."
             )
     return sentences
 

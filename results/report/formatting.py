@@ -14,6 +14,7 @@ from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables, Tal
 from robogauntlet.results.analysis.timing import PHASES, PhaseTiming
 from robogauntlet.results.statistics.rates import Estimate, Interval, RateBounds
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.text import counted as counted
 from robogauntlet.support.text import visible
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -68,11 +69,6 @@ def seconds(value: float | None) -> str:
 def count(value: float | None) -> str:
     """A whole number with thousands separators."""
     return NOTHING if value is None else f"{value:,.0f}"
-
-
-def counted(number: int, noun: str) -> str:
-    """`1 episode`, `1,200 episodes`."""
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def rate(estimate: Estimate | None) -> str:
@@ -220,5 +216,8 @@ _LATEX: dict[str, str | int | None] = {
 
 
 def escape_latex(text: str) -> str:
-    """Escape text for LaTeX, including the characters that its default font encoding draws as others."""
-    return " ".join(text.split()).translate(str.maketrans(_LATEX))
+    """Escape text for LaTeX, including the characters that its default font encoding draws as others.
+
+    Unprintable characters, at which LaTeX stops, are shown as escapes.
+    """
+    return visible(" ".join(text.split())).translate(str.maketrans(_LATEX))

@@ -10,6 +10,7 @@ from pathlib import Path
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, escape_html, percent, span
 from robogauntlet.results.store.history_records import Counts, PolicyRunResult
+from robogauntlet.support.text import counted
 
 LONGEST_NAME = 500
 """Characters of a run's name or verdict that a mark of the plot shows."""
@@ -108,9 +109,10 @@ def plot(results: Sequence[PolicyRunResult], title: str, link: str | None = None
         for result, place, digest in zip(shown, places, before, strict=False)
     ]
     last = f", last {percent(shown[-1].counts.rate)}" if shown else ""
+    label = f"{title}: {counted(len(shown), 'run')}{last}"
     parts = [
         f'<svg class="history-plot" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" '
-        f'aria-label="{escape_html(f"{title}: {len(shown)} runs{last}")}">',
+        f'aria-label="{escape_html(label)}">',
         "<style>.history-plot text{font:12px system-ui,sans-serif;fill:currentColor}"
         ".history-plot .grid{stroke:currentColor;stroke-opacity:.15}"
         ".history-plot .bar{stroke:#0072b2;stroke-width:2;stroke-opacity:.45}.history-plot .dot{fill:#0072b2}"
@@ -159,7 +161,7 @@ def _dot(point: _Point, link: str | None) -> str:
     counts, run = point.result.counts, point.result.run
     kind = {"regressed": "bad", "improved": "good"}.get(run.verdict or "", "dot")
     words = f"{run.name[:LONGEST_NAME]}, {when(run.started_at)}: {percent(counts.rate)} {span(counts.interval)}"
-    words += f" of {counts.verdicts:,} episodes" + (f", {run.verdict[:LONGEST_NAME]}" if run.verdict else "")
+    words += f" of {counted(counts.verdicts, 'episode')}" + (f", {run.verdict[:LONGEST_NAME]}" if run.verdict else "")
     y = _y(counts.rate or 0.0)
     bar = ""
     if counts.interval is not None:

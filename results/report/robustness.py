@@ -12,7 +12,7 @@ from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.severity import SeverityCurve
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import CLEAN, Condition
 
 
 def axis_heading(axis: str) -> str:
@@ -142,7 +142,7 @@ def gate_table(robustness: Robustness) -> TextTable:
     """Conditions in which the oracle gate did not solve every seed."""
     lines = []
     for row in robustness.gate_rows:
-        condition = "clean" if not row.severity else f"{row.axis}@{row.severity}"
+        condition = str(Condition(row.axis, row.severity)) if row.severity else CLEAN
         counts = formatting.count(row.seeds), formatting.count(row.seeds - row.passed)
         lines.append((row.task, condition, *counts, "level left out" if row.capped else "seeds left out"))
     return TextTable(("task", "condition", "seeds", "not solved", "consequence"), tuple(lines), 2)

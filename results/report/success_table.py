@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -119,12 +120,18 @@ def _latex(table: SuccessTable) -> str:
         column_format="ll" + "r" * len(table.policies),
         position="htbp",
         position_float="centering",
-        label="tab:" + "".join(character if character.isalnum() else "-" for character in table.suite),
+        label="tab:" + re.sub(r"[^A-Za-z0-9]", "-", table.suite),
         caption=_caption(table),
     )
     line = f"\\cline{{1-{2 + len(table.policies)}}}\n"  # booktabs has a rule of its own in its place
     text = text.replace(f"{line}\\bottomrule", "\\bottomrule").replace(line, "\\midrule\n")
-    return "% needs \\usepackage{booktabs}\n" + text
+    others = "".join(sorted({character for character in text if not character.isascii()}))
+    note = (
+        f"% has {others}: pdfLaTeX may need \\usepackage[T1]{{fontenc}}, other scripts need LuaLaTeX\n"
+        if others
+        else ""
+    )
+    return f"% needs \\usepackage{{booktabs}}\n{note}{text}"
 
 
 def _latex_cell(tally: Tally | None) -> str:

@@ -103,9 +103,10 @@ def command_line() -> str:
         "| 130 | interrupted; repeat the command to continue |",
         "",
     ]
-    lines += _options(root, root.make_context("robogauntlet", [], resilient_parsing=True))
-    for name, command in root.commands.items():
-        lines += _command(f"robogauntlet {name}", command, 2)
+    context = root.make_context("robogauntlet", [], resilient_parsing=True)
+    lines += _options(root, context)
+    for name in root.list_commands(context):
+        lines += _command(f"robogauntlet {name}", root.get_command(context, name), 2)
     return "\n".join(lines) + "\n"
 
 
@@ -115,8 +116,8 @@ def _command(name: str, command: Any, level: int) -> Iterator[str]:
     if command.help:
         yield from (command.help.replace("\n\f", ""), "")
     if hasattr(command, "commands"):
-        for sub, subcommand in command.commands.items():
-            yield from _command(f"{name} {sub}", subcommand, level + 1)
+        for sub in command.list_commands(context):
+            yield from _command(f"{name} {sub}", command.get_command(context, sub), level + 1)
         return
     usage = " ".join(part for parameter in command.get_params(context) for part in parameter.get_usage_pieces(context))
     yield from (

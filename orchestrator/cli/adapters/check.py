@@ -28,6 +28,7 @@ from robogauntlet.orchestrator.cli.common import err, fail, out, print_line
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 MARKS = {Outcome.PASSED: "ok", Outcome.FAILED: "FAILED", Outcome.SKIPPED: "-"}
 
@@ -130,4 +131,6 @@ def _show(wanted: Mapping[str, Sequence[Check]], results: Sequence[CheckResult],
             fail(f"{result.task}: {result}")
     counts = {outcome: list(worst.values()).count(outcome) for outcome in Outcome}
     numbers = ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
-    out.print(f"{len(checks)} checks on {len(wanted)} tasks in {seconds:.0f} s: {numbers}", markup=False)
+    out.print(
+        f"{counted(len(checks), 'check')} on {counted(len(wanted), 'task')} in {seconds:.0f} s: {numbers}", markup=False
+    )

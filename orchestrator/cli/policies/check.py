@@ -22,6 +22,7 @@ from robogauntlet.policies import catalog
 from robogauntlet.policies.references import FORMS, read_options, read_reference, with_options
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 TASK = "pybullet/PandaPickAndPlace-v3"
 PICTURE = RUNS / "policy-check.png"
@@ -95,7 +96,8 @@ def _show(findings: Sequence[Finding], picture: str | None, seconds: float, as_j
         print_line(f"{mark:8} {finding.topic:12} {finding.text}")
     counts = {level: sum(finding.level is level for finding in findings) for level in (Level.FAILED, Level.WARNING)}
     out.print(
-        f"{len(findings)} findings in {seconds:.0f} s: {counts[Level.FAILED]} failed, {counts[Level.WARNING]} warnings",
+        f"{counted(len(findings), 'finding')} in {seconds:.0f} s: {counts[Level.FAILED]} failed, "
+        f"{counted(counts[Level.WARNING], 'warning')}",
         markup=False,
     )
     if picture:

@@ -23,6 +23,7 @@ from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgr
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.support.durations import format_duration
+from robogauntlet.support.text import counted
 
 
 def demonstrate(
@@ -87,7 +88,7 @@ def _conclude(collected: CollectionResult, folder: Path) -> None:
         )
     out.print(table)
     kept = sum(task.writer.episodes for task in collected.tasks)
-    print_line(f"{kept} episodes in {folder} after {format_duration(collected.seconds)}")
+    print_line(f"{counted(kept, 'episode')} in {folder} after {format_duration(collected.seconds)}")
     conclude_recording(collected)
 
 

@@ -28,6 +28,7 @@ from robogauntlet.results.report.formatting import seconds
 from robogauntlet.suites.ranges import MAX_FIRST_SEED
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import BadInput
+from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
     from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudy
@@ -111,7 +112,8 @@ def _check(keep: Path | None, json_file: Path | None) -> None:
 def _show(study: RoutingStudy) -> None:
     for name, reason in study.skipped.items():
         fail(f"{name} is skipped: {reason}")
-    extent = f"{len(study.tasks)} tasks, {len(study.request.seeds)} seeds from {study.request.seeds[0]}"
+    seeds = study.request.seeds
+    extent = f"{counted(len(study.tasks), 'task')}, {counted(len(seeds), 'seed')} from {seeds[0]}"
     table, pairs = router_table(study), len(study.routers[0].quality.scene_pairs)
     title = f"Routers on first observations ({extent})"
     if pairs and out.width < ROUTER_TABLE_WIDTH:

@@ -70,7 +70,7 @@
   function announce(runs, now) {
     if (!now && Date.now() - announcedAt < ANNOUNCE_EVERY_MS) return;
     announcedAt = Date.now();
-    const words = runs.map((run) => `${run.name}: ${run.state_text}, ${number.format(run.done)} of ${number.format(run.planned)} episodes, success ${run.rate}`);
+    const words = runs.map((run) => `${run.name}: ${run.state_text}, ${number.format(run.done)} of ${number.format(run.planned)} ${run.planned === 1 ? "episode" : "episodes"}, success ${run.rate}`);
     document.getElementById("announced").textContent = words.join("; ") || "No suite is running.";
   }
 

@@ -1,6 +1,11 @@
-"""Texts of others, made safe to show."""
+"""Texts for people: numbers with their nouns, and texts of others, made safe to show."""
 
 from __future__ import annotations
+
+
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """`1 episode`, `1,200 episodes`; `plural` of a noun that does not only take an s."""
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
 
 
 def visible(text: str, keep: str = "") -> str:

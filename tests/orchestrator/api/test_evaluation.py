@@ -114,7 +114,7 @@ def test_the_state_of_an_object_or_of_its_class_does_not_pass_from_episode_to_ep
 def test_the_same_function_continues_its_run(play, capsys):
     play(drift, out="run")
     run = play(drift, out="run", quiet=False)
-    assert "continuing: 4 of 4 episodes are done already" in capsys.readouterr().out
+    assert "continuing: 4 of 4 episodes already done" in capsys.readouterr().out
     assert len(run.episodes()) == 4
 
 

@@ -9,8 +9,8 @@ import robogauntlet
 from robogauntlet.adapters import catalog
 from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.orchestrator.runs.composition import read_condition
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicySpec
+from robogauntlet.suites.conditions import read_condition
 from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, View
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
@@ -145,10 +145,10 @@ def test_a_step_needs_a_reset():
         ({"render_profile": "quick"}, BadInput, "render_profile: unknown 'quick'"),
         ({"horizon": 0}, BadInput, "horizon: expected 1 or more, got 0"),
         ({"condition": "nose:2"}, BadInput, "condition 'nose:2': unknown axis 'nose'; did you mean 'noise'?"),
-        ({"condition": "noise"}, BadInput, "condition 'noise': expected one severity, such as noise:2, got 5"),
-        ({"condition": "noise:2,4"}, BadInput, "expected one severity, such as noise:2, got 2"),
+        ({"condition": "noise"}, BadInput, "condition 'noise': expected one severity, such as noise@2, got 5"),
+        ({"condition": "noise:2,4"}, BadInput, "expected one severity, such as noise@2, got 2"),
         ({"condition": "noise:9"}, BadInput, "condition 'noise:9': expected a severity from 1 to 5, got 9"),
-        ({"condition": "noise:two"}, BadInput, "condition 'noise:two': expected clean, AXIS or AXIS:SEVERITY"),
+        ({"condition": "noise:two"}, BadInput, "condition 'noise:two': expected clean, AXIS or AXIS@SEVERITY"),
         ({"condition": "illuminance:2"}, BadInput, "condition 'illuminance:2': unsupported in null/Reach: "),
     ],
 )

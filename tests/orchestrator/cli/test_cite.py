@@ -25,8 +25,23 @@ def test_a_run_adds_its_hashes_and_the_simulators_that_played(run_command, tmp_p
     plan = cells(tasks=("robosuite/Lift", "libero/x", "maniskill/PushCube-v1"))
     run = document(of=plan, rows_hash="abc123", name="night_1", skipped={"maniskill": "not installed"})
     text = run_command("cite", run_folder(tmp_path / "run", run, [])).out
-    assert "note = {Suite night\\_1, suite hash 0123456789abcdef, rows hash abc123}" in text
-    assert keys(text) == ["robogauntlet", "zhu2020robosuite", "todorov2012mujoco", "liu2023libero"]
+    assert "  title = {{night\\_1}: an evaluation suite of {RoboGauntlet}}" in text
+    assert "  note = {Suite hash 0123456789abcdef; run run-1, rows hash abc123}" in text
+    simulators = ["zhu2020robosuite", "todorov2012mujoco", "liu2023libero"]
+    assert keys(text) == ["robogauntlet", "robogauntlet-suite-01234567", *simulators]
+
+
+@pytest.mark.parametrize(("task", "key"), [("libero/x", "liu2023libero"), ("metaworld/reach-v3", "yu2019metaworld")])
+def test_a_published_benchmark_is_cited_if_the_run_used_it(run_command, tmp_path, task, key):
+    for played, is_cited in ((task, True), ("pybullet/PandaReach-v3", False)):
+        run = run_folder(tmp_path / played, document(of=cells(tasks=(played,))), [])
+        assert (key in keys(run_command("cite", run).out)) is is_cited
+
+
+def test_every_brace_of_an_entry_is_closed_whatever_the_suite_is_called(run_command, tmp_path):
+    text = run_command("cite", run_folder(tmp_path / "run", document(name="a}{{b"), [])).out
+    for entry in text.split("\n\n"):
+        assert entry.count("{") == entry.count("}")
 
 
 def test_an_adapter_that_is_not_installed_is_named(run_command, tmp_path):

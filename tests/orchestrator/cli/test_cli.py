@@ -158,7 +158,7 @@ def test_run_replay_and_report(tmp_path, suite):
     slow = json.loads((folder / "run.json").read_text())
     (folder / "run.json").write_text(json.dumps(slow | {"media_s": 1000.0}))
     output = run_gauntlet("run", suite, "--out", folder).stdout
-    assert f"2 videos and snapshots were not recorded; to record all: {command} --media" in output
+    assert f"not recorded: 2 videos and snapshots; to record all: {command} --media" in output
     done = run_gauntlet("run", suite, "--out", folder, "--media")
     assert done.stdout.index("10 of 10 episodes") < done.stdout.index("recorded 2 videos and snapshots in")
     assert "left out" not in done.stdout
@@ -223,7 +223,7 @@ def test_a_killed_run_loses_and_doubles_no_row_when_continued(tmp_path, suite):
     assert 10 <= stored < 60
     done = run_gauntlet("run", suite, "--seeds", 30, "--out", folder, "--no-media")
     assert done.returncode == 0, done.stderr
-    assert f"continuing: {stored} of 60 episodes are done already" in done.stdout
+    assert f"continuing: {stored} of 60 episodes already done" in done.stdout
     assert count(folder) == 60
     run_gauntlet("run", suite, "--seeds", 30, "--out", undisturbed, "--no-media")
     hashes = [json.loads((path / "run.json").read_text())["rows_hash"] for path in (folder, undisturbed)]

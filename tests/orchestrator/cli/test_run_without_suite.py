@@ -46,7 +46,7 @@ def own(folder):
         ((*OWN, *TASK, "--condition", "noize:2"), "unknown condition 'noize'; did you mean 'noise'?"),
         ((*OWN, *TASK, "--condition", "noise:6"), "expected a value less than or equal to 5, found 6"),
         ((*OWN, *TASK, "--condition", "noise:0"), "expected severities from 1 for 'noise'"),
-        ((*OWN, *TASK, "--condition", "noise:two"), "condition 'noise:two': expected clean, AXIS or AXIS:SEVERITY"),
+        ((*OWN, *TASK, "--condition", "noise:two"), "condition 'noise:two': expected clean, AXIS or AXIS@SEVERITY"),
         (("--policy", "orcale", *TASK), "a kind of policy; got 'orcale'; did you mean 'oracle'?"),
         (("--policy", "python:mine:atc", *TASK), "mine has no 'atc'; did you mean 'act'?"),
         (("--policy", "python:none:act", *TASK), "expected a module 'none'"),
@@ -101,7 +101,7 @@ def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folde
     assert written["conditions"] == ["clean", {"axis": "noise", "severities": [2, 4]}]
     assert {(row.axis, row.severity) for row in rows_of(folder / "run")} == {("clean", 0), ("noise", 2), ("noise", 4)}
     again = run_command(*line)
-    assert "continuing: 6 of 6 episodes are done already" in again.out
+    assert "continuing: 6 of 6 episodes already done" in again.out
     resume = shlex.split(read_run(folder / "run").command)
     assert "6 of 6 episodes" in run_command(*resume[1:]).out
     other = run_command(*line[:-3], "--seeds", "3", "--out", "run")
@@ -119,4 +119,4 @@ def test_a_suite_with_another_policy_is_a_run_without_the_roles_of_its_own(run_c
     assert (suite.compare, suite.oracle_gate, suite.no_skill_baselines) == (None, None, ())
     resume = shlex.split(read_run(folder / "run").command)
     assert resume[1:3] == ["run", "s.yaml"]
-    assert "continuing: 3 of 3 episodes are done already" in run_command(*resume[1:]).out
+    assert "continuing: 3 of 3 episodes already done" in run_command(*resume[1:]).out

@@ -135,7 +135,7 @@ def test_a_run_shows_counts_with_intervals_the_verdict_and_its_baseline(filled):
     page = filled.get(f"/runs/{run.run_id}").text
     own = [one for one in results if (one.task, one.policy) == ("robosuite/Lift", "experts")]
     won = sum(one.status == "success" for one in own)
-    row = re.search(r'robosuite/Lift</th><td class="name">experts<.*?</tr>', page, re.DOTALL)[0]
+    row = re.search(r'robosuite/<wbr>Lift</th><td class="name">experts<.*?</tr>', page, re.DOTALL)[0]
     assert re.findall(r'wide">(\d+)<', row) == [str(won), str(len(own) - won), "0", "20", "20"]
     assert re.search(r"<b>\d+ %</b> <span class=\"span\">\[\d+, \d+\]", row)
     assert "▼ regressed" in page

@@ -210,4 +210,4 @@ def test_ctrl_c_ends_the_command_soon_and_the_same_command_continues(tmp_path):
     command[command.index("400")] = str(there + 2)
     done = run_gauntlet(*command, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert f"continuing: {there} of {there + 2} episodes are there already" in done.stdout
+    assert f"continuing: {there} of {there + 2} episodes already there" in done.stdout

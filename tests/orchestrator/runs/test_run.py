@@ -77,7 +77,7 @@ def test_a_complete_run_plays_no_episode_again(finished, suite):
     after = finished(suite()).document
     assert {row.episode_id: row.started_at for row in finished.rows()} == started
     assert (after.run_id, after.rows_hash) == (before.run_id, before.rows_hash)
-    assert "continuing: 40 of 40 episodes are done already" in finished.output.getvalue()
+    assert "continuing: 40 of 40 episodes already done" in finished.output.getvalue()
 
 
 def test_an_interrupted_run_is_readable_and_is_continued(run, suite, tmp_path, monkeypatch):

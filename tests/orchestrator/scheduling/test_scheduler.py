@@ -132,7 +132,7 @@ def test_a_stopped_process_is_ended(observer):
 def test_too_many_errors_end_the_run_and_keep_returned_rows(observer):
     rows, queues = [], work_queues(work("null/Raise", range(100)), 3)
     scheduler = Scheduler(queues, RayWorkerPool(SOURCES), options(allowed_errors=3), rows.extend, observer)
-    message = r"\d+ episodes ended in errors, the suite tolerates 3; latest: RuntimeError"
+    message = r"\d+ episodes ended in an error, the suite tolerates 3; latest: RuntimeError"
     with pytest.raises(TooManyErrors, match=message):  # the message with the fourth error may hold more
         scheduler.run()
     assert 4 <= len(rows) < 100

@@ -186,7 +186,7 @@ def test_the_text_has_task_difference_and_p_value(regressed):
 def test_a_policy_that_did_not_change_but_acts_differently_is_reported():
     new, old = run("new", always), run("old", always)
     new.rows.loc[5, "actions_hash"] = "another"
-    line = "not changed, but 1 of 180 episodes have different actions"
+    line = "not changed, but other actions in 1 of 180 episodes"
     assert f"{line}: the program or a library changed" in as_text(compare_runs(new, old))
     now, before = (
         replace(one, document=one.document.model_copy(update={"provenance": Provenance(processor=processor)}))

@@ -124,9 +124,9 @@ def test_without_repeated_episodes_the_report_says_that_chance_was_not_tested():
 
 def test_findings_say_what_was_shown_and_no_more():
     found = findings(built())
-    assert any(s.startswith("merged: success falls with severity along noise (") for s in found)
-    assert any(s.startswith("merged: a fall was not shown along blur; this does not show") for s in found)
-    assert any("a fall was not shown along noise and blur" in s for s in found if s.startswith("expert"))
+    assert any(s.startswith("merged: success drops with severity along noise (") for s in found)
+    assert any(s.startswith("merged: no significant drop along blur (not evidence of no drop)") for s in found)
+    assert any("no significant drop along noise and blur (not" in s for s in found if s.startswith("expert"))
     assert any(s.startswith("merged loses more against expert than clean along noise (+") for s in found)
     assert any(s == "merged: the policy failed first under noise." for s in found)
 
@@ -137,8 +137,8 @@ def test_findings_name_the_three_lowest_of_many_axes():
     plan = cells(("expert",), TASKS, conditions)
     left = dict(zip(axes, (30, 5, 25, 10, 15), strict=True))
     results = rows_where(lambda cell, seed: seed < left.get(cell.condition.axis, SEEDS), plan, SEEDS)
-    (fall,) = [s for s in findings(built(results, plan, compare=None)) if "falls" in s]
-    assert "success falls with severity along 5 of 5 axes, to the lowest rates along blur (100 % to 10 %" in fall
+    (fall,) = [s for s in findings(built(results, plan, compare=None)) if "drops" in s]
+    assert "success drops with severity along 5 of 5 axes, to the lowest rates along blur (100 % to 10 %" in fall
     assert "illuminance (" in fall
     assert "table (" in fall
     assert "noise" not in fall
@@ -156,7 +156,7 @@ def test_false_findings_of_falls_are_rare_where_nothing_falls():
     generator, false = np.random.default_rng(7), 0
     for _ in range(20):
         level = rows_where(lambda cell, seed: generator.random() < 0.6, PLAN, 20)
-        false += any("success falls" in s for s in findings(built(level)))
+        false += any("success drops" in s for s in findings(built(level)))
     assert false <= 5
 
 

@@ -43,6 +43,26 @@ onload = () => {{
 }};
 </script></body>
 """
+JUMP = """
+<!doctype html><body><iframe id="page" width="{width}" height="900" srcdoc="{page}"></iframe><pre id="found"></pre>
+<script>
+onload = () => {{
+  const page = document.getElementById("page").contentDocument;
+  const box = (e) => e.getBoundingClientRect();
+  const places = [];
+  page.body.append(Object.assign(page.createElement("div"), {{ style: "height: 900px" }}));
+  for (const link of page.querySelectorAll(".contents a:not(.sub), .axes a")) {{
+    const target = page.getElementById(link.hash.slice(1));
+    target.scrollIntoView();
+    const bar = box(page.querySelector(".contents"));
+    places.push([link.hash, bar.top, bar.bottom, box(target.querySelector("h2") || target).top]);
+  }}
+  const root = page.documentElement;
+  const widths = {{ width: root.clientWidth, scroll: root.scrollWidth }};
+  document.getElementById("found").textContent = JSON.stringify({{ places, ...widths }});
+}};
+</script></body>
+"""
 CHOOSE = """
 <!doctype html><body><iframe id="page" width="1000" height="900" srcdoc="{page}"></iframe><pre id="found"></pre>
 <script>
@@ -115,11 +135,26 @@ def test_the_robustness_section_is_drawn_and_fits_the_page(page, width, tmp_path
     assert found["unnamed"] == 0
 
 
-def test_the_contents_list_stays_beside_the_report_on_a_wide_screen(page, tmp_path):
-    found = measured(page, 1400, tmp_path)
+@pytest.mark.parametrize("width", [1400, 1280, 1120])
+def test_the_contents_list_stays_beside_the_report_on_a_desk(page, width, tmp_path):
+    found = measured(page, width, tmp_path)
     assert found["scroll"] <= found["width"]
     assert found["contents"][0] <= found["contents"][1]
     assert found["follows"] == "sticky"
+
+
+@pytest.mark.parametrize("width", [1119, 390])
+def test_the_contents_list_stays_a_line_above_the_report_on_narrow_screens(page, width, tmp_path):
+    file = tmp_path / "jump.html"
+    file.write_text(JUMP.format(width=width, page=html.escape(page, quote=True)))
+    shown = html_after_scripts(file.as_uri(), tmp_path, "--virtual-time-budget=5000")
+    found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.DOTALL)[1]))
+    assert found["scroll"] <= found["width"]
+    assert len(found["places"]) >= 8
+    for link, top, bottom, heading in found["places"]:
+        assert top == 0, link  # it stays
+        assert 44 <= bottom <= 50, link  # one line, that a finger hits
+        assert bottom <= heading < 300, link  # and covers nothing that a link leads to
 
 
 def test_the_interactive_page_is_drawn_without_a_network(tmp_path):

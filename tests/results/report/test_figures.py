@@ -6,9 +6,11 @@ import pytest
 from PIL import Image
 
 from robogauntlet.results.report import write_report
-from robogauntlet.results.report.figures import COLUMN, FigureFormat, check_matplotlib, write_figures
+from robogauntlet.results.report.figure_style import COLUMN
+from robogauntlet.results.report.figures import FigureFormat, check_matplotlib, write_figures
 from robogauntlet.support.errors import BadInput
 from tests.results.analysis import test_condition_comparison as perturbed
+from tests.results.routed import routed_document, routed_rows
 from tests.results.synthetic import cells, document, rows, run_folder
 
 
@@ -25,20 +27,57 @@ def under_noise(tmp_path_factory):
     return write_report(run_folder(tmp_path_factory.mktemp("perturbed") / "run", run, perturbed.rows()))
 
 
+@pytest.fixture(scope="module")
+def routed(tmp_path_factory):
+    return write_report(run_folder(tmp_path_factory.mktemp("routed") / "run", routed_document(), routed_rows()))
+
+
 @pytest.mark.parametrize(
     ("form", "start"), [(FigureFormat.SVG, b"<?xml"), (FigureFormat.PDF, b"%PDF"), (FigureFormat.PNG, b"\x89PNG")]
 )
 def test_the_plots_are_written_in_the_format_asked_for(under_noise, tmp_path, form, start):
     written = write_figures(under_noise, tmp_path, form)
-    names = ["success-by-task", "success-by-severity", "heat-map-1-expert", "heat-map-2-merged"]
+    names = ["success-by-task", "comparison-1-merged-against-expert", "success-by-severity", "heat-map-1-expert"]
+    names += ["heat-map-2-merged", "losses-1-merged", "worker-time"]
     assert [path.name for path in written] == [f"{name}.{form}" for name in names]
     assert all(path.read_bytes().startswith(start) for path in written)
 
 
-def test_a_figure_is_as_wide_as_a_column(clean, tmp_path):
-    (path,) = write_figures(clean, tmp_path, FigureFormat.PNG)
-    with Image.open(path) as image:
-        assert COLUMN - 0.1 < image.width / 300 < COLUMN + 0.1  # inches
+def test_every_plot_of_the_report_is_a_figure(clean, under_noise, routed, tmp_path):
+    for number, report in enumerate((clean, under_noise, routed)):
+        page = report.paths.html.read_text()
+        names = [path.name for path in write_figures(report, tmp_path / str(number), FigureFormat.SVG)]
+
+        def drawn(kind, names=names):
+            return sum(name.startswith(kind) for name in names)
+
+        assert drawn("success-by-task") == 1
+        assert drawn("comparison") == page.count('class="forest versus"')
+        assert drawn("success-by-severity") == ('<svg class="severity' in page)
+        assert drawn("losses") == page.count('<svg class="losses')
+        assert drawn("confusion") == page.count("true task (rows) and inferred task (columns)<")
+        assert drawn("reliability") == page.count('<svg class="reliability')
+        assert drawn("worker-time") == ('class="bar"' in page)
+
+
+def test_figures_that_the_report_has_no_more_are_removed(clean, tmp_path):
+    old = [tmp_path / name for name in ("heat-map-9-old.svg", "success-by-severity.svg", "comparison.svg")]
+    kept = [tmp_path / name for name in ("heat-map-9-old.pdf", "heat-map-sketch.svg", "mine.svg", "notes.txt")]
+    for file in (*old, *kept):
+        file.touch()
+    written = write_figures(clean, tmp_path, FigureFormat.SVG)
+    assert sorted(tmp_path.iterdir()) == sorted([*written, *kept])
+
+
+def test_a_figure_is_as_wide_as_a_column(clean, under_noise, routed, tmp_path):
+    written = [
+        path
+        for number, report in enumerate((clean, under_noise, routed))
+        for path in write_figures(report, tmp_path / str(number), FigureFormat.PNG)
+    ]
+    for path in written:
+        with Image.open(path) as image:
+            assert COLUMN - 0.1 < image.width / 300 < COLUMN + 0.1, path  # inches
 
 
 def test_the_same_numbers_give_the_same_file(clean, tmp_path):

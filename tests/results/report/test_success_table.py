@@ -3,6 +3,8 @@
 import csv
 import io
 import re
+import shutil
+import subprocess
 
 import pytest
 
@@ -81,3 +83,45 @@ def test_another_condition_has_rates_of_its_own():
     )
     assert "0 % [0, 49]" in rendered(TableFormat.MARKDOWN, tables, noise)
     assert "condition noise@4, 4 episodes" in rendered(TableFormat.LATEX, tables, noise)
+
+
+SPECIAL = r"a_b%c&d#e$f~g^h\i{j}k<l>m|n" + "\"'`-- é ü ß ł ñ\x07 … – “x” µ"
+"""Every character that LaTeX reads as something else, quotes and dashes, Latin letters, and a control character."""
+ARTICLE = r"""\documentclass{article}
+\usepackage{booktabs}
+\begin{document}
+%s
+\end{document}
+"""
+
+
+def special_table():
+    plan = cells((SPECIAL, "random"), (f"maniskill/{SPECIAL}", "pybullet/Reach"))
+    return render_table(
+        success_table(SPECIAL, tables_of(document(3, of=plan), rows(plan, 3)), Condition()), TableFormat.LATEX
+    )
+
+
+def test_every_special_character_is_escaped_in_every_place():
+    text = special_table()
+    escaped = r"a\_b\%c\&d\#e\$f\textasciitilde{}g\textasciicircum{}h\textbackslash{}i\{j\}k"
+    assert text.count(escaped) == 3  # the caption, the header and a row
+    assert r"\textbackslash{}x07" in text  # a control character, at which LaTeX stops
+    assert re.search(r"\\label\{tab:[A-Za-z0-9-]+\}", text)
+
+
+def test_letters_that_pdflatex_may_not_have_are_named():
+    plan = cells(("模型",), ("maniskill/One",))
+    table = success_table("night", tables_of(document(1, of=plan), rows(plan, 1)), Condition())
+    assert render_table(table, TableFormat.LATEX).splitlines()[1].startswith("% has 型模: pdfLaTeX may need")
+    assert "fontenc" not in rendered(TableFormat.LATEX)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no pdflatex here: apt-get install texlive-latex-base")
+def test_an_article_with_the_table_compiles(tmp_path):
+    (tmp_path / "article.tex").write_text(ARTICLE % special_table(), encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-no-shell-escape", "article.tex"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, errors="replace", timeout=120)
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert (tmp_path / "article.pdf").stat().st_size > 1000

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
 
 import pytest
 
-from robogauntlet.results.report import formatting
+from robogauntlet.results.report import formatting, write_report
 from robogauntlet.results.statistics.rates import Interval, RateBounds
 from robogauntlet.suites.episode import Condition
-from tests.results.synthetic import cells, document, rows, tables_of
+from robogauntlet.suites.schema import CompareEntry
+from tests.results.synthetic import TASKS, cells, document, rows, run_folder, tables_of
 
 
 @pytest.mark.parametrize(
@@ -72,3 +74,20 @@ def test_tables_of_tasks_and_times_are_rectangular():
     for table in (formatting.task_table(tables, "maniskill"), formatting.timing_table(tables.timing)):
         assert table.rows
         assert all(len(line) == len(table.header) for line in table.rows)
+
+
+def test_one_is_singular_in_every_file_of_a_report(tmp_path):
+    plan = cells(("first", "second"), TASKS[:1], (Condition(), Condition("noise", 4)))
+    written = write_report(
+        run_folder(
+            tmp_path / "run",
+            document(1, of=plan, compare=CompareEntry(baseline="first", others=("second",))),
+            rows(plan, 1),
+        )
+    )
+    for path in (written.paths.html, written.paths.markdown):
+        text = path.read_text()
+        assert "1 episode" in text
+        assert (
+            re.findall(r"(?<![\w.,@])1 (?:[a-z]+ )?(?:episode|task|seed|pair|axe|error|level|video|run)s\b", text) == []
+        )
