@@ -6,7 +6,7 @@ PLAYING := $(VENV)/.playing
 STAMP := $(VENV)/.installed
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast test-lerobot lint docs dist bench chaos report zoo clean
+.PHONY: help setup demo test test-fast test-lerobot lint docs dist bench fuzz chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -17,6 +17,7 @@ help:
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
+	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
 	@echo "make chaos      fifty runs under random faults, compared with an undisturbed run (about an hour)"
 	@echo "make report     write the newest run's report again"
 	@echo "make zoo        make the shipped checkpoints from nothing into runs/zoo (hours); stopped, it continues"
@@ -72,6 +73,9 @@ dist: setup
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks
+
+fuzz: setup
+	ROBOGAUNTLET_FUZZ_EXAMPLES=6000 $(BIN)/python -m pytest -q tests/fuzz
 
 chaos: setup
 	$(BIN)/python -m tests.chaos

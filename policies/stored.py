@@ -9,9 +9,19 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.support.errors import plain_words
+from robogauntlet.support.text import shortened, visible
 
+LONGEST_PLACE = 200
+"""Characters of the place of a fault, which may hold names of strangers."""
 STRICT = ConfigDict(extra="forbid")
 """Configuration of pydantic dataclasses that refuse unknown fields."""
+
+
+class StoredError(PolicyError):
+    """A file or stored value that cannot be used. Its text is one line, whatever names the file holds."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(visible(message))
 
 
 class Stored:
@@ -38,7 +48,7 @@ class Stored:
 def first_fault(error: ValidationError) -> str:
     """Return the first error in one line."""
     fault = error.errors(include_url=False)[0]
-    place = ".".join(map(str, fault["loc"]))
+    place = shortened(visible(".".join(map(str, fault["loc"]))), LONGEST_PLACE)
     message = " ".join(plain_words(fault["msg"]).split())
     if message.startswith("Input should be "):
         message = f"expected {message.removeprefix('Input should be ')}, got {reprlib.repr(fault['input'])}"

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.suites.plugins import did_you_mean
+from robogauntlet.support.text import visible
 
 NAMES = ("observation", "info", "reward", "terminated", "unwrapped")
 """Names in expressions: the results of reset and step, and the environment without its wrappers."""
@@ -88,10 +89,14 @@ def value_of(text: str, names: Mapping[str, Any], declared: Collection[str] = ()
             return _number(_Reading(names, declared).value(_parsed(text)[0]))
     except AttributeError as error:
         known = [name for name in dir(error.obj) if not name.startswith("_")]
-        raise ValueError(f"'{text}': no '{error.name}' there{did_you_mean(str(error.name), known)}") from None
+        raise ValueError(f"'{_shown(text)}': no '{error.name}' there{did_you_mean(str(error.name), known)}") from None
     except Exception as error:  # An environment's attribute may raise anything.
         problem = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
-        raise ValueError(f"'{text[:LONGEST]}': {' '.join(problem.split())}") from None
+        raise ValueError(f"'{_shown(text)}': {visible(' '.join(problem.split()))}") from None
+
+
+def _shown(text: str) -> str:
+    return visible(" ".join(text[:LONGEST].split()))
 
 
 @lru_cache(1024)
@@ -99,7 +104,7 @@ def _parsed(text: str) -> tuple[ast.expr, tuple[str, ...]]:
     """Return an expression's tree, checked, and the environment's attributes that it reads. Raises ValueError."""
     if len(text) > LONGEST:
         raise ValueError(f"expected an expression of {LONGEST} characters at most, got {len(text)}")
-    shown = " ".join(text.split())
+    shown = _shown(text)
     try:
         with warnings.catch_warnings(action="ignore"):
             tree = ast.parse(text, mode="eval").body

@@ -88,7 +88,7 @@ def read_checkpoint(suite_options: Mapping[str, Any]) -> Checkpoint:
         config = parse_json((folder / "config.json").read_text(encoding="utf-8"))
         features = {**config["input_features"], **config["output_features"]}
         shapes = {name: tuple(map(int, feature["shape"])) for name, feature in features.items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, OverflowError, TypeError, AttributeError) as error:
         path = folder / "config.json"
         raise PolicyError(f"policy '{NAME}': expected a configuration of LeRobot in {path}, got: {error}") from None
     state = options.proprioception if options.proprioception in shapes else None

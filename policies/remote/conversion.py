@@ -13,6 +13,7 @@ from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.policies.contract import PolicyMismatch, Query
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.remote.server_options import Convention
+from robogauntlet.support.text import visible
 
 MAX_ACTIONS = 1000
 """Longest chunk that is accepted in an answer."""
@@ -125,7 +126,7 @@ def as_axis_angles(convention: Convention, rotations: FloatArray) -> FloatArray:
 def read_chunk(answer: Mapping[str, Any], key: str, width: int, *, exactly: bool) -> FloatArray:
     """Return the finite array (n, width or more) under a key of an answer, float64; else raise PolicyMismatch."""
     if key not in answer:
-        keys = ", ".join(sorted(map(str, answer)))[:200] or "nothing"
+        keys = visible(", ".join(sorted(map(str, answer)))[:200]) or "nothing"
         raise PolicyMismatch(f"expected '{key}' in the answer, got {keys}; set option actions")
     try:
         rows = np.asarray(answer[key])

@@ -15,6 +15,8 @@ from typing import Any
 import msgpack
 import numpy as np
 
+from robogauntlet.support.text import visible
+
 KINDS = "biufSU"
 """Kinds of numpy types that are sent: truth values, numbers, text. No objects, structures or complex numbers."""
 _DTYPE = re.compile(rf"[<>|=]?[{KINDS}][1-9][0-9]{{0,5}}")
@@ -37,7 +39,10 @@ _COUNTED = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 
 
 class PackingError(Exception):
-    """Data that are not, or cannot become, a message of this protocol."""
+    """Data that are not, or cannot become, a message of this protocol. Its text is one line, whatever they hold."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(visible(message))
 
 
 def pack(message: Mapping[str, Any]) -> bytes:

@@ -146,7 +146,8 @@ def _observation(message: Mapping[str, Any], spec: PolicySpec) -> Observation:
     missing = [camera for camera in spec.cameras if camera not in images]
     if missing or not images:
         needed = CAMERA_KEYS[missing[0]] if missing else " or ".join(CAMERA_KEYS.values())
-        raise PackingError(f"expected an image as {needed}, got none among {', '.join(sorted(map(str, message)))}")
+        keys = ", ".join(sorted(map(str, message)))[:200]
+        raise PackingError(f"expected an image as {needed}, got none among {keys}")
     state = message.get(STATE_KEY)
     if not isinstance(state, np.ndarray) or state.dtype.kind not in "iuf" or state.shape != (PROPRIOCEPTION_DIM,):
         got = f"shape {state.shape}" if isinstance(state, np.ndarray) else f"a {type(state).__name__}"

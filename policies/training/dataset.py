@@ -280,7 +280,7 @@ def _read_info(folder: Path) -> tuple[dict[str, Any], DatasetSpec]:
         spec = spec_of(info) if images and version == CODEBASE_VERSION else None
     except OSError as error:
         raise DatasetError(f"{path}: expected a LeRobot dataset: {error.strerror}") from None
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise DatasetError(f"{path}: expected a LeRobot dataset: {type(error).__name__}: {error}") from None
     if version != CODEBASE_VERSION:
         raise DatasetError(f"{path}: expected codebase_version {CODEBASE_VERSION}, got {version}")

@@ -228,7 +228,7 @@ class DatasetWriter:
             stored = dict(document["source"])
             self._files, episodes = int(document["data_files"]), int(document["episodes"])
             self.attempts = [Attempt(**attempt) for attempt in document["attempts"]]
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, OverflowError, ValueError, KeyError, TypeError) as error:
             raise DatasetError(f"{path}: expected a record of attempts: {type(error).__name__}: {error}") from None
         for key in {**stored, **self.source}:
             before, now = stored.get(key), self.source.get(key)
@@ -245,7 +245,7 @@ class DatasetWriter:
                 names = [field.name for field in data.schema_arrow if not pa.types.is_struct(field.type)]
                 self._numbers.append(data.read(names))
             self.spec = spec_of(parse_json((self.folder / INFO_FILE).read_text(encoding="utf-8")))
-        except (OSError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+        except (OSError, OverflowError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
             raise DatasetError(f"{self.folder}: it cannot be continued: {type(error).__name__}: {error}") from None
         for row in self._rows:
             self._tasks.setdefault(row["tasks"][0], len(self._tasks))

@@ -20,7 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, PROPRIOCEPTION_DIM, FloatArray, Image
-from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.stored import StoredError
 
 CODEBASE_VERSION = "v3.0"
 INFO_FILE, STATS_FILE, TASKS_FILE = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
@@ -38,7 +38,7 @@ QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 Floats = NDArray[np.float32]
 
 
-class DatasetError(PolicyError):
+class DatasetError(StoredError):
     """A dataset that cannot be read or written."""
 
 

@@ -82,6 +82,7 @@ OTHERS = {
         f"[{{kind: random, options: {{{BOMB.replace(chr(10), ', ')}}}}}]": "its aliases stand for more",
         "[{kind: random, options: [1]}]": "expected a mapping, found a list",
         "[{kind: lerobot, options: {checkpoint: x, python: /bin/sh}}]": "a suite names no program",
+        f"[{{kind: mergevla, options: {{checkpoint: {'y' * 300}}}}}]": "File name too long",
         "[{kind: openpi, options: {adress: x}}]": "policy 'openpi' has no option 'adress'; did you mean 'address'?",
     },
     "tasks": {

@@ -96,19 +96,30 @@ def load_checkpoint(reference: str | Path) -> Checkpoint:
     """
     folder = locate(str(reference))
     tensors, metadata = load_tensors(folder)
+    with torch.device("meta"):  # shapes only, since metadata may tell of a network larger than any memory
+        _check_shapes(folder, _network(metadata), tensors)
     with torch.random.fork_rng(devices=[]):  # leaves the global generator unchanged
-        model = MergeVLA(metadata.architecture)
+        model = _network(metadata)
+    names = {plain_name(name): name for name in model.state_dict()}
+    model.load_state_dict({names[name]: tensor for name, tensor in tensors.items()}, assign=True)
+    return Checkpoint(model.eval(), metadata)
+
+
+def _network(metadata: CheckpointMetadata) -> MergeVLA:
+    model = MergeVLA(metadata.architecture)
     if metadata.lora is not None:
         add_lora(model, metadata.lora, seed=0)
-    state = model.state_dict()
-    names = {plain_name(name): name for name in state}
-    for name in sorted(names.keys() | tensors.keys()):
-        expected = tuple(state[names[name]].shape) if name in names else "no such tensor"
+    return model
+
+
+def _check_shapes(folder: Path, model: MergeVLA, tensors: Mapping[str, Tensor]) -> None:
+    """Raise CheckpointError unless the tensors are those of the model."""
+    expected_shapes = {plain_name(name): tuple(tensor.shape) for name, tensor in model.state_dict().items()}
+    for name in sorted(expected_shapes.keys() | tensors.keys()):
+        expected = expected_shapes.get(name, "no such tensor")
         shape = tuple(tensors[name].shape) if name in tensors else "none"
         if expected != shape:
             raise CheckpointError(f"'{folder}': expected {name} of shape {expected} by its metadata, got {shape}")
-    model.load_state_dict({names[name]: tensor for name, tensor in tensors.items()}, assign=True)
-    return Checkpoint(model.eval(), metadata)
 
 
 def load_tensors(reference: str | Path) -> tuple[dict[str, Tensor], CheckpointMetadata]:

@@ -20,19 +20,22 @@ from pydantic.dataclasses import dataclass
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
-from robogauntlet.policies.stored import STRICT, Stored
+from robogauntlet.policies.stored import STRICT, Stored, StoredError
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.suites.episode import content_hash
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.json_text import parse_json
+from robogauntlet.support.text import shortened
 
 WEIGHTS, METADATA_FILE, FORMAT = "model.safetensors", "card.json", 1
 PICKLES = (".bin", ".pt", ".pth", ".pkl", ".pickle", ".ckpt")
+LONGEST_REFERENCE = 200
+"""Characters of the name of a checkpoint in a message."""
 LARGEST_HEADER = 100_000_000
 """Bytes, the limit of the safetensors format."""
 
 
-class CheckpointError(PolicyError):
+class CheckpointError(StoredError):
     """A checkpoint that cannot be used."""
 
 
@@ -148,15 +151,17 @@ def locate(reference: str) -> Path:
     path = shipped(reference)
     if path.suffix in PICKLES:
         raise _pickle(path.name, path.parent)
-    if path.is_dir():
-        try:
+    try:
+        if path.is_dir():
             pickles = sorted(file.name for file in path.iterdir() if file.suffix in PICKLES)
-        except OSError as error:
-            raise CheckpointError(f"expected to read '{path}', got: {error.strerror}") from None
-        if pickles and not (path / WEIGHTS).is_file():
-            raise _pickle(pickles[0], path)
-        return path
-    if path.exists() or not re.fullmatch(r"[\w][\w.-]*/[\w][\w.-]*(@[\w./-]+)?", reference):
+            if pickles and not (path / WEIGHTS).is_file():
+                raise _pickle(pickles[0], path)
+            return path
+        is_there = path.exists()
+    except OSError as error:
+        shown = shortened(str(path), LONGEST_REFERENCE)
+        raise CheckpointError(f"expected to read '{shown}', got: {error.strerror}") from None
+    if is_there or not re.fullmatch(r"[\w][\w.-]*/[\w][\w.-]*(@[\w./-]+)?", reference):
         raise CheckpointError(f"expected a checkpoint's folder or a hub id, got '{reference}'")
     return _from_hub(reference)
 
@@ -190,10 +195,13 @@ def base_folder(folder: Path, base: str) -> Path:
     Raises CheckpointError if it is neither a folder nor on a hub.
     """
     beside = folder / base
+    shown = shortened(base, LONGEST_REFERENCE)
     try:
         return locate(str(beside) if beside.is_dir() else base)
+    except OSError as error:
+        raise CheckpointError(f"'{folder}': expected its base at '{shown}': {error.strerror}") from None
     except PolicyError as error:
-        raise CheckpointError(f"'{folder}': expected its base at '{base}': {error}") from None
+        raise CheckpointError(f"'{folder}': expected its base at '{shown}': {error}") from None
 
 
 def digest_of(reference: str) -> str:
@@ -259,7 +267,7 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
         header = parse_json(text)
         header.pop("__metadata__", None)
         offsets = [entry["data_offsets"] for entry in header.values() if entry["dtype"] and entry["shape"] is not None]
-        if any(not 0 <= first <= last for first, last in offsets):
+        if any(not (type(first) is type(last) is int and 0 <= first <= last) for first, last in offsets):
             raise ValueError("offsets out of order")
     except (AttributeError, KeyError, TypeError, ValueError):
         raise CheckpointError(

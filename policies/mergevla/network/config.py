@@ -9,12 +9,17 @@ from pydantic import Field, StrictInt
 from pydantic.dataclasses import dataclass
 
 from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
-from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.stored import STRICT, Stored
+from robogauntlet.policies.stored import STRICT, Stored, StoredError
 from robogauntlet.suites.episode import CAMERAS
 
+Size = Annotated[int, Field(ge=1, le=10_000_000)]
+"""A number of things in a network; far above what any has."""
+Layers = Annotated[int, Field(ge=1, le=1_000)]
+Pixels = Annotated[int, Field(ge=1, le=8_192)]
+Widths = Annotated[tuple[Size, ...], Field(max_length=100)]
 
-class ArchitectureError(PolicyError):
+
+class ArchitectureError(StoredError):
     """An architecture that cannot be built."""
 
 
@@ -22,8 +27,8 @@ class ArchitectureError(PolicyError):
 class ConvStem:
     """A stack of convolutions per camera, each halving the image; every cell of the last map is a patch."""
 
-    channels: tuple[int, ...] = (16, 32, 64, 128)
-    groups: int = 4
+    channels: Annotated[tuple[Size, ...], Field(max_length=12)] = (16, 32, 64, 128)
+    groups: Size = 4
     """Groups of channels that are normalised together after each convolution (arXiv 1803.08494). Without them, training
     from scratch is slower: a held-out L1 of .122 instead of .103 after 450 steps on PandaPickAndPlace."""
     kind: Literal["ConvStem"] = "ConvStem"
@@ -49,12 +54,12 @@ class ConvStem:
 class Tower:
     """A vision transformer."""
 
-    width: int
-    layers: int
-    heads: int
-    feed_forward: int
-    patch_size: int
-    image_size: int
+    width: Size
+    layers: Layers
+    heads: Size
+    feed_forward: Size
+    patch_size: Size
+    image_size: Pixels
     """Height and width (px) of the images that its position embeddings were made for."""
 
 
@@ -80,12 +85,12 @@ class Towers:
 class LanguageModel:
     """Sizes of a Qwen2 decoder."""
 
-    width: int
-    layers: int
-    heads: int
-    key_value_heads: int
-    feed_forward: int
-    vocabulary: int
+    width: Size
+    layers: Layers
+    heads: Size
+    key_value_heads: Size
+    feed_forward: Size
+    vocabulary: Size
     rope_theta: float = 1e6
     bidirectional: bool = False
     """Attend to the whole sequence, not only to earlier tokens. For decoders that are trained from scratch; a
@@ -96,7 +101,7 @@ class LanguageModel:
 class ExpertConfig:
     """The cross-attention stack that turns hidden states into actions, with one block for each decoder layer."""
 
-    heads: int
+    heads: Size
     self_attention: bool = False
     """VLA-Adapter's block, the paper's negative control: the chunk's steps attend to each other too, one query
     projection serves all keys, and the gate is a tanh."""
@@ -138,22 +143,22 @@ class Architecture(Stored):
     refusal: ClassVar = ArchitectureError
 
     name: str
-    image_size: int
+    image_size: Pixels
     """Height and width (px) of each camera's image."""
     vision: Annotated[ConvStem | Towers, Field(discriminator="kind")]
-    projector: tuple[int, ...]
+    projector: Widths
     """Widths of the layers between the vision features and the language model's own width."""
     language: LanguageModel
-    action_queries: int
+    action_queries: Size
     expert: ExpertConfig
     tokenizer: str
     """`words` for hashed words, else what `transformers.AutoTokenizer` can load: a folder or a hub id."""
-    prompt_tokens: int
+    prompt_tokens: Size
     """Length to which prompts are padded."""
     cameras: tuple[str, ...] = CAMERAS
-    chunk_length: int = 8
-    action_dim: int = ACTION_DIM
-    proprioception_dim: int = PROPRIOCEPTION_DIM
+    chunk_length: Size = 8
+    action_dim: Size = ACTION_DIM
+    proprioception_dim: Size = PROPRIOCEPTION_DIM
     quirks: PaperCodeQuirks = field(default_factory=PaperCodeQuirks)
 
     def __post_init__(self) -> None:

@@ -47,14 +47,6 @@ def test_a_run_that_was_sent_in_between_is_no_baseline_until_it_is_accepted(run_
     assert (done.code, "wednesday against poison" in done.out) == (0, True)
 
 
-@pytest.mark.parametrize("folder", [".", "/", "..", "runs/.."])
-def test_an_import_needs_the_name_of_its_folder(run_command, exported, tmp_path, folder):
-    before = sorted(tmp_path.rglob("*"))
-    line = run_command("import", exported, "--out", folder).refusal
-    assert line.startswith("--out: expected the name of a new folder, got ")
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 HOSTILE = {
     "planned beyond 64 bits": lambda content: content["plan"][0].update(planned=2**63),
     "a time beyond all years": lambda content: content.update(started_at=1e20),

@@ -1,0 +1,82 @@
+"""Frames of the policy protocol: whatever a server or a client sends, it is read or refused in one line."""
+
+import numpy as np
+from hypothesis import example
+from hypothesis import strategies as st
+
+from robogauntlet.policies.contract import PolicyMismatch
+from robogauntlet.policies.remote.conversion import decode_chunk
+from robogauntlet.policies.remote.msgpack_numpy import PackingError, pack, unpack
+from robogauntlet.policies.remote.protocol import (
+    as_message,
+    as_metadata,
+    episode_in,
+    finished_in,
+    greeting_in,
+    greeting_of,
+    query_in,
+    routing_in,
+)
+from robogauntlet.policies.remote.server_options import Convention
+from tests.fuzz.damage import damaged_bytes, damaged_value, fuzzed, in_one_line
+from tests.fuzz.example_messages import ANSWER, POLICY, QUERY
+
+GREETING = as_metadata(greeting_of(POLICY, "0123456789abcdef"))
+MESSAGE = as_message(QUERY, ["an-episode"])
+CONVENTIONS = (
+    Convention(),
+    Convention(columns=(0, 1, 2, 3, 4, 5, None), rotation="euler"),
+    Convention(columns=(0, 1, 2, 3, 4, 5, 6, 6), rotation="quaternion-wxyz"),
+)
+
+
+@fuzzed(st.sampled_from([pack(GREETING), pack(MESSAGE), pack(ANSWER)]).flatmap(damaged_bytes))
+@example(damaged=b"\x91" * 10_000)
+@example(damaged=b"\xdd\xff\xff\xff\xff")
+def test_a_damaged_frame(damaged):
+    try:
+        content = unpack(damaged)
+    except PackingError as error:
+        in_one_line(error)
+        return
+    if isinstance(content, dict):
+        read_as_client(content)
+        read_as_server(content)
+
+
+@fuzzed(damaged_value(GREETING) | damaged_value(ANSWER))
+@example(damaged={"a\nb": 1})
+def test_a_damaged_message_of_a_server(damaged):
+    read_as_client(damaged)
+
+
+@fuzzed(damaged_value(MESSAGE))
+@example(damaged={**{name: MESSAGE[name] for name in MESSAGE if "image" not in name}, "a\nb": 1})
+@example(damaged=MESSAGE | {"robogauntlet/step": "a\nb"})
+def test_a_damaged_message_of_a_client(damaged):
+    read_as_server(damaged)
+
+
+def read_as_client(content):
+    refusable(lambda: greeting_in(content))
+    refusable(lambda: routing_in(content))
+    for convention in CONVENTIONS:
+        refusable(lambda convention=convention: np.testing.assert_equal(decode_chunk(convention, content).shape[1], 7))
+
+
+def read_as_server(content):
+    def read():
+        found = episode_in(content)
+        assert all(isinstance(name, str) for name in finished_in(content))
+        if found is not None:
+            query_in(content, *found, POLICY.spec)
+
+    refusable(read)
+
+
+def refusable(read):
+    """Read something, which may be refused in one line."""
+    try:
+        read()
+    except (PackingError, PolicyMismatch) as error:
+        in_one_line(error)
