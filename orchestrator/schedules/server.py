@@ -31,7 +31,7 @@ from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, Sche
 from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.store.database import Database, StoreError
 from robogauntlet.results.store.run_history import History
-from robogauntlet.support.errors import BadInput
+from robogauntlet.support.errors import BadInput, describe, describe_os_error
 from robogauntlet.support.files import exclusive
 
 LATE_S = 60.0
@@ -87,6 +87,8 @@ class Server:
                     self.step()
                 except StoreError as error:  # the database may be back later
                     self._log(f"the schedules cannot be read: {error}; trying again")
+                except Exception as error:  # whatever one run or schedule does, the others go on
+                    self._log(f"a step of the schedules failed: {describe(error)}; trying again")
                 time.sleep(POLL_S)
         finally:
             self.stop()
@@ -97,11 +99,14 @@ class Server:
             code = running.process.poll()
             if code is not None:
                 self._processes.remove(running)
-            if not running.concluded and code is not None:
-                self._ended(running, code)
-            elif not running.concluded and has_ended(Path(running.scheduled_run.folder)):
-                self._conclude(running.schedule, running.scheduled_run, None)
-                running.concluded = True
+            if running.concluded:
+                continue
+            with self._apart(running.schedule.name):
+                if code is not None:
+                    self._ended(running, code)
+                elif has_ended(Path(running.scheduled_run.folder)):
+                    self._conclude(running.schedule, running.scheduled_run, None)
+                    running.concluded = True
         for name in self._store.set_back(self._now()):
             self._log(f"{name}: its runs are due from this moment on, because the clock was ahead")
             line = "the clock was ahead; runs that were due until it was right again are missed"
@@ -115,6 +120,16 @@ class Server:
                     break
                 busy.append(schedule.suite)
                 self._begin(schedule, scheduled_run)
+
+    @contextlib.contextmanager
+    def _apart(self, name: str) -> Iterator[None]:
+        """Log an error of one schedule, so that the others go on. StoreError, which concerns all, is raised."""
+        try:
+            yield
+        except StoreError:
+            raise
+        except Exception as error:
+            self._log(f"{name}: {describe(error)}")
 
     def play(self, schedule: Schedule, scheduled_run: ScheduledRun) -> ScheduledRun:
         """Run one scheduled run, conclude it and wait for its process. Raises StoreError, OSError."""
@@ -187,8 +202,11 @@ class Server:
             self._log(f"{schedule.name}: {Path(scheduled_run.folder).name} starts")
         try:
             self._processes.append(begin(schedule, scheduled_run, self._history.url))
-        except OSError as error:
-            outcome = f"the run could not start: {error.strerror}"
+        except StoreError:
+            raise
+        except Exception as error:
+            reason = describe_os_error(error) if isinstance(error, OSError) else describe(error)
+            outcome = f"the run could not start: {reason}"
             self._log(f"{schedule.name}: {outcome}")
             self._store.change(scheduled_run, state=State.FAILED, ended_at=time.time(), outcome=outcome)
 

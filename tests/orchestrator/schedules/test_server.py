@@ -4,9 +4,11 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 
+from robogauntlet.orchestrator.schedules import server as server_module
 from robogauntlet.orchestrator.schedules.run_process import RunProcess, conclude, has_ended, is_running, remove_old
 from robogauntlet.orchestrator.schedules.schedule import CatchUp, Schedule, State
 from robogauntlet.orchestrator.schedules.server import AlreadyRunning, Server, exclusive_server
@@ -185,6 +187,29 @@ def test_a_run_is_concluded_before_its_videos_are_recorded(service, by_server, m
         assert service.states() == ["failed"]
     assert processes[0].poll() is not None
     assert service.notified() == ["STOPPED"]
+
+
+def test_a_schedule_that_fails_in_an_unforeseen_way_stops_no_other(service, monkeypatch):
+    begun = []
+
+    def begin(schedule, scheduled_run, history):
+        if schedule.name == "broken":
+            raise RecursionError("of a document")
+        begun.append(schedule.name)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(server_module, "begin", begin)
+    other = service.folder / "other.yaml"
+    other.write_text(service.suite.read_text())
+    broken = service.add("broken")
+    sound = replace(broken, name="sound", suite=str(other))
+    service.schedule_store.add(sound)
+    for schedule in (broken, sound):
+        service.trigger(schedule)
+    with pytest.raises(KeyboardInterrupt):
+        service.server(max_parallel=2).step()
+    assert begun == ["sound"]
+    assert "broken: the run could not start: RecursionError: of a document" in service.log
 
 
 def test_two_runs_of_a_suite_never_overlap(service):
