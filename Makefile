@@ -4,9 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 PLAYING := $(VENV)/.playing
 STAMP := $(VENV)/.installed
+PIP_AUDIT := 2.10.1
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo test test-fast test-lerobot lint docs dist bench fuzz chaos report zoo clean
+.PHONY: help setup demo test test-fast test-lerobot lint docs dist audit bench fuzz chaos report zoo clean
 
 help:
 	@echo "make demo       set up, play experts and merged policies in three simulators, print the tables and the report's place"
@@ -16,6 +17,7 @@ help:
 	@echo "make lint       ruff and mypy"
 	@echo "make docs       build the documentation into runs/site, links checked; it needs no network to be read"
 	@echo "make dist       build the wheels of robogauntlet and robogauntlet-zoo, and the source distribution, into dist/"
+	@echo "make audit      look up known vulnerabilities of all pinned packages; needs a network"
 	@echo "make bench      measure speed; prints tables and writes runs/bench/*.json"
 	@echo "make fuzz       many more damaged suites, runs, checkpoints and messages than make test reads (ten minutes)"
 	@echo "make chaos      fifty runs under random faults, compared with an undisturbed run (about an hour)"
@@ -70,6 +72,14 @@ dist: setup
 	rm -rf dist build src/*.egg-info zoo/build zoo/*.egg-info
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . ./zoo
 	$(BIN)/python -c "from setuptools.build_meta import build_sdist; print('dist/' + build_sdist('dist'))"
+
+# pip-audit wants other versions than we do of some packages; it gets an environment of its own.
+$(VENV)/audit-$(PIP_AUDIT)/bin/pip-audit: | $(STAMP)
+	$(PYTHON) -m venv $(VENV)/audit-$(PIP_AUDIT)
+	$(VENV)/audit-$(PIP_AUDIT)/bin/python -m pip install --quiet pip-audit==$(PIP_AUDIT)
+
+audit: $(VENV)/audit-$(PIP_AUDIT)/bin/pip-audit
+	$(BIN)/python scripts/audit.py $<
 
 bench: setup
 	$(BIN)/python -m tests.benchmarks

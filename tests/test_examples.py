@@ -1,13 +1,9 @@
-"""The steps of the examples are run."""
+"""The examples are run."""
 
-import os
 import re
-import sqlite3
-import subprocess
 import sys
 
 import pytest
-import yaml
 
 from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folders
@@ -15,59 +11,6 @@ from robogauntlet.results.store.run_history import History
 from tests import ROOT
 from tests.orchestrator.cli.test_compare import bad, good, save
 from tests.processes import run_process
-
-PYTHONPATH = f"{ROOT / 'src'}{os.pathsep}{ROOT}"
-SUITE = """
-name: nightly
-policies: [oracle, random]
-tasks: [null/Reach]
-seeds: {count: 40}
-"""
-
-
-@pytest.fixture
-def night(tmp_path):
-    """Runs a step of the workflow as GitHub would, in a folder with a suite; returns exit code and summary."""
-    workflow = yaml.safe_load((ROOT / "examples/github-nightly.yml").read_text())
-    steps = {step["name"]: step["run"] for step in workflow["jobs"]["robogauntlet"]["steps"] if "run" in step}
-    (tmp_path / "suite.yaml").write_text(SUITE)
-    program = tmp_path / "bin" / "robogauntlet"
-    program.parent.mkdir()
-    program.write_text(
-        f'#!/bin/sh\nexec {sys.executable} -c "from robogauntlet.orchestrator.cli import main; main()" "$@"\n'
-    )
-    program.chmod(0o755)
-
-    def run(name):
-        summary = tmp_path / "summary.md"
-        summary.write_text("")
-        environment = {
-            **os.environ,
-            "SUITE": "suite.yaml",
-            "GITHUB_STEP_SUMMARY": str(summary),
-            "PATH": f"{program.parent}:{os.environ['PATH']}",
-            "PYTHONPATH": PYTHONPATH,
-        }
-        step = subprocess.run(["bash", "-e", "-c", steps[name]], cwd=tmp_path, env=environment, check=False)
-        return step.returncode, summary.read_text()
-
-    return run
-
-
-@pytest.mark.ray
-def test_the_workflow_passes_on_good_runs_and_fails_on_a_regression(night, tmp_path):
-    assert night("play") == (0, "")
-    assert night("compare") == (0, "the first night: no baseline to compare with yet\n")
-    assert night("keep a good night") == (0, "")
-    assert night("play")[0] == 0
-    code, summary = night("compare")
-    assert code == 0
-    assert "### ✅ no evidence of a difference" in summary
-    with sqlite3.connect(tmp_path / "runs" / "now" / "episodes.sqlite") as database:
-        database.execute("update episodes set status = 'failure' where policy = 'oracle' and seed < 12")
-    code, summary = night("compare")
-    assert code == 1
-    assert "oracle, null/Reach: 100 % before, 70 % now of 40 episodes, -30.0 points" in summary
 
 
 def example(name, *arguments, cwd):

@@ -98,10 +98,9 @@ def _github(schedule: Schedule, root: Path) -> str:
             remedy = f"GitHub has only the files of the repository; expected the suite under {root}"
             raise ScheduleError(f"suite {suite}: {remedy}")
         suite = suite.relative_to(root)
-    arguments = "".join(f" {shlex.quote(argument)}" for argument in schedule.arguments)
     return (
         template.replace("name: nightly robogauntlet", f"name: {schedule.name}", 1)
         .replace('cron: "17 2 * * *"', f'cron: "{" ".join(expanded(schedule.cron))}"', 1)
-        .replace("SUITE: suites/smoke.yaml", f"SUITE: {json.dumps(str(suite))}", 1)
-        .replace('robogauntlet run "$SUITE"', f'robogauntlet run "$SUITE"{arguments}', 1)
+        .replace("suite: suites/smoke.yaml", f"suite: {json.dumps(str(suite))}", 1)
+        .replace('arguments: ""', f"arguments: {json.dumps(shlex.join(schedule.arguments))}", 1)
     )

@@ -110,10 +110,10 @@ def test_github_gets_the_workflow_of_the_example_at_its_time_with_its_arguments(
     example = (ROOT / "examples" / "github-nightly.yml").read_text()
     workflow = yaml.safe_load(printed(run_command, "github", cron="@daily").out)
     expected = yaml.safe_load(example)
-    expected["name"], expected["env"]["SUITE"] = "nightly", "nulls.yaml"
+    expected["name"] = "nightly"
     expected[True]["schedule"] = [{"cron": "0 0 * * *"}]
-    run = next(step for step in expected["jobs"]["robogauntlet"]["steps"] if step.get("name") == "play")
-    run["run"] = 'robogauntlet run "$SUITE" --no-media --out runs/now'
+    run = next(step for step in expected["jobs"]["robogauntlet"]["steps"] if step.get("name") == "play and compare")
+    run["with"] |= {"suite": "nulls.yaml", "arguments": "--no-media"}
     assert workflow == expected
 
 
