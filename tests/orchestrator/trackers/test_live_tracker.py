@@ -174,12 +174,11 @@ def test_a_tracker_whose_process_dies_costs_one_warning(tmp_path, monkeypatch, u
 
     def kill(self, results):
         on_results(self, results)
-        for process in psutil.Process().children():
-            if any("tracker_process" in word for word in process.cmdline()):
-                process.send_signal(signal.SIGKILL)
+        os.kill(tracker._child._process.pid, signal.SIGKILL)
 
     monkeypatch.setattr(Progress, "on_results", kill)
-    outcome = tracked_play(tmp_path, Tracker.WANDB)
+    tracker = LiveTracker(Tracker.WANDB)
+    outcome = play(tmp_path / "suite.yaml", tmp_path / "run", tracker=tracker)
     assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
     (warning,) = outcome.warnings
     assert warning.startswith("W&B: the process was killed by SIGKILL")
