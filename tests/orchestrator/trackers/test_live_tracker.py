@@ -1,5 +1,6 @@
 """A run that is sent to an experiment tracker while it plays, and trackers that misbehave."""
 
+import contextlib
 import os
 import re
 import signal
@@ -17,6 +18,7 @@ from robogauntlet.orchestrator.trackers.tracked_run import TrackerError, tracked
 from robogauntlet.orchestrator.trackers.tracker import Tracker, read_tracker
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.support.secret_variables import SECRETS
+from tests.full_disk import full_disk
 from tests.orchestrator.runs.playing import play
 from tests.orchestrator.trackers.runs import items, wandb_records
 from tests.processes import run_gauntlet
@@ -174,7 +176,8 @@ def test_a_tracker_whose_process_dies_costs_one_warning(tmp_path, monkeypatch, u
 
     def kill(self, results):
         on_results(self, results)
-        os.kill(tracker._child._process.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(tracker._child._process.pid, signal.SIGKILL)
 
     monkeypatch.setattr(Progress, "on_results", kill)
     tracker = LiveTracker(Tracker.WANDB)
@@ -182,6 +185,17 @@ def test_a_tracker_whose_process_dies_costs_one_warning(tmp_path, monkeypatch, u
     assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
     (warning,) = outcome.warnings
     assert warning.startswith("W&B: the process was killed by SIGKILL")
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("name", Tracker)
+def test_a_tracker_whose_disk_is_full_costs_one_warning(tmp_path, monkeypatch, untracked, name):
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    with full_disk():
+        tracker = LiveTracker(name)  # the limit holds in its process
+    outcome = play(tmp_path / "suite.yaml", tmp_path / "run", tracker=tracker)
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    assert (len(outcome.warnings), outcome.logged) == (1, None)
 
 
 def test_the_process_of_a_tracker_has_its_secrets_and_no_other(monkeypatch):
