@@ -18,6 +18,8 @@ from robogauntlet.orchestrator.runs.composition import SEEDS, compose_plan
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, run_plan
+from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
+from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.contract import Policy
 from robogauntlet.policies.references import read_reference, with_options
 from robogauntlet.results.api import OpenRun, open_run
@@ -41,6 +43,8 @@ def evaluate(
     options: Mapping[str, Any] | None = None,
     identity: str | None = None,
     media: bool | None = False,
+    log: str | None = None,
+    log_project: str = PROJECT,
     quiet: bool = False,
     **settings: Any,
 ) -> OpenRun:
@@ -70,6 +74,8 @@ def evaluate(
             the source of a function that uses nothing but its parameters and installed modules. Any other object counts
             as a new policy at each call, so that its run cannot be continued.
         media: Record videos after the episodes: all (True), what fits into a fifth of the playing time (None), or none.
+        log: An experiment tracker, `wandb` or `mlflow`, that receives progress, results and videos.
+        log_project: Project of W&B, experiment of MLflow.
         quiet: Print no progress.
         **settings: Further keys of a suite, such as `image_size=224` or `workers=2`.
 
@@ -83,6 +89,7 @@ def evaluate(
     if isinstance(seeds, bool) or not isinstance(seeds, int):
         raise BadInput(f"seeds: expected their number, such as {SEEDS}, got {seeds!r}")
     with ExitStack() as stack:
+        tracker = None if log is None else stack.enter_context(LiveTracker(read_tracker(log), log_project))
         served: ServedObject | None = None
         if isinstance(policy, str | Path):
             if identity is not None:
@@ -99,7 +106,7 @@ def evaluate(
         plan, folder = compose_plan([entry], listed, seeds=seeds, conditions=shifts, folder=folder, settings=settings)
         if served is not None:
             _check(served, plan)
-        return _play(plan, folder, media=media, quiet=quiet)
+        return _play(plan, folder, media=media, quiet=quiet, tracker=tracker)
 
 
 def _texts(name: str, given: str | Sequence[str], one: str) -> list[str]:
@@ -121,9 +128,10 @@ def _check(served: ServedObject, plan: Plan) -> None:
     served.check_answer(suite.view, task_descriptions()[suite.tasks[0]].instruction)
 
 
-def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool) -> OpenRun:
+def _play(plan: Plan, folder: Path, *, media: bool | None, quiet: bool, tracker: LiveTracker | None) -> OpenRun:
     history = history_url(os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.parent)
-    outcome = run_plan(plan, folder, RunOptions(media=media, history=history), Progress(Console(quiet=quiet)))
+    options, progress = RunOptions(media=media, history=history), Progress(Console(quiet=quiet))
+    outcome = run_plan(plan, folder, options, progress, tracker=tracker)
     for warning in outcome.warnings:
         warnings.warn(warning, stacklevel=3)
     if outcome.document.status is RunStatus.INTERRUPTED or outcome.media_interrupted:

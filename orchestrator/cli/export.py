@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, Trust, out, print_line
+from robogauntlet.orchestrator.cli.hub import check_repository, push_folder
 from robogauntlet.orchestrator.cli.policies.demonstrate import conclude_recording
 from robogauntlet.orchestrator.replay.dataset_export import DatasetExport, EpisodeFilter, write_datasets
 from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources
@@ -19,6 +20,7 @@ from robogauntlet.orchestrator.runs.progress import RecordingProgress
 from robogauntlet.results.api import OpenRun
 from robogauntlet.results.report import export_formats
 from robogauntlet.results.report.formatting import counted, spreadsheet_cell
+from robogauntlet.results.report.hub_folder import write_hub_folder
 from robogauntlet.results.report.parquet import write_parquet
 from robogauntlet.results.run_document import RunDocument, read_run
 from robogauntlet.results.store.episode_store import Store
@@ -39,6 +41,8 @@ class Format(StrEnum):
     """The result file of vla-evaluation-harness."""
     LEROBOT_DATASET = "lerobot-dataset"
     """Replayed episodes, recorded as LeRobot v3 datasets, one per task."""
+    HUB = "hub"
+    """A folder in the layout of a repository of the Hugging Face hub."""
 
 
 class Outcome(StrEnum):
@@ -55,6 +59,7 @@ SUFFIXES = {
     Format.LEROBOT: "-eval_info.json",
     Format.VLA_EVAL: "-vla_eval.json",
     Format.LEROBOT_DATASET: "-lerobot",
+    Format.HUB: "-hub",
 }
 
 
@@ -65,7 +70,7 @@ def export(
     ] = Format.RUN,
     policy: Annotated[
         str | None,
-        typer.Option(help="lerobot, vla-eval, lerobot-dataset: only this policy; lerobot-dataset: or a pattern."),
+        typer.Option(help="lerobot, vla-eval, hub, lerobot-dataset: only this policy; lerobot-dataset: or a pattern."),
     ] = None,
     task: Annotated[
         list[str] | None, typer.Option(help="lerobot-dataset: only this task, or a pattern. Repeatable.")
@@ -83,7 +88,15 @@ def export(
     ] = None,
     file: Annotated[
         Path | None,
-        typer.Option("--out", help="File, or folder of the datasets, to write; by default named after the run."),
+        typer.Option("--out", help="File, or folder of hub and datasets, to write; by default named after the run."),
+    ] = None,
+    push: Annotated[
+        str | None,
+        typer.Option(
+            metavar="USER/NAME",
+            help="hub: also push the folder to this repository, which is created as a private one; "
+            "a pull request if it has a card already.",
+        ),
     ] = None,
     store: StoreUrl = None,
     trust: Trust = False,
@@ -92,6 +105,10 @@ def export(
 
     With --format lerobot-dataset, episodes are replayed and recorded frame by frame, for retraining.
     """
+    if push is not None:
+        if form is not Format.HUB:
+            raise BadInput(f"expected --push with --format hub only, got {form}")
+        check_repository(push)
     file = file or Path(f"{run.absolute().name}{SUFFIXES[form]}")
     if form is Format.LEROBOT_DATASET:
         statuses = tuple(map(str, status or (Outcome.FAILURE,)))
@@ -101,23 +118,29 @@ def export(
         return
     if task or condition or status or limit:
         raise BadInput("expected --task, --condition, --status and --limit with --format lerobot-dataset only")
-    if policy is not None and form not in (Format.LEROBOT, Format.VLA_EVAL):
-        raise BadInput(f"expected --policy with --format lerobot, vla-eval or lerobot-dataset only, got {form}")
+    if policy is not None and form not in (Format.LEROBOT, Format.VLA_EVAL, Format.HUB):
+        raise BadInput(f"expected --policy with --format lerobot, vla-eval, hub or lerobot-dataset only, got {form}")
     try:
         document = read_run(run)
         with closing(Store.open_begun(run, document, store)) as rows:
             if form is Format.RUN:
                 count = export_run(document, rows, file)
+            elif form is Format.HUB:
+                tables = OpenRun(run, document, store).tables()
+                kind = write_hub_folder(_new(file), run, document, tables, rows, policy)
+                count = sum(rows.status_counts().values())
             elif form is Format.PARQUET:
                 write_parquet(_new(file), document, rows)
                 count = sum(rows.status_counts().values())
             else:
                 count = _write(form, document, OpenRun(run, document, store), _new(file), policy)
     except OSError as error:
-        if form is not Format.RUN:
+        if form not in (Format.RUN, Format.HUB):
             file.unlink(missing_ok=True)  # it is new; the next attempt needs the name
         raise BadInput(f"{file}: cannot be written: {error.strerror or error}") from None
     print_line(f"{counted(count, 'episode')} into {file}")
+    if push is not None:
+        print_line(f"pushed: {push_folder(file, push, kind)}")
 
 
 def _write(form: Format, document: RunDocument, run: OpenRun, file: Path, policy: str | None) -> int:

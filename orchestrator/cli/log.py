@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import Annotated
 
 import typer
 
 from robogauntlet.orchestrator.cli.common import RunArgument, StoreUrl, print_line
+from robogauntlet.orchestrator.trackers.tracker import PROJECT, Tracker, log_run
 from robogauntlet.results.api import open_run
-
-
-class Tracker(StrEnum):
-    """An experiment tracker."""
-
-    WANDB = "wandb"
-    MLFLOW = "mlflow"
 
 
 def log(
     run: RunArgument,
     to: Annotated[Tracker, typer.Option("--to", help="Weights & Biases, or MLflow.")],
-    project: Annotated[str, typer.Option(help="Project of W&B, experiment of MLflow.")] = "robogauntlet",
+    project: Annotated[str, typer.Option(help="Project of W&B, experiment of MLflow.")] = PROJECT,
     store: StoreUrl = None,
 ) -> None:
     """Send the results of a run to an experiment tracker.
 
     Success rates, intervals, errors and provenance are sent. A run that was sent before is updated.
     """
-    from robogauntlet.orchestrator.trackers import mlflow, wandb
-
-    log_run = {Tracker.WANDB: wandb.log_run, Tracker.MLFLOW: mlflow.log_run}[to]
     opened = open_run(run, store)
-    address = log_run(opened.document, opened.tables(), name=run.absolute().name, project=project)
+    address = log_run(to, opened.document, opened.tables(), name=run.absolute().name, project=project)
     print_line(f"logged: {address}")

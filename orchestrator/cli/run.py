@@ -31,6 +31,8 @@ from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run import RunOptions, RunOutcome, run_plan
 from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.orchestrator.schedules.schedule import SCHEDULE_VARIABLE
+from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
+from robogauntlet.orchestrator.trackers.tracker import PROJECT, read_tracker
 from robogauntlet.policies.references import option_text, read_options, read_reference, with_options
 from robogauntlet.results.run_document import RUN_FILE, RunStatus, read_run
 from robogauntlet.results.store.database import without_password
@@ -87,6 +89,16 @@ def run(
         ),
     ] = None,
     history: HistoryUrl = None,
+    log: Annotated[
+        str | None,
+        typer.Option(
+            metavar="[wandb|mlflow]",
+            help="Send progress, results and videos to an experiment tracker while the run plays.",
+        ),
+    ] = None,
+    log_project: Annotated[
+        str, typer.Option("--log-project", help="With --log: project of W&B, experiment of MLflow.")
+    ] = PROJECT,
     trust: Trust = False,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print a line for each episode.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
@@ -100,6 +112,7 @@ def run(
     required = tuple(require or ())
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         require_trust(read_run(out_folder), out_folder, trust=trust)
+    tracker = None if log is None else LiveTracker(read_tracker(log), log_project)
     policy_options, part = read_options(option or ()), SuiteSelection()
     if suite is None:
         missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]
@@ -134,6 +147,8 @@ def run(
         fail(f"{name} is skipped: {reason}")
     history_store = store if history is None and store is not None else history_url(history, folder.parent)
     command = _command(plan.path, folder, part, store, address)
+    if log is not None:
+        command += f" --log {log}" + ("" if log_project == PROJECT else f" --log-project {shlex.quote(log_project)}")
     schedule = os.environ.get(SCHEDULE_VARIABLE)
     options = RunOptions(store, address, retry_errors, media, history_store, schedule, command)
     printed: list[str] = []
@@ -142,10 +157,12 @@ def run(
         _print_numbers(outcome)
         printed.extend(outcome.warnings)
 
-    outcome = run_plan(plan, folder, options, Progress(out, verbose=verbose), print_numbers)
+    outcome = run_plan(plan, folder, options, Progress(out, verbose=verbose), print_numbers, tracker)
     for warning in outcome.warnings:
         if warning not in printed:
             fail(warning)
+    if outcome.logged is not None:
+        print_line(f"logged: {outcome.logged}")
     _conclude(outcome, command, command + {None: "", True: " --media", False: " --no-media"}[media])
 
 

@@ -19,6 +19,8 @@ from robogauntlet.orchestrator.runs.plan import Plan, remaining_work
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
 from robogauntlet.orchestrator.runs.run_observer import RunObserver
+from robogauntlet.orchestrator.runs.run_tracking import RunTracking
+from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.folder_lock import FolderError, lock_folder
 from robogauntlet.results.record import EpisodeResult, outcome_row, rows_hash
@@ -79,6 +81,8 @@ class RunOutcome:
     """Messages for the user, a line each."""
     media_interrupted: bool = False
     """Whether the recording of videos was interrupted, after everything else was complete."""
+    logged: str | None = None
+    """Where the run is in the experiment tracker, if all of it was sent to one."""
 
 
 def run_plan(
@@ -87,12 +91,14 @@ def run_plan(
     options: RunOptions,
     progress: Progress,
     on_numbers: Callable[[RunOutcome], None] = lambda outcome: None,
+    tracker: LiveTracker | None = None,
 ) -> RunOutcome:
     """Play the missing episodes of a plan and write all results into `folder`.
 
     The report is written and `on_numbers` called when the last episode has ended; then videos and snapshots are
     recorded, and the report is written again with them. An interruption, a full disk or too many errors end the run
-    early. The returned rows are kept, the outcome has the status and the reason, and running again continues.
+    early. The returned rows are kept, the outcome has the status and the reason, and running again continues. An
+    experiment `tracker` receives the progress, the results and the videos, and is closed.
 
     Raises:
         PlanError: The folder holds another run.
@@ -100,19 +106,25 @@ def run_plan(
         RunError: The folder's document cannot be read, or its rows are in a database whose URL was not given.
         StoreError: The store cannot be opened.
     """
-    with lock_folder(folder, for_run=True), contextlib.ExitStack() as stack:
-        session = RunSession(plan, folder, options, progress, stack)
+    with tracker or contextlib.nullcontext(), lock_folder(folder, for_run=True), contextlib.ExitStack() as stack:
+        session = RunSession(plan, folder, options, progress, stack, tracker)
         session.play()
         outcome = session.conclude()
         on_numbers(outcome)
-        return session.record_media(outcome)
+        return session.finish_tracking(session.record_media(outcome))
 
 
 class RunSession:
     """One process's work on a run."""
 
     def __init__(
-        self, plan: Plan, folder: Path, options: RunOptions, progress: Progress, stack: contextlib.ExitStack
+        self,
+        plan: Plan,
+        folder: Path,
+        options: RunOptions,
+        progress: Progress,
+        stack: contextlib.ExitStack,
+        tracker: LiveTracker | None,
     ) -> None:
         """Create or continue the run; `stack` closes its stores and ends Ray."""
         self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
@@ -137,7 +149,10 @@ class RunSession:
         self._history_writer.record(document, counted=False)
         if options.retry_errors:
             self._store.forget_errors()
-        self._observer = RunObserver(document, plan.unavailable, progress, self._history_writer, self._save_elapsed)
+        self._tracking = RunTracking(tracker, document, folder, self._store, progress)
+        self._observer = RunObserver(
+            document, plan.unavailable, progress, self._history_writer, self._tracking, self._save_elapsed
+        )
         self._start_s: dict[str, float] = {}
         """Simulator to the time that its latest worker took from its start to its first result."""
         self._status = RunStatus.COMPLETE
@@ -231,7 +246,14 @@ class RunSession:
             rows_hash=digest,
             **self._elapsed(),
         )
-        return self._write(done)
+        outcome = self._write(done)
+        self._tracking.conclude(outcome.document, outcome.report.tables if outcome.report else None)
+        return outcome
+
+    def finish_tracking(self, outcome: RunOutcome) -> RunOutcome:
+        """Send the videos to the experiment tracker, and wait a moment until it has everything."""
+        logged, warnings = self._tracking.finish(self._store.results)
+        return replace(outcome, logged=logged, warnings=outcome.warnings + warnings)
 
     def record_media(self, concluded: RunOutcome) -> RunOutcome:
         """Record missing videos and snapshots of a complete run and write the report again. Errors become warnings."""

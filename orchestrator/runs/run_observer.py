@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from robogauntlet.orchestrator.episodes.lease import Readiness
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.runs.run_tracking import RunTracking
 from robogauntlet.orchestrator.scheduling.scheduler import Observer
 from robogauntlet.results.live_status import LiveStatus, LiveWorker
 from robogauntlet.results.record import EpisodeResult
@@ -27,11 +28,13 @@ class RunObserver(Observer[EpisodeResult]):
         unavailable: Mapping[str, str],
         progress: Progress,
         history_writer: HistoryWriter,
+        tracking: RunTracking,
         on_tick: Callable[[], None],
     ) -> None:
         """Observe a run from its start. `on_tick` is called whenever the live status may have changed."""
         self._run_id, self._phase = document.run_id, "playing"
         self._progress, self._history_writer, self._on_tick = progress, history_writer, on_tick
+        self._tracking = tracking
         self.render_devices: dict[str, str] = dict(document.render_devices)
         self.skipped_simulators: dict[str, str] = {name: shortened(why) for name, why in unavailable.items()}
         self.warnings: list[str] = [f"{name} is skipped: {reason}" for name, reason in unavailable.items()]
@@ -49,6 +52,7 @@ class RunObserver(Observer[EpisodeResult]):
 
     def on_results(self, results: Sequence[EpisodeResult]) -> None:
         """Workers have returned rows."""
+        self._tracking.on_results(results)
         self._progress.on_results(results)
 
     def on_warning(self, message: str) -> None:
@@ -59,6 +63,7 @@ class RunObserver(Observer[EpisodeResult]):
     def on_tick(self, activity: Callable[[], Sequence[LiveWorker]]) -> None:
         """Time has passed; `activity` returns what each worker is doing."""
         self._progress.on_tick()
+        self._tracking.on_tick(self.on_warning)
         self._publish(activity)
 
     def on_media_tick(self) -> None:

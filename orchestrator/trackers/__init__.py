@@ -1,8 +1,7 @@
-"""Experiment trackers (Weights & Biases, MLflow), to which the results of a run are sent. See docs/notifications.md.
+"""Experiment trackers (Weights & Biases, MLflow), to which a run is sent. See docs/notifications.md and docs/runs.md.
 
-Each tracker is a module with a function `log_run(document, tables, *, name, project) -> str`. It sends the `TrackedRun`
-of a run's document and tables under a displayed name to a project, and returns where the run is. A run that was sent
-before is updated. It raises TrackerError if the tracker's library is missing or refuses the run.
+Each tracker is a module with the functions of `tracker.TrackerModule`. `robogauntlet log` sends a finished run with
+`tracker.log_run`. While a run plays, `live_tracker.LiveTracker` sends it through a child process (`tracker_process`).
 """
 
 from robogauntlet.orchestrator.trackers.tracked_run import TrackerError

@@ -1,16 +1,23 @@
-"""Sends a run to MLflow: a server, a database or a folder, as set by MLFLOW_TRACKING_URI."""
+"""Sends a run to MLflow: a server, a database or a folder, as set by MLFLOW_TRACKING_URI.
+
+Server and login are MLflow's own settings (MLFLOW_TRACKING_URI and others). The experiment may be new.
+"""
 
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from robogauntlet.orchestrator.trackers.tracked_run import TrackedRun, TrackerError, check_project, tracked_run
-from robogauntlet.results.analysis.tables import Tables
-from robogauntlet.results.report.summary import render_csv
-from robogauntlet.results.run_document import RunDocument, RunStatus
+from robogauntlet.orchestrator.trackers.tracked_run import TrackedRun, TrackerError
+from robogauntlet.orchestrator.trackers.tracker import TrackedVideo
+from robogauntlet.results.run_document import RunStatus
 
 STATUSES = {
     RunStatus.RUNNING: "RUNNING",
@@ -24,21 +31,92 @@ PIECE = 500
 """Metrics per request; MLflow accepts at most 1,000 metrics and 100 parameters or tags."""
 
 
-def log_run(document: RunDocument, tables: Tables, *, name: str, project: str) -> str:
-    """Send numbers, provenance, tags and `cells.csv` of a run to the MLflow experiment `project`, which may be new.
+class MlflowSession:
+    """One run that is open in MLflow. The step of a metric of its progress is the time since its creation (s)."""
 
-    Server and login are MLflow's own settings (MLFLOW_TRACKING_URI and others).
+    def __init__(self, client: Any, run: str, project: str, started_at: float) -> None:
+        self._client, self._run, self._started_at = client, run, started_at
+        self.address = f"{_shown(client.tracking_uri)}, experiment {project}, run {run}"
 
-    Returns:
-        Server, experiment and id of the run, without a login.
-    """
-    check_project(project)
-    summary = tracked_run(document, tables)
+    def log_progress(self, metrics: Mapping[str, float]) -> None:
+        """Add the metrics of one moment of the run."""
+        with _refusals():
+            self._log(metrics, step=int(time.time() - self._started_at))
+
+    def conclude(self, run: TrackedRun) -> None:
+        """Write the results, `cells.csv` and the status of the run."""
+        with _refusals():
+            self._describe(run)
+            self._log(run.metrics, step=0)
+            self._client.log_text(self._run, run.cells, "cells.csv")
+            if run.ended_at is not None:
+                self._client.set_terminated(self._run, STATUSES[RunStatus(run.status)], int(1000 * run.ended_at))
+
+    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
+        """Add videos as files, `videos/POLICY/TASK/STATUS.mp4`."""
+        with _refusals(), tempfile.TemporaryDirectory(prefix="robogauntlet-") as folder:
+            for video in videos:
+                copy = Path(folder) / "videos" / f"{video.name}.mp4"
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(video.path, copy)
+            self._client.log_artifacts(self._run, folder)
+
+    def finish(self) -> None:
+        """Nothing: every request has been answered."""
+
+    def start(self, run: TrackedRun) -> None:
+        """Write what is known of a run at its start; a run that is continued is running again."""
+        self._describe(run)
+        self._client.update_run(self._run, status=STATUSES[RunStatus(run.status)])
+
+    def _describe(self, run: TrackedRun) -> None:
+        from mlflow.entities import Param, RunTag
+
+        params = [Param(key, str(value)) for key, value in run.provenance.items()]
+        labels = [RunTag(f"robogauntlet/{key}", str(value)) for key, value in run.state.items()]
+        labels += [RunTag(tag, "yes") for tag in run.tags]
+        for i in range(0, max(len(params), len(labels)), PIECE // 5):
+            self._client.log_batch(self._run, params=params[i : i + PIECE // 5], tags=labels[i : i + PIECE // 5])
+
+    def _log(self, metrics: Mapping[str, float], *, step: int) -> None:
+        from mlflow.entities import Metric
+
+        now = int(1000 * time.time())
+        entries = [Metric(key, value, now, step) for key, value in metrics.items()]
+        for i in range(0, len(entries), PIECE):
+            self._client.log_batch(self._run, metrics=entries[i : i + PIECE])
+
+
+def check() -> None:
+    """Raise TrackerError if MLflow is missing."""
+    _library()
+
+
+def open_session(run: TrackedRun, *, name: str, project: str) -> MlflowSession:
+    """Create the run in MLflow, or continue the one of the same id."""
     client_class = _library()
-    try:
+    with _refusals():
         client = client_class()
-        run = _write(client, document, summary, render_csv(tables), name, project)
-        return f"{_shown(client.tracking_uri)}, experiment {project}, run {run}"
+        known = client.get_experiment_by_name(project)
+        experiment = client.create_experiment(project) if known is None else known.experiment_id
+        run_id = run.run_id.replace("'", "")
+        earlier = client.search_runs([experiment], f"tags.{TAG} = '{run_id}'", max_results=1)
+        started = int(1000 * run.started_at)
+        if earlier:
+            found = earlier[0].info.run_id
+        else:
+            found = client.create_run(experiment, start_time=started, tags={TAG: run_id}, run_name=name).info.run_id
+        session = MlflowSession(client, str(found), project, run.started_at)
+        session.start(run)
+        return session
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Exceptions of the library as TrackerError."""
+    try:
+        yield
+        return
     except Exception as error:  # its text may contain the address with a login
         code = getattr(error, "error_code", None)
         problem = f"{type(error).__name__}{f' {code}' if isinstance(code, str) else ''}"
@@ -55,36 +133,6 @@ def _library() -> Any:
     except ImportError:
         raise TrackerError('MLflow is not installed; install it with: pip install "robogauntlet[mlflow]"') from None
     return MlflowClient
-
-
-def _write(client: Any, document: RunDocument, summary: TrackedRun, cells: str, name: str, project: str) -> str:
-    from mlflow.entities import Metric, Param, RunTag
-
-    known = client.get_experiment_by_name(project)
-    experiment = client.create_experiment(project) if known is None else known.experiment_id
-    run_id = document.run_id.replace("'", "")
-    earlier = client.search_runs([experiment], f"tags.{TAG} = '{run_id}'", max_results=1)
-    started = int(1000 * document.started_at)
-    if earlier:
-        run = earlier[0].info.run_id
-    else:
-        run = client.create_run(experiment, start_time=started, tags={TAG: run_id}, run_name=name).info.run_id
-    now = int(1000 * time.time())
-    params = [Param(key, str(value)) for key, value in summary.provenance.items()]
-    labels = [RunTag(f"robogauntlet/{key}", str(value)) for key, value in summary.state.items()]
-    labels += [RunTag(tag, "yes") for tag in summary.tags]
-    metrics = [Metric(key, value, now, 0) for key, value in summary.metrics.items()]
-    for i in range(0, max(len(params), len(labels)), PIECE // 5):
-        client.log_batch(run, params=params[i : i + PIECE // 5], tags=labels[i : i + PIECE // 5])
-    for i in range(0, len(metrics), PIECE):
-        client.log_batch(run, metrics=metrics[i : i + PIECE])
-    client.log_text(run, cells, "cells.csv")
-    if document.status is RunStatus.RUNNING:
-        client.update_run(run, status=STATUSES[document.status])
-    else:
-        ended = document.finished_at or document.started_at + document.elapsed_s
-        client.set_terminated(run, STATUSES[document.status], int(1000 * ended))
-    return str(run)
 
 
 def _shown(address: str) -> str:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
-from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.report.summary import render_csv
+from robogauntlet.results.run_document import RunDocument, RunStatus
 from robogauntlet.suites.episode import CLEAN
 from robogauntlet.support.errors import BadInput
 
@@ -22,7 +23,7 @@ COLUMNS = (
 LONGEST_TAG = 64
 """Characters; W&B refuses longer tags."""
 _UNUSABLE = re.compile(r"[^A-Za-z0-9_.\- /]")
-"""Characters that `_usable` replaces: those that MLflow refuses in names, and the colon, which marks replacements."""
+"""Characters that `usable` replaces: those that MLflow refuses in names, and the colon, which marks replacements."""
 _PROJECT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.\- ]{0,127}")
 
 
@@ -32,8 +33,15 @@ class TrackerError(BadInput):
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """The results of a run for an experiment tracker."""
+    """The results of a run for an experiment tracker; all fields are plain values, since they go through JSON."""
 
+    run_id: str
+    status: str
+    """A `RunStatus`."""
+    started_at: float
+    """Seconds since 1970, UTC."""
+    ended_at: float | None
+    """The same of the end; None while the run plays."""
     provenance: dict[str, str | int | float | bool]
     """Software, hardware and policies; they never change."""
     state: dict[str, str | int | float | bool]
@@ -43,10 +51,12 @@ class TrackedRun:
     """`success_rate/POLICY/TASK` and so on, with `/AXIS/SEVERITY` if perturbed; without undefined rates."""
     rows: tuple[tuple[Any, ...], ...]
     """The same as a table with the columns `COLUMNS`; rates are shares, None if undefined."""
+    cells: str
+    """The content of `cells.csv`; empty at the start of a run."""
 
 
-def tracked_run(document: RunDocument, tables: Tables) -> TrackedRun:
-    """Collect the results of a run for an experiment tracker."""
+def tracked_run(document: RunDocument, tables: Tables | None) -> TrackedRun:
+    """Collect the results of a run for an experiment tracker; without tables, what is known at its start."""
     source = document.provenance
     provenance = {
         "run_id": document.run_id,
@@ -59,8 +69,8 @@ def tracked_run(document: RunDocument, tables: Tables) -> TrackedRun:
         "platform": source.platform,
         "processor": source.processor,
         "cores": source.cores,
-        **{f"packages/{_usable(name)}": version for name, version in source.versions.items()},
-        **{f"policies/{_usable(cell.policy)}": cell.policy_digest for cell in document.plan},
+        **{f"packages/{usable(name)}": version for name, version in source.versions.items()},
+        **{f"policies/{usable(cell.policy)}": cell.policy_digest for cell in document.plan},
     }
     state = {
         "status": str(document.status),
@@ -69,21 +79,28 @@ def tracked_run(document: RunDocument, tables: Tables) -> TrackedRun:
         "elapsed_s": document.elapsed_s,
         "inference": document.inference,
         "skipped": ", ".join(sorted(document.skipped)) or None,
-        **{f"renderer/{_usable(name)}": device for name, device in document.render_devices.items()},
+        **{f"renderer/{usable(name)}": device for name, device in document.render_devices.items()},
     }
-    tags = dict.fromkeys(["robogauntlet", document.suite.name, *tables.simulators])
+    simulators = [cell.simulator for cell in document.plan] if tables is None else tables.simulators
+    tags = dict.fromkeys(["robogauntlet", document.suite.name, *simulators])
     metrics: dict[str, float] = {}
-    for cell in tables.cells:
+    for cell in tables.cells if tables else ():
         for name, value in _numbers(cell.tally).items():
             # If one policy name has two contents, the first is the planned one; the table has both.
             metrics.setdefault(f"{name}/{_place(cell)}", value)
-    metrics |= {f"{name}/all": value for name, value in _numbers(tables.total).items()}
+    metrics |= {f"{name}/all": value for name, value in _numbers(tables.total).items()} if tables else {}
+    ended_at = document.finished_at or document.started_at + document.elapsed_s
     return TrackedRun(
+        run_id=document.run_id,
+        status=str(document.status),
+        started_at=document.started_at,
+        ended_at=None if document.status is RunStatus.RUNNING else ended_at,
         provenance={name: value for name, value in provenance.items() if value is not None},
         state={name: value for name, value in state.items() if value is not None},
         tags=tuple(tag[:LONGEST_TAG] for tag in tags),
         metrics=metrics,
-        rows=tuple(map(_row, tables.cells)),
+        rows=tuple(map(_row, tables.cells)) if tables else (),
+        cells=render_csv(tables) if tables else "",
     )
 
 
@@ -104,10 +121,10 @@ def _numbers(tally: Tally) -> dict[str, float]:
 
 def _place(cell: CellRow) -> str:
     condition = [] if cell.axis == CLEAN else [cell.axis, str(cell.severity)]
-    return _usable("/".join([cell.policy, cell.task, *condition]))
+    return usable("/".join([cell.policy, cell.task, *condition]))
 
 
-def _usable(name: str) -> str:
+def usable(name: str) -> str:
     """A name in characters that every tracker accepts; different names stay different."""
     return _UNUSABLE.sub(lambda match: f":{ord(match[0]):x}:", name)
 

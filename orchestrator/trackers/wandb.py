@@ -1,28 +1,75 @@
-"""Sends a run to Weights & Biases, or, with WANDB_MODE=offline, writes files for `wandb sync`."""
+"""Sends a run to Weights & Biases, or, with WANDB_MODE=offline, writes files for `wandb sync`.
+
+Login, server and offline mode are W&B's own settings (`wandb login`, WANDB_API_KEY, WANDB_MODE, WANDB_DIR). W&B's own
+records of program, machine and repository are disabled.
+"""
 
 from __future__ import annotations
 
 import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from types import ModuleType
+from typing import Any
 
-from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackerError, check_project, tracked_run
-from robogauntlet.results.analysis.tables import Tables
-from robogauntlet.results.run_document import RunDocument
+from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackedRun, TrackerError
+from robogauntlet.orchestrator.trackers.tracker import TrackedVideo
 
 
-def log_run(document: RunDocument, tables: Tables, *, name: str, project: str) -> str:
-    """Send numbers, provenance and tags of a run to W&B.
+class WandbSession:
+    """One run that is open in W&B.
 
-    Login, server and offline mode are W&B's own settings (`wandb login`, WANDB_API_KEY, WANDB_MODE, WANDB_DIR). W&B's
-    own records of program, machine and repository are disabled.
-
-    Returns:
-        A web address, or the command that uploads an offline run.
+    The step of a metric is the time since the run was created (s): a continued run goes on behind its last step, also
+    offline, where W&B does not know it.
     """
-    check_project(project)
-    summary = tracked_run(document, tables)
+
+    def __init__(self, wandb: ModuleType, run: Any, started_at: float) -> None:
+        self._wandb, self._run, self._started_at, self._step = wandb, run, started_at, -1
+        self.address = f"upload it with: wandb sync {run.settings.sync_dir}" if run.offline else str(run.url)
+
+    def log_progress(self, metrics: Mapping[str, float]) -> None:
+        """Add the metrics of one moment of the run."""
+        with _refusals():
+            self._log(dict(metrics))
+
+    def conclude(self, run: TrackedRun) -> None:
+        """Write the results of the run."""
+        with _refusals():
+            self._run.config.update(run.state, allow_val_change=True)
+            cells = self._wandb.Table(columns=list(COLUMNS), data=[list(row) for row in run.rows])
+            self._log({**run.metrics, "cells": cells})
+
+    def add_videos(self, videos: Sequence[TrackedVideo]) -> None:
+        """Add videos."""
+        with _refusals():
+            found = {f"videos/{video.name}": self._wandb.Video(video.path, format="mp4") for video in videos}
+            self._log(found)
+
+    def finish(self) -> None:
+        """Wait until everything is written."""
+        with _refusals():
+            self._run.finish()
+
+    def _log(self, values: dict[str, Any]) -> None:
+        self._step = max(self._step + 1, int(time.time() - self._started_at))
+        self._run.log(values, step=self._step, commit=True)
+
+
+def check() -> None:
+    """Raise TrackerError if W&B or its login is missing."""
     wandb = _library()
-    try:
+    with _refusals():
+        offline = wandb.setup().settings.mode in ("offline", "dryrun", "disabled")
+        ready = offline or wandb.login(prompt=False, verify=False)
+    if not ready:
+        raise TrackerError("W&B has no login; log in with `wandb login`, or write files with WANDB_MODE=offline")
+
+
+def open_session(run: TrackedRun, *, name: str, project: str) -> WandbSession:
+    """Create the run in W&B, or continue the one of the same id."""
+    wandb = _library()
+    with _refusals():
         settings = wandb.Settings(
             silent=True,
             console="off",
@@ -34,23 +81,26 @@ def log_run(document: RunDocument, tables: Tables, *, name: str, project: str) -
             x_save_requirements=False,
             init_timeout=30,
         )
-        run = wandb.init(
+        opened = wandb.init(
             project=project,
             name=name,
-            id=document.run_id,
+            id=run.run_id,
             resume="allow",
-            config={**summary.provenance, **summary.state},
-            tags=list(summary.tags),
+            config={**run.provenance, **run.state},
+            tags=list(run.tags),
             settings=settings,
         )
-        cells = wandb.Table(columns=list(COLUMNS), data=[list(row) for row in summary.rows])
-        run.log({**summary.metrics, "cells": cells})
-        address = f"upload it with: wandb sync {run.settings.sync_dir}" if run.offline else str(run.url)
-        run.finish()
+        return WandbSession(wandb, opened, run.started_at)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Exceptions of the library as TrackerError."""
+    try:
+        yield
+        return
     except Exception as error:  # its text may contain the API key
         problem = f"W&B did not accept the run ({type(error).__name__}); log in with `wandb login`, check --project, "
-    else:
-        return address
     raise TrackerError(f"{problem}or write files with WANDB_MODE=offline")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 SERVER_SECRETS = (
     "ROBOGAUNTLET_TOKEN",
@@ -12,9 +12,14 @@ SERVER_SECRETS = (
     "ROBOGAUNTLET_WEBHOOK_URL",
 )
 """Secrets of the dashboard, of policy servers and of notifications."""
+TRACKER_SECRETS = {
+    "wandb": ("WANDB_API_KEY",),
+    "mlflow": tuple(f"MLFLOW_TRACKING_{name}" for name in ("URI", "USERNAME", "PASSWORD", "TOKEN")),
+}
+"""Experiment tracker to its secrets; the address of MLflow may hold a password."""
 RUN_SECRETS = (
     *("ROBOGAUNTLET_STORE", "ROBOGAUNTLET_HISTORY", "PGPASSWORD"),
-    *("WANDB_API_KEY", "MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD", "MLFLOW_TRACKING_TOKEN"),
+    *(name for names in TRACKER_SECRETS.values() for name in names),
 )
 """Secrets that a run's own process needs: URLs of databases, which may hold passwords, and experiment trackers."""
 SECRETS = (*SERVER_SECRETS, *RUN_SECRETS)
@@ -23,9 +28,9 @@ POLICY_TOKEN = "ROBOGAUNTLET_POLICY_TOKEN"
 """The token of a policy server; with a suffix, of one of several. Workers have them, since they query the servers."""
 
 
-def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables for a process that needs no secret."""
-    return {name: value for name, value in environment.items() if not is_secret(name)}
+def without_secrets(environment: Mapping[str, str], *, but: Collection[str] = ()) -> dict[str, str]:
+    """Return the variables for a process that needs no secret, `but` these."""
+    return {name: value for name, value in environment.items() if name in but or not is_secret(name)}
 
 
 def is_secret(name: str) -> bool:

@@ -19,11 +19,13 @@ workers: 2
 """
 
 
-def play(suite, folder, *, progress=Progress, out=None, part=None, on_numbers=lambda outcome: None, **options):
+def play(
+    suite, folder, *, progress=Progress, out=None, part=None, on_numbers=lambda outcome: None, tracker=None, **options
+):
     """Play the suite file into the folder, by default without media."""
     plan = make_plan(suite, part=part) if part else make_plan(suite)
     console = Console(file=out or io.StringIO(), force_terminal=False, width=200)
-    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console), on_numbers)
+    return run_plan(plan, folder, RunOptions(**{"media": False, **options}), progress(console), on_numbers, tracker)
 
 
 def rows_of(folder, url=None):

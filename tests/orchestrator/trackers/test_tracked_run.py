@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import robogauntlet
 from robogauntlet.orchestrator.trackers.mlflow import _shown
-from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackerError, _usable, check_project, tracked_run
+from robogauntlet.orchestrator.trackers.tracked_run import COLUMNS, TrackerError, check_project, tracked_run, usable
 from robogauntlet.results.run_document import RunError
 from tests.orchestrator.trackers.runs import gauntlet_log, save
 from tests.results.synthetic import tables_of
@@ -61,7 +61,7 @@ def test_the_provenance_is_logged(tracked, opened):
 
 @given(st.text(), st.text())
 def test_names_are_escaped_and_stay_different(first, second):
-    assert (_usable(first) == _usable(second)) == (first == second)
+    assert (usable(first) == usable(second)) == (first == second)
 
 
 @pytest.mark.parametrize("project", ["", "a/b", "a?b", " a", "x" * 129])

@@ -1,0 +1,245 @@
+"""A run that is sent to an experiment tracker while it plays, and trackers that misbehave."""
+
+import contextlib
+import os
+import re
+import signal
+import socket
+import time
+
+import psutil
+import pytest
+
+import robogauntlet
+from robogauntlet.orchestrator.runs.progress import Progress
+from robogauntlet.orchestrator.trackers import live_tracker
+from robogauntlet.orchestrator.trackers.live_tracker import LiveTracker
+from robogauntlet.orchestrator.trackers.tracked_run import TrackerError, tracked_run
+from robogauntlet.orchestrator.trackers.tracker import Tracker, read_tracker
+from robogauntlet.results.run_document import RunStatus
+from robogauntlet.support.secret_variables import SECRETS
+from tests.full_disk import full_disk
+from tests.orchestrator.runs.playing import play
+from tests.orchestrator.trackers.runs import items, wandb_records
+from tests.processes import run_gauntlet
+
+for library in ("wandb", "mlflow", "alembic"):
+    pytest.importorskip(library, reason='the trackers are not installed: pip install "robogauntlet[wandb,mlflow]"')
+SUITE = """
+name: nights
+policies: [oracle, random]
+tasks: [null/Slow]
+seeds: {count: 8}
+workers: 2
+"""
+NOWHERE = "http://127.0.0.1:9"
+
+
+@pytest.fixture(autouse=True)
+def alone(tmp_path, monkeypatch):
+    """An empty folder, no login and no settings of a tracker, and a suite."""
+    for name in [name for name in os.environ if name.startswith(("WANDB_", "MLFLOW_"))]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "suite.yaml").write_text(SUITE)
+    monkeypatch.setattr(live_tracker, "UPDATE_S", 0.2)
+
+
+@pytest.fixture
+def patient(monkeypatch):
+    """A tracker on a busy machine is waited for."""
+    monkeypatch.setattr(live_tracker, "END_S", 120.0)
+
+
+@pytest.fixture
+def silent_server():
+    """The address of a server that takes requests and never answers."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield f"http://127.0.0.1:{server.getsockname()[1]}"
+
+
+@pytest.fixture(scope="module")
+def untracked(tmp_path_factory, ray_here):
+    """The rows hash of the suite, played without a tracker."""
+    folder = tmp_path_factory.mktemp("untracked")
+    (folder / "suite.yaml").write_text(SUITE)
+    return play(folder / "suite.yaml", folder / "run").document.rows_hash
+
+
+def tracked_play(folder, tracker, **options):
+    return play(folder / "suite.yaml", folder / "run", tracker=LiveTracker(tracker, "nights"), **options)
+
+
+def interrupting(monkeypatch):
+    """Ctrl-C after the first rows, once."""
+    on_results = Progress.on_results
+
+    def interrupt(self, results):
+        monkeypatch.setattr(Progress, "on_results", on_results)
+        on_results(self, results)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Progress, "on_results", interrupt)
+
+
+@pytest.mark.ray
+def test_wandb_receives_progress_and_at_the_end_what_log_sends(tmp_path, monkeypatch, untracked, patient):
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    outcome = tracked_play(tmp_path, Tracker.WANDB)
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    assert outcome.warnings == []
+    assert outcome.logged.startswith("upload it with: wandb sync")
+    (path,) = tmp_path.glob("wandb/offline-run-*/*.wandb")
+    history = [items(record.history.item) for record in wandb_records(path) if record.HasField("history")]
+    last = {name: value for moment in history for name, value in moment.items()}
+    assert (last["progress/done"], last["progress/planned"], last["progress/errors"]) == (16, 16, 0)
+    assert (last["progress/success_rate/oracle"], last["progress/success_rate/random"]) == (1, 0)
+    assert last["progress/success_rate_low/oracle"] < 1 < last["progress/n/oracle"]
+    assert not [name for name in last if re.fullmatch(r"progress/success_rate(/all)?", name)]
+    opened = robogauntlet.open_run(tmp_path / "run")
+    expected = tracked_run(opened.document, opened.tables()).metrics
+    assert {name: last.get(name) for name in expected} == expected
+    assert "cells/_type" in last or "cells" in last
+
+
+@pytest.mark.ray
+def test_an_interrupted_run_ends_in_mlflow_and_is_continued_there_with_its_videos(
+    tmp_path, monkeypatch, untracked, patient
+):
+    from mlflow.tracking import MlflowClient
+
+    address = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", address)
+    client = MlflowClient(tracking_uri=address)
+
+    def the_run():
+        (run,) = client.search_runs([client.get_experiment_by_name("nights").experiment_id])
+        return run
+
+    interrupting(monkeypatch)
+    outcome = tracked_play(tmp_path, Tracker.MLFLOW)
+    assert (outcome.document.status, outcome.warnings) == (RunStatus.INTERRUPTED, [])
+    first = the_run()
+    assert (first.info.status, first.data.metrics["progress/done"]) == ("KILLED", outcome.done)
+    outcome = tracked_play(tmp_path, Tracker.MLFLOW, media=True)
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    run = the_run()
+    assert run.info.run_id == first.info.run_id
+    assert (run.info.status, run.data.metrics["progress/done"]) == ("FINISHED", 16)
+    assert run.data.metrics["success_rate/oracle/null/Slow"] == 1.0
+    assert run.data.metrics["n/all"] == 16
+    videos = {str(path).partition("artifacts/")[2] for path in tmp_path.glob("mlruns/*/*/artifacts/videos/*/*/*/*")}
+    assert videos == {"videos/oracle/null/Slow/success.mp4", "videos/random/null/Slow/failure.mp4"}
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("answer_s", [60.0, 0.5])
+def test_a_tracker_that_never_answers_costs_one_warning_and_a_moment(
+    tmp_path, monkeypatch, silent_server, untracked, answer_s
+):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", silent_server)
+    tracker = LiveTracker(Tracker.MLFLOW)
+    monkeypatch.setattr(live_tracker, "ANSWER_S", answer_s)
+    monkeypatch.setattr(live_tracker, "END_S", 1.0)
+    ended = []
+    outcome = play(
+        *(tmp_path / "suite.yaml", tmp_path / "run"),
+        tracker=tracker,
+        on_numbers=lambda outcome: ended.append(time.monotonic()),
+    )
+    assert time.monotonic() - ended[0] < 5.0
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    (warning,) = outcome.warnings
+    assert "\n" not in warning
+    command = f"robogauntlet log {tmp_path / 'run'} --to mlflow"
+    assert re.search(rf"(within|did not answer).*; the run goes on, to send its results later: {command}", warning)
+    assert outcome.logged is None
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("address", [NOWHERE, "sqlite:///suite.yaml/mlflow.db", "no-such-scheme://x"])
+def test_a_tracker_that_raises_costs_one_warning(tmp_path, monkeypatch, untracked, address):
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", address)
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    monkeypatch.setattr(live_tracker, "END_S", 60.0)
+    outcome = tracked_play(tmp_path, Tracker.MLFLOW)
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    (warning,) = outcome.warnings
+    assert warning.startswith("MLflow did not accept the run (")
+
+
+@pytest.mark.ray
+def test_a_tracker_whose_process_dies_costs_one_warning(tmp_path, monkeypatch, untracked):
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    on_results = Progress.on_results
+
+    def kill(self, results):
+        on_results(self, results)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(tracker._child._process.pid, signal.SIGKILL)
+
+    monkeypatch.setattr(Progress, "on_results", kill)
+    tracker = LiveTracker(Tracker.WANDB)
+    outcome = play(tmp_path / "suite.yaml", tmp_path / "run", tracker=tracker)
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    (warning,) = outcome.warnings
+    assert warning.startswith("W&B: the process was killed by SIGKILL")
+
+
+@pytest.mark.ray
+@pytest.mark.parametrize("name", Tracker)
+def test_a_tracker_whose_disk_is_full_costs_one_warning(tmp_path, monkeypatch, untracked, name):
+    monkeypatch.setenv("WANDB_MODE", "offline")
+    with full_disk():
+        tracker = LiveTracker(name)  # the limit holds in its process
+    outcome = play(tmp_path / "suite.yaml", tmp_path / "run", tracker=tracker)
+    assert (outcome.document.status, outcome.document.rows_hash) == (RunStatus.COMPLETE, untracked)
+    assert (len(outcome.warnings), outcome.logged) == (1, None)
+
+
+def test_the_process_of_a_tracker_has_its_secrets_and_no_other(monkeypatch):
+    for name in SECRETS:
+        monkeypatch.setenv(name, "0123456789" * 4)
+    with LiveTracker(Tracker.WANDB) as tracker:
+        environment = psutil.Process(tracker._child._process.pid).environ()
+    assert {name for name in SECRETS if name in environment} == {"WANDB_API_KEY"}
+
+
+def test_the_process_of_a_tracker_ends_with_its_block():
+    with LiveTracker(Tracker.MLFLOW) as tracker:
+        process = psutil.Process(tracker._child._process.pid)
+        assert process.is_running()
+    assert not process.is_running()
+
+
+def test_a_tracker_that_does_not_exist_is_refused():
+    with pytest.raises(TrackerError, match="expected an experiment tracker, wandb or mlflow, got 'wandbb'"):
+        read_tracker("wandbb")
+    with pytest.raises(TrackerError, match="expected an experiment tracker"):
+        robogauntlet.evaluate("oracle", "null/Reach", log="wandbb")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("--log", "wandbb"), "log: expected an experiment tracker, wandb or mlflow, got 'wandbb'"),
+        (("--log", "wandb"), "W&B has no login; log in with `wandb login`, or write files with WANDB_MODE=offline"),
+        (("--log", "mlflow", "--log-project", "a/b"), "the project's name: expected at most 128 letters"),
+    ],
+)
+def test_a_mistake_is_one_line_before_anything_starts(tmp_path, arguments, line):
+    done = run_gauntlet("run", "suite.yaml", "--out", "run", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert line in done.stderr
+    assert done.stdout == ""
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_library_that_is_missing_is_one_line_before_anything_starts(tmp_path, monkeypatch):
+    (tmp_path / "none").mkdir()
+    (tmp_path / "none" / "wandb.py").write_text("raise ImportError\n")
+    done = run_gauntlet("run", "suite.yaml", "--log", "wandb", cwd=tmp_path, paths=[tmp_path / "none"])
+    assert done.returncode == 2
+    assert done.stderr == 'robogauntlet: W&B is not installed; install it with: pip install "robogauntlet[wandb]"\n'
