@@ -17,7 +17,16 @@ from tests.errors import one_line_error
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # proprioception has no bounds, the environment no spec
-@pytest.mark.parametrize("task", ["null/Reach", pytest.param("pybullet/PandaReach-v3", marks=pytest.mark.simulator)])
+@pytest.mark.parametrize(
+    "task",
+    [
+        "null/Reach",
+        *(
+            pytest.param(task, marks=pytest.mark.simulator)
+            for task in ("pybullet/PandaReach-v3", "robosuite/Lift", "maniskill/PushCube-v1")
+        ),
+    ],
+)
 def test_an_environment_passes_the_checks_of_gymnasium(task):
     with robogauntlet.make(task, render_mode="rgb_array", image_size=32) as environment:
         check_env(environment)
