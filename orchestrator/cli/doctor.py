@@ -21,6 +21,13 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.policies import oracles
 
 MIN_DISK_GB = 2.0
+LISTENS = {
+    "Ray, while something is played": "127.0.0.1, ports that it chooses, with a token",
+    "robogauntlet serve": "127.0.0.1, port 8770; elsewhere by --host, with a token",
+    "robogauntlet policies serve": "127.0.0.1, port 8000; elsewhere by --host, with a token",
+    "robogauntlet.evaluate of an object": "127.0.0.1, any free port, with a token",
+}
+"""What listens for connections, and where; see docs/security.md."""
 
 
 def doctor(as_json: AsJson = False) -> None:
@@ -45,7 +52,8 @@ def doctor(as_json: AsJson = False) -> None:
     problems += _machine_problems()
     notes = [f"{finding.simulator}: {finding.problem}" for finding in findings if not finding.installed]
     if as_json:
-        print_json({**machine, "memory_gib": memory, "simulators": findings, "problems": problems, "notes": notes})
+        found = {"simulators": findings, "problems": problems, "notes": notes, "listens": LISTENS}
+        print_json({**machine, "memory_gib": memory, **found})
     else:
         _print(findings, problems, notes)
     if problems:
@@ -61,6 +69,8 @@ def _print(findings: Sequence[Finding], problems: Sequence[str], notes: Sequence
         device = device if finding.installed else "not installed"
         table.add_row(finding.simulator, versions, device, frame)
     out.print(table)
+    for what, where in LISTENS.items():
+        print_line(f"listens: {what}: {where}")
     for note in notes:
         print_line(f"note: {note}")
     for problem in problems:

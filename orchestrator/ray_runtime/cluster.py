@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -16,6 +18,16 @@ CONNECT_S = 10.0
 """Time for the head to answer before a run starts (s)."""
 PROBE_S = 2.0
 """Time between two checks of the head, and for its answer (s)."""
+REFUSED = 7
+_ASK = f"""
+import sys
+from ray.exceptions import AuthenticationError
+from ray._raylet import GcsClient
+try:
+    GcsClient(address=sys.argv[1])
+except AuthenticationError:
+    sys.exit({REFUSED})
+"""
 SILENCE_S = 20.0
 """Silence after which the head counts as dead (s). After 60 s Ray would end this process without a message of ours."""
 
@@ -38,6 +50,20 @@ def check_address(address: str) -> None:
         raise NoCluster(f"expected HOST:PORT of a Ray cluster's head, such as 10.0.0.7:{RAY_PORT}, or auto")
     if (why := _connect(host.strip("[]"), int(port), CONNECT_S)) is not None:
         raise NoCluster(f"expected the head of a Ray cluster, nothing answers there: {why}")
+    if _refuses_token(address):
+        raise NoCluster(
+            "expected the token of this Ray cluster, it refuses that of this process; set RAY_AUTH_MODE=token and "
+            "RAY_AUTH_TOKEN"
+        )
+
+
+def _refuses_token(address: str) -> bool:
+    """Whether the head refuses the token of this process. Another process asks, as Ray logs the answer."""
+    asked = [sys.executable, "-c", _ASK, address]
+    try:
+        return subprocess.run(asked, capture_output=True, timeout=CONNECT_S, check=False).returncode == REFUSED
+    except subprocess.TimeoutExpired:
+        return False
 
 
 def _connect(host: str, port: int, timeout_s: float) -> str | None:

@@ -1,10 +1,14 @@
 """Suites are checked and planned where neither simulators nor torch are installed."""
 
+import inspect
 import socket
 import sys
 
 import pytest
 
+from robogauntlet.orchestrator.cli.doctor import LISTENS
+from robogauntlet.orchestrator.cli.policies.serve import serve as policy_server
+from robogauntlet.orchestrator.cli.serve import serve as dashboard
 from robogauntlet.orchestrator.runs.plan import SHIPPED, make_plan
 from tests.processes import run_gauntlet, run_process
 
@@ -98,6 +102,12 @@ def test_the_doctor_fails_where_no_simulator_is_installed():
     assert done.returncode == 1
     assert "note: maniskill: not installed" in done.stdout
     assert "robogauntlet: no simulator is installed; install one: pip install" in done.stderr
+    assert "listens: robogauntlet serve: 127.0.0.1, port 8770; elsewhere by --host, with a token" in done.stdout
+
+
+@pytest.mark.parametrize(("verb", "serve"), [("serve", dashboard), ("policies serve", policy_server)])
+def test_the_doctor_lists_the_ports_of_the_commands(verb, serve):
+    assert f"port {inspect.signature(serve).parameters['port'].default};" in LISTENS[f"robogauntlet {verb}"]
 
 
 def test_a_plan_lists_episodes_and_names_the_missing_simulators(suite):

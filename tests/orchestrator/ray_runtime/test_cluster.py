@@ -1,6 +1,12 @@
 """The head of a joined cluster, and the nodes that can open a simulator."""
 
+import os
 import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
 
 import pytest
 
@@ -62,6 +68,50 @@ def test_a_head_that_has_just_answered_is_not_asked_again(listening, monkeypatch
 def test_an_address_that_is_none_is_refused(address):
     with pytest.raises(NoCluster, match="expected HOST:PORT"):
         check_address(address)
+
+
+@pytest.fixture
+def short():
+    """A folder with a path that is short enough for Ray's sockets."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        yield folder
+
+
+@pytest.mark.ray
+def test_a_cluster_with_another_token_is_refused_before_anything_starts(tmp_path, run_command, monkeypatch, short):
+    (tmp_path / "suite.yaml").write_text("name: s\npolicies: [oracle]\ntasks: [null/Reach]\nseeds: {count: 1}\n")
+    address = f"127.0.0.1:{closed_port()}"
+    ray = str(Path(sys.executable).with_name("ray"))
+    options = ["--head", f"--port={address[10:]}", "--node-ip-address=127.0.0.1", "--include-dashboard=false"]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
+    environment |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": "a" * 64, "RAY_USAGE_STATS_ENABLED": "0"}
+    head = [ray, "start", *options, "--num-cpus=1", f"--temp-dir={short}", "--block"]
+    process = subprocess.Popen(head, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_for_head(address, process)
+        monkeypatch.setenv("RAY_AUTH_MODE", "token")
+        monkeypatch.setenv("RAY_AUTH_TOKEN", "b" * 64)
+        refusal = run_command("run", "suite.yaml", "--out", "run", "--address", address).refusal
+        assert refusal.startswith(f"--address {address}: expected the token of this Ray cluster")
+        assert not (tmp_path / "run").exists()
+        monkeypatch.setenv("RAY_AUTH_TOKEN", "a" * 64)
+        check_address(address)
+    finally:
+        process.terminate()
+        process.wait(60)
+
+
+def wait_for_head(address, process):
+    deadline = time.monotonic() + 60
+    while True:
+        try:
+            return check_address(address)
+        except NoCluster as error:
+            if "token" in str(error):
+                return None
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.2)
 
 
 def nodes_without(simulator, lacking, monkeypatch):
