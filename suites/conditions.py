@@ -72,8 +72,10 @@ def read_axis(text: str) -> tuple[str, tuple[int, ...]]:
 def condition_patterns(text: str) -> list[str]:
     """Return patterns of what `str(Condition)` gives: `noise:2,4` as `noise@2` and `noise@4`, `noise` as `noise@*`."""
     axis, severities = split_condition(text)
+    if axis in CONTROLS:
+        return [axis]
     if severities is None:
-        return [f"{axis}@*"] if axis in AXES and axis not in CONTROLS else [axis]
+        return [f"{axis}@*"] if axis in AXES else [axis]
     return [f"{axis}@{severity}" for severity in severities.split(",")]
 
 

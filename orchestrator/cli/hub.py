@@ -43,7 +43,10 @@ def push_folder(folder: Path, name: str, kind: str) -> str:
         return str(pushed.pr_url or pushed.repo_url)
     except Exception as error:  # its text may contain addresses with a token
         problem = type(error).__name__
-    raise BadInput(f"{name}: the hub did not accept {folder} ({problem}); log in with `hf auth login`, or set HF_TOKEN")
+    raise BadInput(
+        f"{name}: the hub did not accept {folder} ({problem}); log in with `hf auth login`, or set HF_TOKEN, "
+        "remove the folder and try again"
+    )
 
 
 def _api() -> Any:

@@ -39,6 +39,8 @@ def check_first_answer(name: str, ask: Callable[[Observation], Any], view: View,
             f"policy '{name}': expected its first answer within {LIMIT_S:g} s, got none; serve a policy that takes "
             "longer (robogauntlet policies serve), or find out where it hangs"
         ) from None
+    except SystemExit:
+        raise PolicyError(f"policy '{name}': expected an action chunk, it ended its process (SystemExit)") from None
     except Exception:
         return
     try:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
+import signal
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
-from concurrent.futures import TimeoutError as Late
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from types import FrameType
 from typing import TypeVar
 
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.episodes.rollout import rollout
-from robogauntlet.orchestrator.inference.first_answer import call_within
 from robogauntlet.policies.contract import Decision, Policy, PolicyError, PolicyInput, Query, check_chunk
 from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import Episode
@@ -75,7 +77,8 @@ class RecordingPolicy:
         """Ask the policy. Raises InvalidAnswer if it raises or its answer is not a chunk."""
         asked = deepcopy(list(queries))  # a policy may change what it is given
         start = time.perf_counter()
-        decisions = _called("the policy", lambda: call_within(LIMIT_S, lambda: self._policy.act(queries)))
+        with _limited(LIMIT_S):
+            decisions = _called("the policy", lambda: self._policy.act(queries))
         seconds = time.perf_counter() - start
         chunks = _called("the answer", lambda: [check_chunk(decision.actions) for decision in decisions])
         self.answers += [Answer(*pair, seconds) for pair in zip(asked, chunks, strict=False)]
@@ -86,12 +89,38 @@ class RecordingPolicy:
         self._policy.finish(episodes)
 
 
+class _Late(Exception):
+    """The time for an answer is over."""
+
+
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Raise _Late in the block after this time (s), in this thread, since a policy may be bound to it.
+
+    Only the main thread has such an alarm; elsewhere there is no limit.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise _Late
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def _called(what: str, call: Callable[[], Result]) -> Result:
     try:
         return call()
     except PolicyError as error:
         raise InvalidAnswer(str(error)) from None
-    except Late:
+    except _Late:
         raise InvalidAnswer(f"expected an answer within {LIMIT_S:g} s, got none; find out where {what} hangs") from None
     except Exception as error:  # a policy may raise anything
         frame = traceback.extract_tb(error.__traceback__)[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from typing import Any
 
 from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
+from robogauntlet.support.secret_variables import without_secrets
 
 RAY_PORT = 6379
 """Default port of a cluster's head."""
@@ -59,9 +61,10 @@ def check_address(address: str) -> None:
 
 def _refuses_token(address: str) -> bool:
     """Whether the head refuses the token of this process. Another process asks, as Ray logs the answer."""
-    asked = [sys.executable, "-c", _ASK, address]
+    asked, environment = [sys.executable, "-c", _ASK, address], without_secrets(os.environ)
     try:
-        return subprocess.run(asked, capture_output=True, timeout=CONNECT_S, check=False).returncode == REFUSED
+        done = subprocess.run(asked, capture_output=True, timeout=CONNECT_S, env=environment, check=False)
+        return done.returncode == REFUSED
     except subprocess.TimeoutExpired:
         return False
 

@@ -70,18 +70,25 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
             return
         if address is not None:
             check_address(address)
-        _start(address, workers)
-        _head = None if address is None else ClusterHead(ray.get_runtime_context().gcs_address)
-        if address is None:
-            _folder = SessionFolder(Path(_private("worker", "_global_node").get_session_dir_path()))
+        has_died = False
         try:
+            _start(address, workers)
+            if address is None:
+                _folder = SessionFolder(Path(_private("worker", "_global_node").get_session_dir_path()))
+            else:
+                _head = ClusterHead(ray.get_runtime_context().gcs_address)
             yield
+            has_died = bool(_dead_parts())
+        except RayLost:
+            has_died = True
+            raise
         finally:
-            has_died, folder = bool(_dead_parts()), _folder
-            _head = _folder = None
-            ray.shutdown()
-            if folder is not None:
-                folder.keep() if has_died else folder.remove()
+            folder, _head, _folder = _folder, None, None
+            try:
+                ray.shutdown()
+            finally:
+                if folder is not None:
+                    folder.remove(logs=not has_died)
 
 
 @contextlib.contextmanager
@@ -128,7 +135,7 @@ def _start(address: str | None, workers: int) -> None:
     ray.init(address or "local", **options)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, RuntimeError):
         (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
     _silence_raylet()
 

@@ -71,7 +71,7 @@ def compose_plan(
         raise BadInput(
             f"{', '.join(sorted(clash))}: expected further keys of a suite, got one that other arguments give"
         )
-    suite |= {"cameras": list(shared)} if (shared := _shared_cameras(tasks)) != CAMERAS else {}
+    suite |= {"cameras": list(shared)} if (shared := _shared_cameras(tasks)) not in ((), CAMERAS) else {}
     suite |= settings or {}
     folder = folder or new_run_folder(name)
     try:

@@ -22,6 +22,7 @@ from robogauntlet.policies.contract import (
     check_fit,
 )
 from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
+from robogauntlet.policies.hub import OnHub, without_downloads
 from robogauntlet.policies.references import FORMS, read_reference, with_options
 from robogauntlet.suites.loading import Problem, policy_lines, problem_at
 from robogauntlet.suites.plugins import did_you_mean
@@ -138,8 +139,9 @@ def _find(
         options = environments.options(entry.kind, entry.options)
     except PolicyNotInstalled as error:
         try:
-            digest = (kind.digest_without_start or kind.digest)(entry.options)
-        except PolicyNotInstalled:
+            with without_downloads():
+                digest = (kind.digest_without_start or kind.digest)(entry.options)
+        except (PolicyNotInstalled, OnHub):
             raise error from None
         return PolicySource(entry.kind, entry.options, digest), str(error)
     try:
@@ -162,18 +164,21 @@ def _find_without_start(
     entry: PolicyEntry, suite: Suite, environments: EnvironmentResolver
 ) -> tuple[PolicySource, str]:
     """The same, without importing, contacting or starting anything that the suite names."""
-    kind = policies.find(entry.kind)
+    kind, reason = policies.find(entry.kind), ""
     if kind.digest_without_start:
         has_own = bool(kind.requirements or kind.without_dependencies) and "python" not in entry.options
         reason = (environments.missing_file(kind) if has_own else None) or NOT_STARTED
-        return PolicySource(entry.kind, entry.options, kind.digest_without_start(entry.options)), reason
-    source = PolicySource(entry.kind, entry.options, policies.digest(entry.kind, entry.options))
     try:
-        spec = policies.spec(entry.kind, entry.options)
+        with without_downloads():
+            digest = (kind.digest_without_start or kind.digest)(entry.options)
+            spec = None if reason else policies.spec(entry.kind, entry.options)
+    except OnHub:
+        return PolicySource(entry.kind, entry.options), reason or NOT_STARTED
     except PolicyNotInstalled as error:
-        return source, str(error)
-    _check_fit(spec, suite)
-    return source, ""
+        digest, spec, reason = kind.digest(entry.options), None, str(error)
+    if spec is not None:
+        _check_fit(spec, suite)
+    return PolicySource(entry.kind, entry.options, digest), reason
 
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:

@@ -101,12 +101,11 @@ class Server:
                 self._processes.remove(running)
             if running.concluded:
                 continue
-            with self._apart(running.schedule.name):
-                if code is not None:
-                    self._ended(running, code)
-                elif has_ended(Path(running.scheduled_run.folder)):
-                    self._conclude(running.schedule, running.scheduled_run, None)
-                    running.concluded = True
+            if code is not None:
+                self._ended(running, code)
+            elif has_ended(Path(running.scheduled_run.folder)):
+                self._conclude(running.schedule, running.scheduled_run, None)
+                running.concluded = True
         for name in self._store.set_back(self._now()):
             self._log(f"{name}: its runs are due from this moment on, because the clock was ahead")
             line = "the clock was ahead; runs that were due until it was right again are missed"
@@ -120,16 +119,6 @@ class Server:
                     break
                 busy.append(schedule.suite)
                 self._begin(schedule, scheduled_run)
-
-    @contextlib.contextmanager
-    def _apart(self, name: str) -> Iterator[None]:
-        """Log an error of one schedule, so that the others go on. StoreError, which concerns all, is raised."""
-        try:
-            yield
-        except StoreError:
-            raise
-        except Exception as error:
-            self._log(f"{name}: {describe(error)}")
 
     def play(self, schedule: Schedule, scheduled_run: ScheduledRun) -> ScheduledRun:
         """Run one scheduled run, conclude it and wait for its process. Raises StoreError, OSError."""
@@ -222,7 +211,15 @@ class Server:
         self._conclude(running.schedule, running.scheduled_run, code)
 
     def _conclude(self, schedule: Schedule, scheduled_run: ScheduledRun, code: int | None) -> None:
-        closed = conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+        try:
+            closed = conclude(self._store, self._history, schedule, scheduled_run, code, self._send)
+        except StoreError:
+            raise
+        except Exception as error:  # the run is over, whatever it has left; the others go on
+            outcome = f"the run could not be concluded: {describe(error)}"
+            self._log(f"{schedule.name}: {outcome}")
+            self._store.change(scheduled_run, state=State.FAILED, ended_at=time.time(), outcome=outcome)
+            return
         self._log(f"{schedule.name}: {closed.state}, {closed.outcome}")
 
 

@@ -44,6 +44,7 @@ class LiveTracker:
         self.address: str | None = None
         """Where the run is, once it is open."""
         self.complete = False
+        self._lacks_results = False
         """Whether the tracker has the results and the videos."""
         self._warning: str | None = None
         self._warned = self._closing = False
@@ -97,6 +98,7 @@ class LiveTracker:
             self._request({"do": "conclude", "run": dataclasses.asdict(run)})
         else:
             self._warn("the results could not be computed")
+            self._lacks_results = True
 
     def finish(self, videos: Sequence[TrackedVideo]) -> None:
         """Send videos and wait until the tracker has everything, for at most `END_S`."""
@@ -162,7 +164,7 @@ class LiveTracker:
             if request["do"] == "open":
                 self._give_up(problem)
                 return
-        self.complete = not failed - {"progress"}
+        self.complete = not failed - {"progress"} and not self._lacks_results
 
     def _give_up(self, problem: str) -> None:
         self._warn(problem)

@@ -138,4 +138,4 @@ def _library() -> Any:
 def _shown(address: str) -> str:
     """The address without login and options."""
     parts = urlsplit(address)
-    return f"{parts.scheme}://{parts.hostname}" if parts.netloc else address.partition("?")[0]
+    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}" if parts.netloc else address.partition("?")[0]

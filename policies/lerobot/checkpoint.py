@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 
 from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM
 from robogauntlet.policies.contract import PolicyError, PolicyInput, PolicyMismatch, PolicySpec
+from robogauntlet.policies.hub import check_download
 from robogauntlet.policies.lerobot.child import observes_every_step
 from robogauntlet.policies.remote.server_options import CONVENTION_OPTIONS, Convention, Key
 from robogauntlet.policies.stored import first_fault
@@ -152,21 +153,15 @@ def _spec(options: LeRobotOptions, shapes: Mapping[str, tuple[int, ...]], action
     )
 
 
-def is_on_hub(checkpoint: str) -> bool:
-    """Whether a text is an id on the hub, `USER/NAME` or `USER/NAME@REVISION`, and no folder."""
-    if Path(checkpoint).expanduser().is_dir() or checkpoint.startswith("."):
-        return False
-    return re.fullmatch(r"[\w.-]+/[\w.-]+", checkpoint.partition("@")[0]) is not None
-
-
 def _folder(checkpoint: str) -> Path:
     """Return the checkpoint's folder; from the hub, JSON files and weights are downloaded."""
     path = Path(checkpoint).expanduser()
     if path.is_dir():
         return path.resolve()
     repository, _, revision = checkpoint.partition("@")
-    if not is_on_hub(checkpoint):
+    if not re.fullmatch(r"[\w.-]+/[\w.-]+", repository) or checkpoint.startswith("."):
         raise PolicyError(f"policy '{NAME}': expected a folder or an id on the hub, got '{checkpoint}'")
+    check_download(checkpoint)
     try:
         from huggingface_hub import snapshot_download
 

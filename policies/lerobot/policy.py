@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robogauntlet.policies.contract import Policy, PolicyFiles, PolicyKind, PolicySpec
-from robogauntlet.policies.lerobot.checkpoint import NAME, OPTIONS, files, is_on_hub, read_checkpoint
+from robogauntlet.policies.lerobot.checkpoint import NAME, OPTIONS, files, read_checkpoint
 
 
 def _load(options: Mapping[str, Any]) -> Policy:
@@ -17,11 +17,6 @@ def _load(options: Mapping[str, Any]) -> Policy:
 
 def _digest(options: Mapping[str, Any]) -> str:
     return read_checkpoint(options).digest()
-
-
-def _digest_without_start(options: Mapping[str, Any]) -> str | None:
-    checkpoint = options.get("checkpoint")
-    return None if isinstance(checkpoint, str) and is_on_hub(checkpoint) else _digest(options)
 
 
 def _spec(options: Mapping[str, Any]) -> PolicySpec:
@@ -38,7 +33,7 @@ KIND = PolicyKind(
     summary="a checkpoint of LeRobot: lerobot:FOLDER, or lerobot:USER/NAME on the hub",
     load=_load,
     digest=_digest,
-    digest_without_start=_digest_without_start,
+    digest_without_start=_digest,
     spec=_spec,
     options=OPTIONS,
     files=_files,

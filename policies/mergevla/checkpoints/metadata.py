@@ -18,6 +18,7 @@ from pydantic import StrictInt
 from pydantic.dataclasses import dataclass
 
 from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.hub import check_download
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.stored import STRICT, Stored, StoredError
@@ -291,6 +292,7 @@ def _pickle(name: str, folder: Path) -> CheckpointError:
 
 
 def _from_hub(reference: str) -> Path:
+    check_download(reference)
     from huggingface_hub import snapshot_download
 
     name, _, revision = reference.partition("@")

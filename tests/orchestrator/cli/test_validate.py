@@ -86,6 +86,15 @@ def test_nothing_that_a_suite_names_is_imported_contacted_or_started(tmp_path, v
     assert not marker.exists()
 
 
+@pytest.mark.parametrize("policy", ["lerobot:x/y", "{name: m, kind: mergevla, options: {checkpoint: x/y}}"])
+def test_nothing_is_downloaded_from_the_hub(tmp_path, run_command, monkeypatch, policy):
+    monkeypatch.setattr("huggingface_hub.snapshot_download", lambda *_, **__: pytest.fail("downloads"))
+    (tmp_path / "suite.yaml").write_text(SUITE.replace("[oracle]", f"[{policy}]"))
+    done = run_command("validate", "suite.yaml")
+    assert (done.code, done.err) == (0, "")
+    assert "2 episodes, hash unknown until its policies can be identified" in done.out
+
+
 @pytest.mark.parametrize("verb", ["validate", "plan"])
 def test_a_policy_server_that_does_not_answer_is_a_note(tmp_path, verb):
     file = tmp_path / "suite.yaml"

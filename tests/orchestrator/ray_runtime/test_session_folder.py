@@ -1,6 +1,7 @@
 """Nothing of a session is left, however the process that began it ends."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from robogauntlet.orchestrator.ray_runtime import session_folder
 from tests.processes import GAUNTLET, run_process
 
 WITHIN_S = 30.0
@@ -51,6 +53,15 @@ def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
         time.sleep(0.2)
     assert not temporary.parent.exists()
     assert [child for child in started if child.is_running()] == []
+
+
+def test_the_guard_of_a_living_process_ends_and_removes_nothing(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    guard = [sys.executable, "-m", session_folder.__name__, str(tmp_path), str(os.getpid())]
+    with subprocess.Popen(guard, stdin=subprocess.PIPE) as process:
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert (tmp_path / "tmp").is_dir()
 
 
 def family(command):

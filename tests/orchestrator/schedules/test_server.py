@@ -212,6 +212,21 @@ def test_a_schedule_that_fails_in_an_unforeseen_way_stops_no_other(service, monk
     assert "broken: the run could not start: RecursionError: of a document" in service.log
 
 
+def test_a_run_that_cannot_be_concluded_has_failed_and_is_not_tried_again(service, monkeypatch):
+    def conclude(*_):
+        raise RecursionError("of a document")
+
+    monkeypatch.setattr(server_module, "conclude", conclude)
+    monkeypatch.setattr(server_module, "has_ended", lambda folder: True)
+    scheduled_run = service.trigger(service.add())
+    service.schedule_store.change(scheduled_run, state=State.RUNNING)
+    server = service.server()
+    server.step()
+    server.step()
+    assert service.states() == ["failed"]
+    assert service.log == ["nightly: the run could not be concluded: RecursionError: of a document"]
+
+
 def test_two_runs_of_a_suite_never_overlap(service):
     one, other = service.add("one", cron="0 0 1 1 *"), service.add("other", cron="0 0 1 1 *")
     server = service.server(max_parallel=2)
