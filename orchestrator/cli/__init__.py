@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import traceback
 from importlib import import_module
 from types import FrameType
 from typing import Annotated, Any
@@ -46,6 +47,10 @@ VERBS = {
     "policies": ("policies:app", "Create, check, train, merge, evaluate and serve policies."),
 }
 """Verb to its function or group (`module:name`) and its help; the docstring of a function begins with the same line."""
+
+
+_tracebacks: list[bool] = []
+"""Whether the command line asks for tracebacks; empty until it is read."""
 
 
 class _Verbs(TyperGroup):
@@ -102,10 +107,15 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but problems.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print the traceback of an error, too.")] = False,
 ) -> None:
     if ctx.invoked_subcommand is not None:
+        from robogauntlet.orchestrator.cli.common import out
         from robogauntlet.orchestrator.cli.defaults import configured_defaults
 
+        out.quiet = quiet
+        _tracebacks.append(verbose)
         ctx.default_map = configured_defaults(ctx.command, ctx.invoked_subcommand)
 
 
@@ -115,6 +125,7 @@ def main() -> None:
     Exit codes: 0 success, 1 a difference or regression was found, 2 bad input, 3 stopped early, 130 interrupted.
     """
     signal.signal(signal.SIGTERM, _interrupt)
+    _tracebacks.clear()
     try:
         app()
     except KeyboardInterrupt:
@@ -124,6 +135,8 @@ def main() -> None:
 
         if not isinstance(error, INPUT_ERRORS):
             raise
+        if any(_tracebacks):
+            traceback.print_exc()
         fail(str(error))
         sys.exit(EXIT_BAD_INPUT)
 

@@ -108,7 +108,7 @@ def run(
     In a folder with a run of the suite, only the missing episodes are played. Without a suite, one is composed of
     --policy, --task, --seeds (20 by default) and --condition, and written into the run folder.
     """
-    out.quiet = quiet
+    out.quiet = quiet or out.quiet
     required = tuple(require or ())
     if out_folder is not None and (out_folder / RUN_FILE).exists():
         require_trust(read_run(out_folder), out_folder, trust=trust)

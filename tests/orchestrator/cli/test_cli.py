@@ -60,6 +60,16 @@ def test_validate_finds_every_mistake_in_every_file(run_command, tmp_path, suite
     ]
 
 
+def test_quiet_prints_nothing_but_problems_and_verbose_the_traceback_too(run_command, suite):
+    assert run_command("-q", "validate", suite).out == ""
+    assert run_command("validate", suite).out != ""
+    assert run_command("-q", "validate", "nowhere.yaml").refusal == "nowhere.yaml: no such file"
+    failed = run_gauntlet("-v", "report", "nowhere").stderr.splitlines()
+    assert failed[0] == "Traceback (most recent call last):"
+    assert failed[-1] == "robogauntlet: nowhere: expected a run folder, it does not exist"
+    assert run_command("report", "nowhere").refusal == "nowhere: expected a run folder, it does not exist"
+
+
 def test_plan_counts_without_starting_anything(run_command, tmp_path, suite):
     result = run_command("plan", suite)
     assert result.code == 0
