@@ -60,7 +60,7 @@ def test_the_program_inside_imageio_ffmpeg_has_the_licence_that_notice_states():
 
 def test_maniskills_own_description_says_what_notice_says_of_its_assets():
     pytest.importorskip("mani_skill")
-    description = importlib.metadata.metadata("mani_skill").get_payload()
+    description = importlib.metadata.metadata("mani_skill")["Description"]
     assert "The assets are licensed under [CC BY-NC 4.0]" in description
     assert "CC BY-NC 4.0" in NOTICE
 

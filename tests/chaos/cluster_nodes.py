@@ -19,7 +19,7 @@ from pathlib import Path
 import psutil
 
 PORT = 6379
-JOIN_S = 60.0
+JOIN_S = 180.0
 """Time for a node to join the cluster (s)."""
 END_S = 10.0
 _TOOLS = ("unshare", "nsenter", "ip", "mount")

@@ -99,7 +99,7 @@ def test_the_script_plays_a_suite_on_all_nodes_of_a_job(cluster, tmp_path):
         log = tmp_path / "job.log"
         options = [f"--output={log}", f"--chdir={tmp_path}", "--wait"]
         arguments = [str(SCRIPT), str(suite), "--out", str(folder), "--no-media"]
-        answer = slurm(cluster, "sbatch", *options, *arguments, timeout_s=300.0)
+        answer = slurm(cluster, "sbatch", *options, *arguments, timeout_s=900.0)
     assert (folder / RUN_FILE).exists(), answer + (log.read_text() if log.exists() else "")
     document = read_run(folder)
     assert document.status is RunStatus.COMPLETE
