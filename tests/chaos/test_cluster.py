@@ -44,7 +44,7 @@ tasks: [null/Slow, pybullet/PandaReach-v3]
 cameras: [third_person]
 image_size: 64
 seeds: {count: 60}
-episode_time_limit_s: 20
+episode_time_limit_s: 40
 """
 WAIT_S = 900.0
 """Time for anything to happen (s); a busy machine takes several times as long as a quiet one."""
