@@ -116,12 +116,15 @@ def _hash(path: Path, *, text: bool = False) -> str:
 def _import(place: _Place) -> Any:
     """Import the callable."""
     origin, top = place.origin, place.module.partition(".")[0]
-    if origin.is_relative_to(place.folder) and str(place.folder) not in sys.path:
+    added = origin.is_relative_to(place.folder) and str(place.folder) not in sys.path
+    if added:
         sys.path.append(str(place.folder))  # last, so that its modules hide no others
     importlib.invalidate_caches()
     try:
         module = importlib.import_module(place.module)
     except BaseException as error:
+        if added:
+            sys.path.remove(str(place.folder))  # it would hide another module of this name
         if isinstance(error, KeyboardInterrupt):
             raise
         raise PolicyError(f"policy '{place.text}': importing '{place.module}' raised {describe(error)}") from None

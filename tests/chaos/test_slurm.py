@@ -85,7 +85,10 @@ def start_slurm(cluster, folder, stack):
 
 def slurm(cluster, *command, timeout_s=60.0):
     done = subprocess.run(
-        cluster.nodes[0].inside(*command), env=cluster.environment, capture_output=True, text=True, timeout=timeout_s
+        cluster.nodes[0].inside("timeout", str(timeout_s), *command),
+        env=cluster.environment,
+        capture_output=True,
+        text=True,
     )
     return (done.stdout + done.stderr).strip()
 
@@ -100,7 +103,8 @@ def test_the_script_plays_a_suite_on_all_nodes_of_a_job(cluster, tmp_path):
         options = [f"--output={log}", f"--chdir={tmp_path}", "--wait"]
         arguments = [str(SCRIPT), str(suite), "--out", str(folder), "--no-media"]
         answer = slurm(cluster, "sbatch", *options, *arguments, timeout_s=900.0)
-    assert (folder / RUN_FILE).exists(), answer + (log.read_text() if log.exists() else "")
+    answer += log.read_text() if log.exists() else ""
+    assert (folder / RUN_FILE).exists(), answer
     document = read_run(folder)
-    assert document.status is RunStatus.COMPLETE
+    assert document.status is RunStatus.COMPLETE, answer
     assert document.shared_workers == 2

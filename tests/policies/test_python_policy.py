@@ -186,6 +186,14 @@ def test_a_module_that_cannot_be_used_is_one_line(module, text, match):
     refused(module(text)("f"), match)
 
 
+def test_a_module_that_fails_hides_none_of_its_name_in_another_folder(tmp_path):
+    for folder, text in (("first", "raise RuntimeError('no GPU')\n"), ("second", FUNCTION)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "namesakes.py").write_text(text)
+    refused({"callable": "namesakes:towards", "folder": str(tmp_path / "first")}, "raised RuntimeError: no GPU")
+    catalog.load("python", {"callable": "namesakes:towards", "folder": str(tmp_path / "second")})
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [

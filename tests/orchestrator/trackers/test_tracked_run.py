@@ -73,7 +73,7 @@ def test_a_project_name_that_some_tracker_refuses_is_refused(project):
 @pytest.mark.parametrize(
     ("address", "shown"),
     [
-        ("https://me:s3cr3t@host:5000/x?token=s3cr3t", "https://host"),
+        ("https://me:s3cr3t@host:5000/x?token=s3cr3t", "https://host:5000"),
         ("postgresql://me:s3cr3t@host/db", "postgresql://host"),
         ("sqlite:///mlflow.db", "sqlite:///mlflow.db"),
     ],
