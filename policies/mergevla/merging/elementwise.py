@@ -14,6 +14,9 @@ import torch
 from robogauntlet.policies.mergevla.merging.errors import check_range
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, names_of, order_free_sum, stack
 
+PUBLISHED_TRIM = 0.8
+"""Share of an expert's entries that TIES as published sets to zero: the greatest 20 % are kept."""
+
 
 def mean(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
     """The uniform mean of all deltas (model soups, arXiv 2203.05482)."""
@@ -28,29 +31,47 @@ def task_arithmetic(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
 
 
 def ties(task_vectors: TaskVectors, *, trim: float = 0.0) -> dict[str, torch.Tensor]:
-    """Trim, elect a sign for each entry, sum the deltas that agree with it (arXiv 2306.01708).
+    """Elect a sign for each entry and sum the deltas that agree with it, as MergeVLA's code does.
 
-    As in MergeVLA's code, nothing is trimmed by default, and the agreeing deltas are summed, not averaged. The elected
-    sign is that of the sum. Where the sum is exactly zero, it is the sign that the majority of the whole task vector's
-    entries elected (positive in a tie).
+    The elected sign is that of the sum. Where the sum is exactly zero, it is the sign that the majority of the whole
+    task vector's entries elected (positive in a tie).
 
     `trim`, in [0, 1), is the share of each expert's entries, the smallest by magnitude over all weights, that is set to
     zero first.
     """
+    return _ties(task_vectors, trim, average=False)
+
+
+def ties_published(task_vectors: TaskVectors, *, trim: float = PUBLISHED_TRIM) -> dict[str, torch.Tensor]:
+    """Trim each expert to its greatest fifth, elect signs, average the deltas that agree (arXiv 2306.01708).
+
+    The average is over the experts whose entry is not zero and has the elected sign (disjoint mean). The paper then
+    scales the result by a value that it searches for: see `Recipe.alpha`. `trim` as for `ties`.
+    """
+    return _ties(task_vectors, trim, average=True)
+
+
+def _ties(task_vectors: TaskVectors, trim: float, *, average: bool) -> dict[str, torch.Tensor]:
     check_range("trim", trim, 0, 1, closed="[)")
-    trimmed = {expert: _trimmed(vector, trim) for expert, vector in task_vectors.items()} if trim else task_vectors
-    merged = elect_and_sum({name: stack(trimmed, name) for name in names_of(task_vectors)})
+    cut = {expert: trimmed(vector, trim) for expert, vector in task_vectors.items()} if trim else task_vectors
+    merged = elect({name: stack(cut, name) for name in names_of(task_vectors)}, average=average)
     return {name: delta.float() for name, delta in merged.items()}
 
 
-def elect_and_sum(stacks: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """Apply TIES without trimming to stacked deltas, shape (experts, *shape), by name; sums of `shape`, float64."""
+def elect(stacks: Mapping[str, torch.Tensor], *, average: bool) -> dict[str, torch.Tensor]:
+    """Elect the sign of each entry, and sum or average the deltas that agree with it and are not zero.
+
+    `stacks` are the experts' deltas, shape (experts, *shape), by name; the result is of `shape`, float64.
+    """
     signs = {name: order_free_sum(deltas).sign() for name, deltas in stacks.items()}
     majority = 1.0 if sum(sign.sum().item() for sign in signs.values()) >= 0 else -1.0
     merged = {}
     for name, deltas in stacks.items():
         elected = torch.where(signs[name] == 0, majority, signs[name])
-        merged[name] = order_free_sum(torch.where(deltas * elected > 0, deltas, 0.0))
+        agrees = deltas * elected > 0
+        merged[name] = order_free_sum(torch.where(agrees, deltas, 0.0))
+        if average:
+            merged[name] /= agrees.sum(dim=0).clamp(min=1)
     return merged
 
 
@@ -106,7 +127,8 @@ def _mean_magnitude(delta: torch.Tensor) -> float:
     return delta.abs().to(torch.float64).mean().item() if delta.numel() else 0.0
 
 
-def _trimmed(vector: TaskVector, trim: float) -> TaskVector:
+def trimmed(vector: TaskVector, trim: float) -> TaskVector:
+    """Set the share `trim` of the entries to zero, the smallest by magnitude over all weights."""
     if not vector:
         return vector
     magnitudes = torch.cat([delta.abs().reshape(-1) for delta in vector.values()])

@@ -10,12 +10,26 @@ from typing import Any
 
 import torch
 
-from robogauntlet.policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
+from robogauntlet.policies.mergevla.merging.elementwise import (
+    dare,
+    emr,
+    emr_modulators,
+    mean,
+    task_arithmetic,
+    ties,
+    ties_published,
+)
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError, check_range
 from robogauntlet.policies.mergevla.merging.masks import Mask, lambdas_of, masked, task_masks
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.signs import apply_signs, fit_signs, flat, magnitude
-from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors, wudi
+from robogauntlet.policies.mergevla.merging.spectral import (
+    knots,
+    knots_ties,
+    task_singular_vectors,
+    wudi,
+    wudi_adam,
+)
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, check_task_vectors
 from robogauntlet.suites.plugins import did_you_mean
 
@@ -27,10 +41,13 @@ OPERATORS: Mapping[str, Operator] = MappingProxyType(
         "mean": mean,
         "ta": task_arithmetic,
         "ties": ties,
+        "ties-published": ties_published,
         "dare": dare,
         "tsv": task_singular_vectors,
         "knots": knots,
+        "knots-ties": knots_ties,
         "wudi": wudi,
+        "wudi-adam": wudi_adam,
         "emr": emr,
         "magnitude": magnitude,
         "flat": flat,

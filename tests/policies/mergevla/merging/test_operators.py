@@ -9,15 +9,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.mergevla.merging.elementwise import dare, emr, emr_modulators, mean, task_arithmetic, ties
+from robogauntlet.policies.mergevla.merging.elementwise import (
+    dare,
+    emr,
+    emr_modulators,
+    mean,
+    task_arithmetic,
+    ties,
+    ties_published,
+)
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
 from robogauntlet.policies.mergevla.merging.merge import OPERATORS, UnknownOperator, find_operator, merge_task_vectors
 from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors
 from tests.errors import one_line_error
 from tests.policies.mergevla.merging.strategies import close, copied, equal, random_task_vectors, task_vectors
 
-QUICK = {"wudi": {"steps": 3}}
-ORDER_FREE = ("mean", "ta", "ties", "emr")
+QUICK = {"wudi-adam": {"steps": 3}}
+ORDER_FREE = ("mean", "ta", "ties", "ties-published", "emr")
+PUBLISHED = {"mean", "ta", "ties", "ties-published", "dare", "tsv", "knots", "knots-ties", "wudi", "wudi-adam", "emr"}
 SIGNLESS = {"magnitude", "flat"}
 """Merge magnitudes only, see `test_signs`."""
 every_operator = pytest.mark.parametrize("operator", OPERATORS)
@@ -60,9 +69,9 @@ def test_zero_deltas_merge_to_zero(operator, experts):
     assert all(not delta.any() for delta in run(operator, zeros).values())
 
 
-@pytest.mark.parametrize("operator", ["ta", "ties", "dare", "knots", "wudi", "emr"])
+@pytest.mark.parametrize("operator", ["ta", "ties", "ties-published", "dare", "knots", "wudi", "wudi-adam", "emr"])
 def test_an_expert_that_changed_nothing_changes_nothing(operator):
-    # Not so for the mean, for TSV, and for what WUDI averages, where the number of experts counts.
+    # Not so for the mean and for TSV, where the number of experts counts.
     experts = {expert: {"w": vector["w"]} for expert, vector in random_task_vectors(2).items()}
     assert close(run(operator, experts), run(operator, {**experts, "idle": {"w": torch.zeros(6, 8)}}))
 
@@ -83,13 +92,13 @@ def test_a_sum_that_cancels_does_not_depend_on_the_order_either(operator):
     assert all(equal(orders[0], other) for other in orders)
 
 
-@pytest.mark.parametrize("operator", ["tsv", "knots", "wudi"])
+@pytest.mark.parametrize("operator", ["tsv", "knots", "knots-ties", "wudi", "wudi-adam"])
 def test_spectral_operators_do_not_depend_on_the_order_of_the_experts_beyond_rounding(operator):
     experts = random_task_vectors(3)
     assert close(run(operator, experts), run(operator, dict(reversed(experts.items()))))
 
 
-@pytest.mark.parametrize("operator", ["mean", "ta", "ties", "wudi", "emr"])
+@pytest.mark.parametrize("operator", ["mean", "ta", "ties", "wudi", "wudi-adam", "emr"])
 @settings(max_examples=25)
 @given(experts=task_vectors(max_experts=1))
 def test_one_expert_merges_to_itself(operator, experts):
@@ -116,7 +125,7 @@ def test_one_expert_does_not_merge_to_itself_under_dare_unless_nothing_is_droppe
     assert equal(dare(experts, drop=0.0), experts["expert0"])
 
 
-@pytest.mark.parametrize("operator", sorted(OPERATORS.keys() - {"dare"} - SIGNLESS))
+@pytest.mark.parametrize("operator", sorted(OPERATORS.keys() - {"dare", "ties-published", "knots-ties"} - SIGNLESS))
 @pytest.mark.parametrize("scale", [1e-30, 1e30])
 def test_deltas_whose_squares_leave_fp32_are_merged(operator, scale):
     deltas = random_task_vectors(1, scale=scale)
@@ -133,7 +142,7 @@ def test_alpha_scales_the_result(operator):
 
 
 def test_the_registry_has_every_operator_and_cannot_be_changed():
-    assert set(OPERATORS) == {"mean", "ta", "ties", "dare", "tsv", "knots", "wudi", "emr"} | SIGNLESS
+    assert set(OPERATORS) == PUBLISHED | SIGNLESS
     with pytest.raises(TypeError):
         OPERATORS["ta"] = OPERATORS["mean"]  # type: ignore[index]
 
@@ -169,6 +178,13 @@ def test_ties_trims_the_smallest_entries_of_an_expert_over_all_its_weights():
     merged = ties(experts, trim=0.5)  # leaves -4 and 3 of a, 20 and 30 of b
     assert merged["w"].tolist() == [0, -4]
     assert merged["v"].tolist() == [20, 33]
+
+
+def test_ties_as_published_has_known_values():
+    # Of five entries each keeps one (or two with equal magnitudes). Sums 0, -9, 3, 0, -2 elect +, -, +, +, -.
+    experts = {"a": row(1, -4, 2, 0, 0), "b": row(0, -5, 1, 0, -1), "c": row(0, 1, 3, 0, -2)}
+    assert ties_published(experts)["w"].tolist() == [0, -4.5, 3, 0, 0]
+    assert ties_published(experts, trim=0.0)["w"].tolist() == [1, -4.5, 2, 0, -1.5]
 
 
 @settings(max_examples=25)
@@ -244,10 +260,13 @@ def test_what_dare_drops_of_an_expert_does_not_depend_on_the_others():
         ("dare", {"drop": math.nan}),
         ("dare", {"seed": 0.5}),
         ("knots", {"cutoff": -1.0}),
-        ("knots", {"aligned": "mean"}),
-        ("wudi", {"steps": -1}),
-        ("wudi", {"steps": 1.5}),
-        ("wudi", {"learning_rate": 0.0}),
+        ("ties-published", {"trim": 1.0}),
+        ("knots-ties", {"cutoff": -1.0}),
+        ("knots-ties", {"trim": 1.0}),
+        ("wudi", {"cutoff": 1.0}),
+        ("wudi-adam", {"steps": -1}),
+        ("wudi-adam", {"steps": 1.5}),
+        ("wudi-adam", {"learning_rate": 0.0}),
     ],
 )
 def test_options_out_of_range_are_refused_in_one_line(operator, options):
