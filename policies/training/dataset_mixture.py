@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from enum import Enum
 from functools import cached_property
 from pathlib import Path
 
@@ -19,6 +20,16 @@ HELD_OUT_EVERY = 10
 """The last of every ten episodes is held out."""
 MOST_HELD_OUT = 128
 """Largest number of held-out frames per dataset, evenly spread."""
+
+
+class HeldOut(Enum):
+    """Which of the held-out episodes: what is chosen on one half is scored on the other."""
+
+    ALL = "all"
+    CHOICE = "choice"
+    """The first, third, fifth and so on."""
+    SCORE = "score"
+    """The second, fourth and so on."""
 
 
 class DatasetMixture:
@@ -104,11 +115,17 @@ class DatasetMixture:
         }
         return replace(batch, images=images)
 
-    def held_out(self, size: int, *, chunk_length: int, task: str | None = None) -> Iterator[Batch]:
+    def held_out(
+        self, size: int, *, chunk_length: int, task: str | None = None, part: HeldOut = HeldOut.ALL
+    ) -> Iterator[Batch]:
         """Yield fixed batches of the held-out episodes of one task or all; a dataset of one episode has none."""
-        for dataset, frames in zip(self.datasets, self._held_out, strict=True):
+        for dataset, all_frames in zip(self.datasets, self._held_out, strict=True):
             if task not in (None, dataset.task):
                 continue
+            frames = all_frames
+            if part is not HeldOut.ALL:
+                _, number = np.unique(_episode_of(dataset)[all_frames], return_inverse=True)
+                frames = all_frames[number % 2 == (part is HeldOut.SCORE)]
             for start in range(0, len(frames), size):
                 yield dataset.batch(frames[start : start + size], chunk_length=chunk_length)
 
@@ -129,9 +146,14 @@ def shift(images: Image, offsets: NDArray[np.int64], largest: int) -> Image:
     return moved
 
 
+def _episode_of(dataset: Demonstrations) -> NDArray[np.int64]:
+    """Return the number of each frame's episode."""
+    return np.repeat(np.arange(dataset.episodes), dataset.ends - dataset.starts)
+
+
 def _split(dataset: Demonstrations) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the training frames and the held-out frames."""
-    episode = np.repeat(np.arange(dataset.episodes), dataset.ends - dataset.starts)
+    episode = _episode_of(dataset)
     every = min(HELD_OUT_EVERY, dataset.episodes)
     out = (episode % every == every - 1) & (every > 1)
     held_out = np.flatnonzero(out)

@@ -15,12 +15,17 @@ from robogauntlet.policies.mergevla.network.model import MergeVLA
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
 from robogauntlet.policies.training.batch_loss import BatchLoss
-from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture, HeldOut
 from robogauntlet.policies.training.training_checkpoint import TrainingError
 
 LAMBDAS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """Candidates for each task."""
 BATCH = 64
+NEEDED = {
+    HeldOut.ALL: "to score",
+    HeldOut.CHOICE: "to choose on",
+    HeldOut.SCORE: "to score, beside those that lambda is chosen on",
+}
 Progress = Callable[[str], None]
 """Called with the value that is evaluated next."""
 
@@ -31,10 +36,13 @@ def held_out_l1(
     statistics: TaskStatistics,
     mixture: DatasetMixture,
     tasks: Sequence[str] | None = None,
+    *,
+    part: HeldOut = HeldOut.ALL,
 ) -> dict[str, float]:
     """Compute the mean L1 over the held-out episodes of each task, by default of all tasks in the mixture.
 
-    `model_of` returns the network that acts in a task. Raises TrainingError if no episode of a task is held out.
+    `model_of` returns the network that acts in a task; `part` says which of the held-out episodes. Raises TrainingError
+    if a task has none.
     """
     losses: dict[str, float] = {}
     for task in tasks or mixture.tasks:
@@ -42,23 +50,29 @@ def held_out_l1(
         batch_loss = BatchLoss(
             model.architecture, statistics, tokenizer_for(model.architecture), next(model.parameters()).device
         )
-        batches = list(mixture.held_out(BATCH, chunk_length=model.architecture.chunk_length, task=task))
+        batches = list(mixture.held_out(BATCH, chunk_length=model.architecture.chunk_length, task=task, part=part))
         if not batches:
-            raise TrainingError(f"expected held-out episodes of {task}, got none: ten episodes give one")
+            raise TrainingError(
+                f"expected held-out episodes of {task} {NEEDED[part]}, got too few: ten episodes give one"
+            )
         weights = [int(batch.mask.sum()) for batch in batches]
         losses[task] = float(np.average([float(batch_loss.loss(model, batch)) for batch in batches], weights=weights))
     return losses
 
 
 def experts_l1(
-    experts: Experts, mixture: DatasetMixture, instructions: Mapping[str, str] | None = None
+    experts: Experts,
+    mixture: DatasetMixture,
+    instructions: Mapping[str, str] | None = None,
+    *,
+    part: HeldOut = HeldOut.ALL,
 ) -> dict[str, float]:
     """Compute the mean L1 of the unmerged experts on their held-out episodes: the lower bound for merging."""
     recipe = Recipe(backbone=BackboneRule.SELECT, trunk=TrunkRule.MEAN)
     losses: dict[str, float] = {}
     for task, expert in experts.by_task.items():
         parts = merge_parts(replace(experts, by_task={task: expert}), recipe, instructions)
-        losses |= held_out_l1(MergedModel(parts).model, parts.statistics, mixture, [task])
+        losses |= held_out_l1(MergedModel(parts).model, parts.statistics, mixture, [task], part=part)
     return losses
 
 
@@ -71,9 +85,10 @@ def choose_lambdas(
     among: Sequence[float] = LAMBDAS,
     progress: Progress | None = None,
 ) -> tuple[Recipe, dict[str, dict[float, float]]]:
-    """Choose for each task the lambda, out of `among`, with the smallest loss on its held-out demonstrations.
+    """Choose for each task the lambda, out of `among`, with the smallest loss on half of its held-out demonstrations.
 
-    A task's weights depend on the merged task vector and its own mask alone, so each task is treated separately.
+    That half is `HeldOut.CHOICE`; score the result on `HeldOut.SCORE`. A task's weights depend on the merged task
+    vector and its own mask alone, so each task is treated separately.
 
     Returns:
         The recipe with a lambda per expert, and expert to lambda to held-out L1.
@@ -88,7 +103,8 @@ def choose_lambdas(
         if progress is not None:
             progress(f"lambda {value:g}")
         parts = merge_parts(experts, replace(recipe, lambda_=value), instructions)
-        for task, loss in held_out_l1(MergedModel(parts).model, parts.statistics, mixture, list(table)).items():
+        losses = held_out_l1(MergedModel(parts).model, parts.statistics, mixture, list(table), part=HeldOut.CHOICE)
+        for task, loss in losses.items():
             table[task][value] = loss
     best = {task: min(losses, key=lambda value: (losses[value], value)) for task, losses in table.items()}
     return replace(recipe, lambda_=best), table

@@ -32,9 +32,8 @@ AUTO = "auto"
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts, Merging
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights
-    from robogauntlet.policies.mergevla.merging.diagnostics import MergeReport
     from robogauntlet.policies.training.dataset import Demonstrations
 
 
@@ -42,7 +41,11 @@ def merge(
     experts: Annotated[list[str], typer.Argument(metavar="EXPERTS...", help="Expert checkpoints, or folders of them.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the merged checkpoint.")],
     operator: Annotated[
-        str, typer.Option(help="Merging operator: mean, ta, ties, dare, tsv, knots, wudi, emr, magnitude or flat.")
+        str,
+        typer.Option(
+            help="Merging operator: mean, ta, ties, ties-published, dare, tsv, knots, knots-ties, wudi, wudi-adam, "
+            "emr, magnitude or flat; or none: each task keeps its expert, quantised to --bits."
+        ),
     ] = "ties",
     masks: Annotated[
         str | None, typer.Option(help="Masks: none, task, emr or signs; by default those of the operator, else task.")
@@ -59,6 +62,9 @@ def merge(
         int,
         typer.Option(help="Bits per weight with --masks signs; each round encodes the remainder of the one before."),
     ] = 1,
+    bits: Annotated[
+        int | None, typer.Option(help="Bits per weight with --operator none, from 2 to 8.", show_default=False)
+    ] = None,
     alpha: Annotated[float, typer.Option(help="Scale of the merged task vector.")] = 1.0,
     trunk: Annotated[
         str,
@@ -101,7 +107,7 @@ def merge(
                 "kept_blocks": keep_blocks,
                 "merge_output": merge_output,
                 "backbone": BackboneRule.SELECT if select else BackboneRule.MERGED,
-                "options": _options(options or ()),
+                "options": _options(options or ()) | ({} if bits is None else {"bits": bits}),
             }
         )
         datasets = datasets_of(demonstrations or (), tuple(read.by_task))
@@ -112,7 +118,7 @@ def merge(
         metadata = save_merged(out_folder, merging, _fit(merging.parts, datasets) if datasets else None)
     except OSError as error:
         raise BadInput(describe_os_error_at(error, out_folder)) from None
-    _show(merging.report, recipe, _losses(read, merging.parts, datasets, instructions) if datasets else {})
+    _show(merging, _losses(read, merging.parts, datasets, instructions, lambdas) if datasets else {})
     size = (out_folder / WEIGHTS).stat().st_size / 1e6
     routers = f"fitted routers: {', '.join(metadata.routers)}" if metadata.routers else "no router was fitted"
     print_line(f"{out_folder}: {len(metadata.experts)} experts merged, {size:.1f} MB beside the base; {routers}")
@@ -200,40 +206,55 @@ def _best_lambdas(
 
 
 def _losses(
-    experts: Experts, parts: MergedWeights, datasets: Sequence[Demonstrations], instructions: dict[str, str]
+    experts: Experts,
+    parts: MergedWeights,
+    datasets: Sequence[Demonstrations],
+    instructions: dict[str, str],
+    lambdas: list[str] | None,
 ) -> dict[str, tuple[float, float]]:
-    """Task to the held-out L1 of its expert and of the merged model; empty if a task has no held-out episodes."""
+    """Task to the held-out L1 of its expert and of the merged model; empty if a task has too few held-out episodes.
+
+    If lambda was chosen on half of them, the loss is that on the other half.
+    """
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+    from robogauntlet.policies.training.dataset_mixture import HELD_OUT_EVERY, DatasetMixture, HeldOut
     from robogauntlet.policies.training.lambda_selection import experts_l1, held_out_l1
 
-    if any(dataset.episodes < 2 for dataset in datasets):
+    part, needed = (HeldOut.SCORE, 2 * HELD_OUT_EVERY) if lambdas == [AUTO] else (HeldOut.ALL, 2)
+    if any(dataset.episodes < needed for dataset in datasets):
         return {}
     pool = DatasetMixture(datasets)
-    alone = experts_l1(experts, pool, instructions)
-    merged = held_out_l1(MergedModel(parts).model, parts.statistics, pool)
+    alone = experts_l1(experts, pool, instructions, part=part)
+    merged = held_out_l1(MergedModel(parts).model, parts.statistics, pool, part=part)
     return {task: (alone[task], merged[task]) for task in alone}
 
 
-def _show(report: MergeReport, recipe: Recipe, losses: Mapping[str, tuple[float, float]]) -> None:
-    """Print what the masks keep of the merged task vector, and what they would keep by chance."""
-    table = Table("expert", box=None, pad_edge=False)
-    columns = "keep rate", "chance", "cosine", "chance", "mask KB", "own KB", "as LoRA KB", "held-out L1", "merged"
-    for title in columns:
-        table.add_column(title, justify="right")
+def _show(merging: Merging, losses: Mapping[str, tuple[float, float]]) -> None:
+    """Print what each task takes, and what masks keep of the merged task vector beside what they would by chance."""
+    report, recipe = merging.report, merging.parts.recipe
     observed, chance = report.observed, report.null
+    table = Table("expert", box=None, pad_edge=False)
+    rates = ("keep rate", "chance", "cosine", "chance", "mask KB") if report.entries else ()
+    for title in (*rates, "own KB", "as LoRA KB", "held-out L1", "merged"):
+        table.add_column(title, justify="right")
     for expert in report.experts:
         size = report.bytes_per_task[expert]
-        rates = (observed.keep[expert], chance.keep[expert], observed.cosine[expert], chance.cosine[expert])
-        sizes = (size.mask, size.head, size.lora)
+        kept = (observed.keep[expert], chance.keep[expert], observed.cosine[expert], chance.cosine[expert])
+        sizes = (size.mask, size.head, size.lora) if report.entries else (size.head, size.lora)
         table.add_row(
             expert,
-            *(f"{rate:.3f}" for rate in rates),
+            *(f"{rate:.3f}" for rate in kept if report.entries),
             *("-" if count is None else f"{count / 1e3:.1f}" for count in sizes),
             *(f"{loss:.3f}" for loss in losses.get(expert, ())),
         )
     out.print(table)
-    out.print(f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f}; {report.entries} weights merged")
+    if report.entries:
+        out.print(
+            f"selfish rate {observed.selfish:.3f}, by chance {chance.selfish:.3f} (entries in a random order within "
+            f"each weight; Gaussian entries: {report.gaussian.selfish:.3f}); {report.entries} weights merged"
+        )
+    if report.interference_reduction is not None:
+        out.print(f"interference lowered by {report.interference_reduction:.1%} of what is possible")
     for part, distances in report.block_distances.items():
         texts, first_kept = [f"{distance:.3f}" for distance in distances], len(distances) - recipe.kept_blocks
         trunk, head = " ".join(texts[:first_kept]), " ".join(texts[first_kept:])

@@ -11,12 +11,14 @@ from torch import Tensor
 
 from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, tensors_of
+from robogauntlet.policies.mergevla.checkpoints.expert_copies import quantised_copy, restored
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights, leading
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata, base_folder, locate
 from robogauntlet.policies.mergevla.merging.diagnostics import MergeReport, report
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError
-from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, find_operator, merge
-from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
+from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, check_operator, merge
+from robogauntlet.policies.mergevla.merging.quantisation import pack
+from robogauntlet.policies.mergevla.merging.recipe import UNMERGED, BackboneRule, MaskRule, Recipe, TrunkRule
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVectors, Weights, check_same_base, task_vector
 from robogauntlet.policies.mergevla.merging.trunk import mean_trunk, split_trunk
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors, lora_factors
@@ -112,6 +114,8 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
     kept = {task: dict(head) for task, head in parts.heads.items()}
     for task, adapters in parts.adapters.items():
         kept[task] |= {f"{name}.{side}": getattr(f, side) for name, f in adapters.items() for side in ("a", "b")}
+    for task, copy in parts.copies.items():
+        kept[task] = pack(copy, recipe.options["bits"])
     first = next(iter(experts.by_task.values())).metadata
     assert first.lora is not None
     diagnostics = report(
@@ -127,7 +131,7 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
 
 def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> MergedWeights:
     """Merge experts without a report; see `merge_experts`."""
-    find_operator(recipe.operator)
+    check_operator(recipe.operator, recipe.options)
     known = {task: description.instruction for task, description in task_descriptions().items()}
     known |= dict(instructions or {})
     for task in experts.by_task:
@@ -135,13 +139,22 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
             raise MergeError(f"expected an instruction for {task}: no simulator here has the task, and none was given")
     trunks, heads = _splits(experts, recipe)
     task_vectors = _task_vectors(experts, trunks, recipe)
+    adapters = {task: expert.factors for task, expert in experts.by_task.items()}
+    copies = {}
+    if recipe.operator == UNMERGED:
+        copies = {
+            task: quantised_copy(expert.factors, expert.weights, experts.base_weights, recipe.options["bits"])
+            for task, expert in experts.by_task.items()
+        }
+        for task, copy in copies.items():
+            adapters[task], heads[task] = restored(copy, experts.base_weights)
     if any(task_vectors.values()):
         merged = merge(task_vectors, recipe)
     else:
         merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
         heads = {task: {name: weight.bfloat16() for name, weight in head.items()} for task, head in heads.items()}
-    selects = recipe.backbone is BackboneRule.SELECT
+    selects = recipe.backbone is BackboneRule.SELECT or copies
     first = next(iter(experts.by_task.values()))
     return MergedWeights(
         architecture=first.metadata.architecture,
@@ -153,10 +166,11 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         base=experts.base_weights,
         merged=merged,
         trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
-        adapters={task: expert.factors for task, expert in experts.by_task.items()} if selects else {},
+        adapters=adapters if selects else {},
         heads=heads,
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
         expert_digests={task: expert.metadata.digest for task, expert in experts.by_task.items()},
+        copies=copies,
         action_steps={
             task: steps for task, expert in experts.by_task.items() if (steps := expert.metadata.action_steps)
         },
@@ -165,7 +179,8 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
 
 def _splits(experts: Experts, recipe: Recipe) -> tuple[dict[str, Weights], dict[str, Weights]]:
     """Return the trunk and the head of each task."""
-    trunks, heads = {}, {}
+    trunks: dict[str, Weights] = {}
+    heads: dict[str, Weights] = {}
     for task, expert in experts.by_task.items():
         trunks[task], heads[task] = split_trunk(expert.weights, recipe.kept_blocks, merge_output=recipe.merge_output)
     return trunks, heads
@@ -177,6 +192,8 @@ def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recip
     A weight that another expert has adapted and this one has not has a task vector of zeros.
     """
     task_vectors: dict[str, dict[str, Tensor]] = {task: {} for task in experts.by_task}
+    if recipe.operator == UNMERGED:
+        return task_vectors
     adapted = {name for expert in experts.by_task.values() for name in expert.factors}
     for task, expert in experts.by_task.items():
         if recipe.backbone is BackboneRule.MERGED:

@@ -17,6 +17,7 @@ from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import (
     read_tensors,
     write_folder,
 )
+from robogauntlet.policies.mergevla.checkpoints.expert_copies import restored, unpacked_copy
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import MergedMetadata
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights
@@ -24,12 +25,13 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, Checkpo
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
 from robogauntlet.policies.mergevla.merging.masks import Mask, MaskMismatch, check_mask, pack_mask, unpack_mask
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors
-from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.quantisation import pack
+from robogauntlet.policies.mergevla.merging.recipe import UNMERGED, BackboneRule, MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.signs import check_row_scales
 from robogauntlet.policies.mergevla.merging.task_vectors import Weights, difference
 from robogauntlet.policies.mergevla.network.lora import Factors
 
-TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = (
+TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, COPY, SUBSPACE, ROUTER = SECTIONS = (
     "tau",
     "trunk",
     "mask",
@@ -37,6 +39,7 @@ TAU, TRUNK, MASK, SCALE, RESIDUAL, HEAD, ADAPTER, SUBSPACE, ROUTER = SECTIONS = 
     "residual",
     "head",
     "adapter",
+    "copy",
     "subspace",
     "router",
 )
@@ -68,10 +71,10 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
     parts = merging.parts
     tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk) | _under(ROUTER, fitted or {})
     for number, expert in enumerate(parts.statistics.tasks):
-        tensors |= _under(f"{HEAD}/{number}", parts.heads[expert])
-        for weight, factors in parts.adapters.get(expert, {}).items():
-            scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
-            tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
+        if parts.copies:
+            tensors |= _under(f"{COPY}/{number}", pack(parts.copies[expert], parts.recipe.options["bits"]))
+        else:
+            tensors |= _own_tensors(parts, expert, str(number))
         v_adapter, v_task = parts.subspaces[expert]
         tensors |= _under(f"{SUBSPACE}/{number}", {"v_adapter": v_adapter, "v_task": v_task})
     check_finite(tensors, folder)
@@ -118,6 +121,14 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     return MergedCheckpoint(parts, metadata, _section(tensors, ROUTER))
 
 
+def _own_tensors(parts: MergedWeights, expert: str, number: str) -> dict[str, Tensor]:
+    tensors = _under(f"{HEAD}/{number}", parts.heads[expert])
+    for weight, factors in parts.adapters.get(expert, {}).items():
+        scaled = {"a": factors.a.float(), "b": factors.b.float() * factors.scale}
+        tensors |= _under(f"{ADAPTER}/{number}/{weight}", scaled)
+    return tensors
+
+
 def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
     vector = merged.vector
     if merged.recipe.masks is MaskRule.SIGNS:
@@ -157,7 +168,15 @@ def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedW
     merged = _merged(metadata, recipe, tensors)
     if merged.residual and (problem := difference(merged.vector, merged.residual.vector)):
         raise ExpertsDiffer(f"the second round is for another model: {problem}")
-    selects = recipe.backbone is BackboneRule.SELECT
+    copies, adapters, heads = {}, {}, {}
+    for expert, number in numbered.items():
+        if recipe.operator == UNMERGED:
+            copies[expert] = unpacked_copy(_section(tensors, f"{COPY}/{number}"), base, recipe.options["bits"])
+            adapters[expert], heads[expert] = restored(copies[expert], base)
+            continue
+        heads[expert] = _section(tensors, f"{HEAD}/{number}")
+        if recipe.backbone is BackboneRule.SELECT:
+            adapters[expert] = _adapters(tensors, number, base)
     return MergedWeights(
         architecture=metadata.architecture,
         statistics=metadata.statistics,
@@ -166,10 +185,11 @@ def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedW
         base=base,
         merged=merged,
         trunk=_section(tensors, TRUNK),
-        adapters={expert: _adapters(tensors, n, base) for expert, n in numbered.items()} if selects else {},
-        heads={expert: _section(tensors, f"{HEAD}/{n}") for expert, n in numbered.items()},
+        adapters=adapters,
+        heads=heads,
         subspaces={expert: _subspaces(tensors, n) for expert, n in numbered.items()},
         expert_digests=metadata.expert_digests,
+        copies=copies,
         action_steps=metadata.action_steps,
     )
 

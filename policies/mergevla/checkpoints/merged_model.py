@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -10,6 +9,7 @@ import torch
 from torch import Tensor
 
 from robogauntlet.policies.contract import PolicyError
+from robogauntlet.policies.mergevla.checkpoints.expert_copies import Copy
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors
 from robogauntlet.policies.mergevla.merging.recipe import Recipe
@@ -18,11 +18,10 @@ from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors
 from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.model_cache import ModelCache
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
 
-MOST_MODELS = 16
-"""Networks that are kept in memory; weights that equal the base's are shared."""
 SUBSPACE = 8
 """Right singular vectors of an expert's own value projections that are kept for a router (arXiv 2511.18810: k_r)."""
 
@@ -44,13 +43,15 @@ class MergedWeights:
     trunk: Weights
     """The mean of the trunks under `TrunkRule.MEAN`, else empty."""
     adapters: Mapping[str, Mapping[str, Factors]]
-    """Expert to its adapters under `BackboneRule.SELECT`, else empty."""
+    """Expert to its adapters if backbones are not merged, else empty."""
     heads: Mapping[str, Weights]
     """Expert to the weights that it keeps: the last k blocks, and the output layer unless that is merged."""
     subspaces: Mapping[str, tuple[Tensor, Tensor]]
     """Expert to the `leading` parts of its own value projections (v_adapter, v_task) in the last merged block."""
     expert_digests: Mapping[str, str] = field(default_factory=dict)
     """Expert to the digest of the checkpoint that was merged."""
+    copies: Mapping[str, Copy] = field(default_factory=dict)
+    """Expert to the quantised form of `adapters` and `heads` if nothing is merged (`recipe.UNMERGED`), else empty."""
     action_steps: Mapping[str, int] = field(default_factory=dict)
     """Expert to its `CheckpointMetadata.action_steps`; those that execute whole chunks are left out."""
 
@@ -79,7 +80,9 @@ class MergedModel:
         self.kept_blocks = parts.recipe.kept_blocks
         self.device = device or torch.device("cpu")
         self.tokenizer = tokenizer_for(parts.architecture)
-        self._models: OrderedDict[str | None, MergeVLA] = OrderedDict()
+        self._models: ModelCache[str | None, MergeVLA] = ModelCache(
+            self._built, lambda model: model.state_dict().values(), device=self.device, shared=parts.base.values()
+        )
 
     def weights(self, expert: str | None) -> dict[str, Tensor]:
         """Return the weights of an expert's network, of the base's types; None for those of the base."""
@@ -98,15 +101,13 @@ class MergedModel:
 
     def model(self, expert: str | None) -> MergeVLA:
         """Return the network of an expert in evaluation mode; None for the base."""
-        if expert not in self._models:
-            with torch.inference_mode(False), torch.random.fork_rng(devices=[]):
-                model = MergeVLA(self.architecture)
-                model.load_state_dict(self.weights(expert), assign=True)
-                self._models[expert] = model.requires_grad_(False).eval().to(self.device)
-            while len(self._models) > MOST_MODELS:
-                self._models.popitem(last=False)
-        self._models.move_to_end(expert)
-        return self._models[expert]
+        return self._models(expert)
+
+    def _built(self, expert: str | None) -> MergeVLA:
+        with torch.inference_mode(False), torch.random.fork_rng(devices=[]):
+            model = MergeVLA(self.architecture)
+            model.load_state_dict(self.weights(expert), assign=True)
+            return model.requires_grad_(False).eval().to(self.device)
 
     @torch.inference_mode()
     def hidden_states(self, expert: str | None, images: Tensor, instructions: Sequence[str]) -> HiddenStates:

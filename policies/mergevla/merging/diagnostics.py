@@ -14,11 +14,13 @@ from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer
 from robogauntlet.policies.mergevla.merging.masks import Mask, packed_bytes
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, merge
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.spectral import interference_reduction
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, Weights, rms
 from robogauntlet.policies.mergevla.merging.trunk import block_of, depth_of
 
 NULL_SHAPE = (640, 640)
 """Shape of the Gaussian matrix with which the null is simulated: its rates are then good to about 0.002."""
+MINIMISES_INTERFERENCE = ("wudi", "wudi-adam")
 _FLOAT_BYTES = 4
 
 
@@ -55,7 +57,11 @@ class MergeReport:
     """Number of entries of the merged weights."""
     observed: MaskStatistics
     null: MaskStatistics
-    """The same for independent Gaussian task vectors with the experts' root mean squares: the result of chance."""
+    """The same for the experts' entries in a random order within each weight: the result of chance."""
+    gaussian: MaskStatistics
+    """The same for independent Gaussian task vectors with the experts' root mean squares."""
+    interference_reduction: float | None
+    """See `spectral.interference_reduction`; None unless the operator minimises the interference."""
     scales: Mapping[str, float]
     """Expert name to the root mean square of its task vector."""
     bytes_per_task: Mapping[str, BytesPerTask] = field(default_factory=dict)
@@ -109,12 +115,35 @@ def mask_statistics(task_vectors: TaskVectors, merged: MergedTaskVectors) -> Mas
     return MaskStatistics(keep, selfish_rate([merged.masks[expert] for expert in task_vectors]), cosines)
 
 
+def permutation_null(task_vectors: TaskVectors, recipe: Recipe, *, generator: torch.Generator) -> MaskStatistics:
+    """Compute the statistics of the same entries in a random order within each weight: the null hypothesis.
+
+    Every weight of every expert keeps its scale and its heavy tails, and only the relation between experts is broken: a
+    difference from this is a relation between tasks.
+
+    Args:
+        task_vectors: The experts' task vectors.
+        recipe: Recipe of the merge.
+        generator: Source of the orders, on the CPU.
+    """
+    shuffled = {
+        expert: {name: _shuffled(delta, generator) for name, delta in vector.items()}
+        for expert, vector in task_vectors.items()
+    }
+    return mask_statistics(shuffled, merge(shuffled, recipe))
+
+
+def _shuffled(delta: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    return delta.reshape(-1)[torch.randperm(delta.numel(), generator=generator)].reshape(delta.shape)
+
+
 def gaussian_null(
     scales: Mapping[str, float], recipe: Recipe, *, generator: torch.Generator, shape: tuple[int, ...] = NULL_SHAPE
 ) -> MaskStatistics:
-    """Compute the statistics of independent Gaussian task vectors under the same merge: the null hypothesis.
+    """Compute the statistics of independent Gaussian task vectors under the same merge.
 
-    Masks from TIES of four unrelated updates are 73 % selfish; only a difference from this says something about tasks.
+    Masks from TIES of four unrelated updates are 73 % selfish. Compare with `permutation_null`, which also has the
+    unequal scales of weights and the tails of their entries.
 
     Args:
         scales: Expert name to the standard deviation of its entries.
@@ -195,20 +224,23 @@ def report(
     Args:
         task_vectors: The experts' task vectors; ExpertsDiffer if they are not of the merged experts.
         merged: Result of `merge.merge`.
-        generator: Source of the null's draws, on the CPU.
+        generator: Source of the draws of both nulls, on the CPU.
         heads: Expert name to the weights that it keeps.
         lora_rank: See `bytes_per_task`.
         weights: Expert name to its weights, for `block_distances`.
     """
     observed = mask_statistics(task_vectors, merged)
     scales = {expert: rms(vector) for expert, vector in task_vectors.items()}
-    null = gaussian_null(scales, merged.recipe, generator=generator)
+    has_entries = any(task_vectors.values())
     heads = heads or {}
+    minimises = has_entries and merged.recipe.operator in MINIMISES_INTERFERENCE
     return MergeReport(
         experts=merged.experts,
         entries=sum(delta.numel() for delta in merged.vector.values()),
         observed=observed,
-        null=null,
+        null=permutation_null(task_vectors, merged.recipe, generator=generator) if has_entries else observed,
+        gaussian=gaussian_null(scales, merged.recipe, generator=generator) if has_entries else observed,
+        interference_reduction=interference_reduction(task_vectors, merged.vector) if minimises else None,
         scales=scales,
         bytes_per_task={
             expert: bytes_per_task(

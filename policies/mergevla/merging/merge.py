@@ -21,7 +21,7 @@ from robogauntlet.policies.mergevla.merging.elementwise import (
 )
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError, check_range
 from robogauntlet.policies.mergevla.merging.masks import Mask, lambdas_of, masked, task_masks
-from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+from robogauntlet.policies.mergevla.merging.recipe import UNMERGED, MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.signs import apply_signs, fit_signs, flat, magnitude
 from robogauntlet.policies.mergevla.merging.spectral import (
     knots,
@@ -53,22 +53,21 @@ OPERATORS: Mapping[str, Operator] = MappingProxyType(
         "flat": flat,
     }
 )
-"""Every merge operator by name. The functions' docstrings name the papers."""
+"""Every operator that merges, by name. The functions' docstrings name the papers."""
 
 
 class UnknownOperator(MergeError):
     """Unknown merge operator, or unknown option of one."""
 
 
-def find_operator(name: str, options: Iterable[str] = ()) -> Operator:
-    """Return the operator of that name. Raises UnknownOperator if it, or an option of it, is unknown."""
-    if name not in OPERATORS:
-        raise UnknownOperator(f"unknown merge operator '{name}'{did_you_mean(name, OPERATORS)}")
-    known = inspect.getfullargspec(OPERATORS[name]).kwonlyargs
+def check_operator(name: str, options: Iterable[str] = ()) -> None:
+    """Raise UnknownOperator if the operator, or an option of it, is unknown."""
+    if name not in (*OPERATORS, UNMERGED):
+        raise UnknownOperator(f"unknown merge operator '{name}'{did_you_mean(name, (*OPERATORS, UNMERGED))}")
+    known = ["bits"] if name == UNMERGED else inspect.getfullargspec(OPERATORS[name]).kwonlyargs
     for option in options:
         if option not in known:
             raise UnknownOperator(f"operator '{name}' has no option '{option}'; it has: {', '.join(known) or 'none'}")
-    return OPERATORS[name]
 
 
 def merge_task_vectors(
@@ -87,10 +86,11 @@ def merge_task_vectors(
         OutOfRange: alpha or an option is out of range.
         ExpertsDiffer: The task vectors do not fit each other.
     """
-    chosen = find_operator(operator, options or {})
+    check_operator(operator, options or {})
     check_range("alpha", alpha, 0, float("inf"))
     check_task_vectors(task_vectors)
-    return {name: delta * alpha for name, delta in chosen(task_vectors, **(options or {})).items()}
+    merged = OPERATORS[operator](task_vectors, **(options or {}))
+    return {name: delta * alpha for name, delta in merged.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,8 +34,10 @@ class MaskRule(StrEnum):
     """All magnitudes, with the task's own signs and row scales, see `signs`."""
 
 
+UNMERGED = "none"
+"""The operator that merges nothing: each task keeps its expert, quantised, see `quantisation`."""
 MASKS_OF: Mapping[str, MaskRule] = MappingProxyType(
-    {"emr": MaskRule.EMR, "magnitude": MaskRule.SIGNS, "flat": MaskRule.SIGNS}
+    {"emr": MaskRule.EMR, "magnitude": MaskRule.SIGNS, "flat": MaskRule.SIGNS, UNMERGED: MaskRule.NONE}
 )
 """Operator to the masks that were designed for it; all others use task masks."""
 
@@ -66,7 +68,7 @@ class Recipe(Stored):
     refusal: ClassVar = OutOfRange
 
     operator: str = "ties"
-    """Name out of `operators.OPERATORS`."""
+    """Name out of `merge.OPERATORS`, or `UNMERGED`."""
     alpha: Number = 1.0
     """Scale of the merged task vector."""
     masks: MaskRule = MaskRule.TASK
@@ -89,6 +91,10 @@ class Recipe(Stored):
         check_range("rounds", self.rounds, 1, math.inf, closed="[)", whole=True)
         if self.rounds > 1 and self.masks is not MaskRule.SIGNS:
             raise OutOfRange(f"expected masks '{MaskRule.SIGNS}' for {self.rounds} rounds, got '{self.masks}'")
+        if self.operator == UNMERGED:
+            check_range("bits", self.options.get("bits"), 2, 8, closed="[]", whole=True)
+            if self.masks is not MaskRule.NONE:
+                raise OutOfRange(f"expected masks '{MaskRule.NONE}' where nothing is merged, got '{self.masks}'")
         for value in self.lambda_.values() if isinstance(self.lambda_, Mapping) else (self.lambda_,):
             check_lambda(value)
 

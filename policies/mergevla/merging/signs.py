@@ -16,6 +16,7 @@ from robogauntlet.policies.mergevla.merging.masks import Mask, check_mask
 from robogauntlet.policies.mergevla.merging.task_vectors import (
     TaskVector,
     TaskVectors,
+    as_rows,
     difference,
     names_of,
     order_free_sum,
@@ -60,7 +61,7 @@ def fit_signs(task_vectors: TaskVectors, merged: TaskVector) -> tuple[dict[str, 
 
 def check_row_scales(row_scales: TaskVector, merged: TaskVector) -> None:
     """Raise ExpertsDiffer unless there is one scale for each row of each merged weight."""
-    expected = {name: delta.new_empty(len(_rows(delta))) for name, delta in merged.items()}
+    expected = {name: delta.new_empty(len(as_rows(delta))) for name, delta in merged.items()}
     if problem := difference(expected, row_scales):
         raise ExpertsDiffer(f"the row scales are for another model: {problem}")
 
@@ -72,17 +73,12 @@ def apply_signs(merged: TaskVector, signs: Mask, row_scales: TaskVector) -> dict
     deltas = {}
     for name, delta in merged.items():
         signed = torch.where(signs[name], delta.abs(), -delta.abs())
-        deltas[name] = (_rows(signed) * row_scales[name][:, None]).reshape(delta.shape)
+        deltas[name] = (as_rows(signed) * row_scales[name][:, None]).reshape(delta.shape)
     return deltas
 
 
-def _rows(delta: torch.Tensor) -> torch.Tensor:
-    """A weight as a matrix: its first axis by all others; a vector or number as one row."""
-    return delta.flatten(1) if delta.ndim > 1 else delta.reshape(1, -1)
-
-
 def _row_scales(delta: torch.Tensor, merged: torch.Tensor) -> torch.Tensor:
-    own, shared = (_rows(tensor).abs().to(torch.float64) for tensor in (delta, merged))
+    own, shared = (as_rows(tensor).abs().to(torch.float64) for tensor in (delta, merged))
     squares = shared.square().sum(dim=1)
     return torch.where(squares > 0, (own * shared).sum(dim=1) / squares, 0.0).float()
 
@@ -90,7 +86,7 @@ def _row_scales(delta: torch.Tensor, merged: torch.Tensor) -> torch.Tensor:
 def _leading(deltas: torch.Tensor) -> torch.Tensor:
     if not deltas.numel():
         return torch.zeros_like(deltas[0])
-    by_row = torch.stack([_rows(delta) for delta in deltas], dim=1).abs().to(torch.float64)
+    by_row = torch.stack([as_rows(delta) for delta in deltas], dim=1).abs().to(torch.float64)
     _, values, vectors = torch.linalg.svd(by_row, full_matrices=False)
     scale = values[:, :1] / len(deltas) ** 0.5
     return (scale * vectors[:, 0].abs()).float().reshape(deltas.shape[1:])
@@ -99,5 +95,5 @@ def _leading(deltas: torch.Tensor) -> torch.Tensor:
 def _flat(deltas: torch.Tensor) -> torch.Tensor:
     if not deltas.numel():
         return torch.zeros_like(deltas[0])
-    by_row = _rows(order_free_sum(deltas.abs())) / len(deltas)
+    by_row = as_rows(order_free_sum(deltas.abs())) / len(deltas)
     return by_row.mean(dim=1, keepdim=True).expand_as(by_row).float().reshape(deltas.shape[1:]).clone()

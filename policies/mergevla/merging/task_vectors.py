@@ -73,6 +73,11 @@ def names_of(task_vectors: TaskVectors) -> tuple[str, ...]:
     return tuple(sorted(next(iter(task_vectors.values()))))
 
 
+def as_rows(weight: torch.Tensor) -> torch.Tensor:
+    """Return a weight as a matrix: its first axis by all others; a vector or number as one row."""
+    return weight.flatten(1) if weight.ndim > 1 else weight.reshape(1, -1)
+
+
 def order_free_sum(values: torch.Tensor) -> torch.Tensor:
     """Sum over the first axis in float64, bit-identical for any order of the experts.
 

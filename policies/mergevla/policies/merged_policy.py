@@ -18,7 +18,7 @@ from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedC
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointMetadata, locate
 from robogauntlet.policies.mergevla.merging.masks import lambdas_of
-from robogauntlet.policies.mergevla.merging.merge import find_operator
+from robogauntlet.policies.mergevla.merging.merge import check_operator
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.trunk import check_kept_blocks
 from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders
@@ -136,7 +136,7 @@ def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
 
 def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, checkpoint: MergedCheckpoint) -> None:
     """Raise PolicyError for an invalid recipe, or experts of another base than the fitted router's."""
-    find_operator(recipe.operator, recipe.options)
+    check_operator(recipe.operator, recipe.options)
     check_kept_blocks(recipe.kept_blocks, checkpoint.metadata.architecture.language.layers)
     if recipe.masks is MaskRule.TASK:
         lambdas_of({task: {} for task in folders}, recipe.lambda_)

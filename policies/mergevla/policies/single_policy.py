@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,11 +23,11 @@ from robogauntlet.policies.contract import (
     StatelessPolicy,
 )
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
-from robogauntlet.policies.mergevla.checkpoints.merged_model import MOST_MODELS
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import folded, has_lora
 from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.model_cache import ModelCache
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts, Tokenizer, tokenizer_for
 from robogauntlet.suites.episode import Episode
@@ -138,7 +138,11 @@ class MergeVLAPolicy(StatelessPolicy):
         """
         torch.set_num_threads(1)
         self._checkpoints = checkpoints
-        self._network = lru_cache(maxsize=MOST_MODELS)(partial(load_network, device=device_here()))
+        self._network: ModelCache[Path, Network] = ModelCache(
+            partial(load_network, device=device_here()),
+            lambda network: network.model.state_dict().values(),
+            device=device_here(),
+        )
         if isinstance(checkpoints, Path):
             self.spec = policy_spec(self._network(checkpoints).model.architecture)
             return

@@ -3,9 +3,10 @@
 import pytest
 
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import read_experts
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.merging.recipe import Recipe
 from robogauntlet.policies.training.dataset import Demonstrations
-from robogauntlet.policies.training.dataset_mixture import DatasetMixture
+from robogauntlet.policies.training.dataset_mixture import DatasetMixture, HeldOut
 from robogauntlet.policies.training.lambda_selection import choose_lambdas, experts_l1, held_out_l1
 from robogauntlet.policies.training.training_checkpoint import TrainingError
 from tests.policies.mergevla.experts import INSTRUCTIONS, TASKS, merging, save_experts
@@ -29,12 +30,10 @@ def test_each_task_gets_the_lambda_with_which_its_held_out_loss_is_least(made):
 
 
 def test_the_table_has_the_losses_of_the_merged_model(made):
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-
     experts, pool, folders = made
     _, table = choose_lambdas(experts, Recipe(), pool, INSTRUCTIONS, among=(0.6,))
     parts = merging(folders).parts
-    again = held_out_l1(MergedModel(parts).model, parts.statistics, pool)
+    again = held_out_l1(MergedModel(parts).model, parts.statistics, pool, part=HeldOut.CHOICE)
     assert again == pytest.approx({task: losses[0.6] for task, losses in table.items()})
 
 
@@ -46,6 +45,25 @@ def test_a_single_expert_has_the_loss_of_its_network(made):
     alone = load_checkpoint(folders[0])
     expected = held_out_l1(lambda _: folded(alone.model), alone.metadata.statistics, pool, TASKS[:1])
     assert experts_l1(experts, pool, INSTRUCTIONS)[TASKS[0]] == pytest.approx(expected[TASKS[0]], abs=1e-6)
+
+
+def test_lambda_is_chosen_on_other_episodes_than_those_that_score_it(tmp_path):
+    pool = DatasetMixture([Demonstrations(dataset(tmp_path, "Reach", range(40)))])
+    states = {
+        part: {row.tobytes() for batch in pool.held_out(16, chunk_length=8, part=part) for row in batch.states}
+        for part in HeldOut
+    }
+    assert states[HeldOut.CHOICE]
+    assert states[HeldOut.SCORE]
+    assert not states[HeldOut.CHOICE] & states[HeldOut.SCORE]
+    assert states[HeldOut.CHOICE] | states[HeldOut.SCORE] == states[HeldOut.ALL]
+
+
+def test_a_single_held_out_episode_cannot_score_what_is_chosen_on_it(made):
+    _, pool, folders = made
+    parts = merging(folders).parts
+    with pytest.raises(TrainingError, match="to score, beside those that lambda is chosen on, got too few"):
+        held_out_l1(MergedModel(parts).model, parts.statistics, pool, part=HeldOut.SCORE)
 
 
 def test_without_task_masks_there_is_no_lambda_to_choose(made):

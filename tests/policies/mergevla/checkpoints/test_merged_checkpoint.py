@@ -9,6 +9,7 @@ from safetensors.torch import load_file, save_file
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged, save_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_metadata import merged_digest_of
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
@@ -69,6 +70,45 @@ def test_a_saved_checkpoint_loads_unchanged(folders, tmp_path, trunk, backbone, 
         pairs = zip(ours.own_value_weights(task), theirs.own_value_weights(task), strict=True)
         assert all(torch.equal(a, b) for a, b in pairs)
     assert theirs.instructions == ours.instructions
+
+
+@pytest.mark.parametrize("bits", [3, 8])
+def test_experts_that_are_not_merged_load_unchanged_and_take_their_bits(folders, tmp_path, bits):
+    made = merging(folders, operator="none", masks="none", options={"bits": bits})
+    save_merged(tmp_path, made)
+    back = load_merged(tmp_path).parts
+    ours, theirs = MergedModel(made.parts), MergedModel(back)
+    for task in TASKS:
+        a, b = ours.weights(task), theirs.weights(task)
+        assert all(torch.equal(a[name], b[name]) for name in a)
+    entries = sum(matrix.codes.numel() for matrix in made.parts.copies[TASKS[0]].values())
+    rows = sum(matrix.scales.numel() for matrix in made.parts.copies[TASKS[0]].values())
+    assert made.report.bytes_per_task[TASKS[0]].head == pytest.approx(entries * bits / 8 + 2 * rows, rel=0.01)
+    save_merged(tmp_path / "again", Merging(back, made.report, made.base))
+    assert hash_tensors(tmp_path / "again" / WEIGHTS) == hash_tensors(tmp_path / WEIGHTS)
+
+
+def stray(tensors):
+    tensors["copy/1/codes/stray"] = torch.zeros(2, dtype=torch.uint8)
+
+
+@pytest.mark.parametrize(
+    ("edit", "match"),
+    [
+        (stray, "expected weights of the base, or both factors of one, got stray"),
+        (
+            lambda t: [t.pop(n) for n in sorted(t) if n.startswith("copy/1/codes/") and n.endswith("/b")],
+            "expected both",
+        ),
+        (lambda t: [t.pop(n) for n in sorted(t) if n.startswith("copy/1/codes/") and n.endswith("/a")], "both factors"),
+        (lambda t: [t.pop(n) for n in sorted(t) if n.startswith("copy/1/scales/")], "got no scales"),
+        (lambda t: [t.pop(n) for n in sorted(t) if n.startswith("copy/1/")], "to be merged or kept, it is neither"),
+    ],
+)
+def test_damaged_copies_are_one_line(folders, tmp_path, edit, match):
+    save_merged(tmp_path, merging(folders, operator="none", masks="none", options={"bits": 4}))
+    change(tmp_path, edit)
+    refused(tmp_path, match)
 
 
 def test_the_metadata_hold_recipe_report_and_expert_digests(saved, made):

@@ -82,14 +82,26 @@ def test_networks_run_with_the_weights_of_their_expert(folders):
     assert torch.equal(model.model(None)(*inputs(SMALL)), small_model()(*inputs(SMALL)))
 
 
-def test_the_number_of_networks_in_memory_is_limited(folders, monkeypatch):
-    monkeypatch.setattr("robogauntlet.policies.mergevla.checkpoints.merged_model.MOST_MODELS", 2)
+def test_a_network_is_built_once(folders):
     model = MergedModel(merging(folders).parts)
     first = model.model(TASKS[0])
-    assert model.model(TASKS[0]) is first
     for task in TASKS[1:]:
         model.model(task)
-    assert model.model(TASKS[0]) is not first
+    assert model.model(TASKS[0]) is first
+
+
+def test_without_merging_each_task_has_its_expert_to_the_precision_of_its_bits(folders):
+    def distance(bits):
+        parts = merging(folders, operator="none", masks="none", options={"bits": bits}).parts
+        weights = MergedModel(parts).weights(TASKS[1])
+        own, base = plain(folders[1]).state_dict(), parts.base
+        error = sum((weights[name] - own[name]).square().sum() for name in own)
+        return float((error / sum((own[name] - base[name]).square().sum() for name in own)).sqrt())
+
+    distances = [distance(bits) for bits in (2, 4, 6, 8)]
+    assert distances == sorted(distances, reverse=True)
+    assert distances[1] < 0.2
+    assert distances[-1] < 0.01
 
 
 def test_hidden_states_are_those_of_the_experts_backbone(folders):

@@ -14,6 +14,7 @@ from robogauntlet.policies.mergevla.merging.diagnostics import (
     gaussian_null,
     keep_rate,
     mask_statistics,
+    permutation_null,
     report,
     selfish_rate,
 )
@@ -137,10 +138,31 @@ def test_a_report_is_frozen_and_json_holds_all_of_it(rule):
 
 
 def test_chance_is_that_of_the_merge_reported_on():
-    experts = random_task_vectors(3)
-    made = report(experts, merge(experts, Recipe("ta", alpha=0.5, lambda_=0.3)), generator=generator())
-    chance = gaussian_null(made.scales, Recipe("ta", alpha=0.5, lambda_=0.3), generator=generator())
-    assert made.null == chance != gaussian_null(made.scales, Recipe("ta", lambda_=0.3), generator=generator())
+    experts, recipe = random_task_vectors(3), Recipe("ta", alpha=0.5, lambda_=0.3)
+    made = report(experts, merge(experts, recipe), generator=generator())
+    drawn = generator()
+    assert made.null == permutation_null(experts, recipe, generator=drawn)
+    assert made.gaussian == gaussian_null(made.scales, recipe, generator=drawn)
+    assert made.null != permutation_null(experts, Recipe("ta", lambda_=0.3), generator=generator())
+
+
+def test_entries_in_another_order_are_unrelated_and_keep_the_scales_of_their_weights():
+    # Two equal experts, whose first weight is a hundred times the second.
+    one = {"w": 100 * torch.randn(100, 100, generator=generator()), "v": torch.randn(100, 100, generator=generator())}
+    experts = {"a": one, "b": dict(one)}
+    assert mask_statistics(experts, merge(experts, Recipe("ta"))).keep["a"] == 1.0
+    null = permutation_null(experts, Recipe("ta"), generator=generator())
+    unrelated = gaussian_null({"a": 1.0, "b": 1.0}, Recipe("ta"), generator=generator())
+    assert null.keep["a"] == pytest.approx(unrelated.keep["a"], abs=0.01)
+    assert null.cosine["a"] == pytest.approx(unrelated.cosine["a"], abs=0.01)
+
+
+@pytest.mark.parametrize(("operator", "least", "most"), [("wudi-adam", 0.0, 0.5), ("wudi", 0.5, 1.0)])
+def test_a_report_says_how_far_the_interference_is_lowered(operator, least, most):
+    experts = random_task_vectors(3, scale=0.05)
+    made = report(experts, merge(experts, Recipe(operator)), generator=generator())
+    assert least < made.interference_reduction <= most
+    assert report(experts, merge(experts, Recipe("ta")), generator=generator()).interference_reduction is None
 
 
 def test_a_report_on_experts_that_changed_nothing_holds_no_nan():

@@ -19,7 +19,7 @@ from robogauntlet.policies.mergevla.merging.elementwise import (
     ties_published,
 )
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, OutOfRange
-from robogauntlet.policies.mergevla.merging.merge import OPERATORS, UnknownOperator, find_operator, merge_task_vectors
+from robogauntlet.policies.mergevla.merging.merge import OPERATORS, UnknownOperator, check_operator, merge_task_vectors
 from robogauntlet.policies.mergevla.merging.spectral import knots, task_singular_vectors
 from tests.errors import one_line_error
 from tests.policies.mergevla.merging.strategies import close, copied, equal, random_task_vectors, task_vectors
@@ -282,7 +282,7 @@ def test_an_alpha_out_of_range_is_refused(alpha):
 
 def test_unknown_operators_and_options_are_refused():
     with pytest.raises(UnknownOperator, match="unknown merge operator 'tie'; did you mean 'ties'"):
-        find_operator("tie")
+        check_operator("tie")
     with pytest.raises(UnknownOperator, match="operator 'ta' has no option 'trim'; it has: none"):
         merge_task_vectors("ta", random_task_vectors(2), options={"trim": 0.5})
 
