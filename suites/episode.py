@@ -12,6 +12,8 @@ CLEAN = "clean"
 CONTROLS = ("blind", "blank-instruction", "wrong-goal", "again")
 """Control conditions, which have one severity."""
 CAMERAS = ("third_person", "wrist")
+FIRST_TRAINING_SEED = 1_000_000
+"""Seeds from here on are for training and development; those of suites begin at 0, and never share a starting state."""
 SUCCESS_HOLD = 5
 """Control steps in a row for which a task's success predicate must hold before the episode counts as a success."""
 

@@ -2,8 +2,10 @@
 
 **What a seed means.** Seed s starts from stored state s modulo 50. A stored state holds the poses of the arm, the
 objects and the joints of fixtures, but not of the fixtures (cabinet, stove, microwave, rack): LIBERO draws those, up to
-1.9 cm apart, from NumPy's global generator, which the adapter seeds with s during the reset. Seeds from 50 on repeat
-the stored states with other poses of the fixtures, and in tasks without fixtures repeat the episodes of 0 to 49.
+1.9 cm apart, from NumPy's global generator, which the adapter seeds with s during the reset. Seeds from 1,000,000 on,
+which are for training, start from LIBERO's own placement of everything, so that no demonstration starts as an
+evaluation does. Seeds from 50 on repeat the stored states with other poses of the fixtures, and in tasks without
+fixtures repeat the episodes of 0 to 49.
 
 Particular to this adapter:
 
@@ -43,7 +45,7 @@ from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
 from robogauntlet.adapters.scene_control import SceneControls
-from robogauntlet.suites.episode import View
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, View
 
 CONTROL_HZ = 20.0
 REACHED = (0.262, 0.236)
@@ -119,20 +121,28 @@ class LiberoSimulation(MujocoSimulation):
     def reset(self, seed: int) -> None:
         """Start the episode of `seed`: stored state `seed` modulo 50, fixtures placed by `seed`, and settling.
 
+        Seeds for training, from `FIRST_TRAINING_SEED` on, place everything.
+
         Raises:
             AdapterError: An object does not come to rest.
         """
         self.scene_controls.undo()
         for robot in self._env.robots:
             robot.gripper.current_action = np.zeros(robot.gripper.dof)
+        start = f"the placement of seed {seed}"
+        if seed >= FIRST_TRAINING_SEED:  # LIBERO adds up where a fixture is and where its parts are, as in a new model.
+            for fixture in self._env.fixtures_dict.values():
+                body = self._model.body(fixture.root_body)
+                body.pos[:], body.quat[:] = 0.0, (1.0, 0.0, 0.0, 0.0)
         with seeded(seed):
             self._place()
-        number = seed % STORED_STATES
-        self._env.sim.set_state_from_flattened(self._states[number])
+        if seed < FIRST_TRAINING_SEED:
+            start = f"stored state {seed % STORED_STATES}"
+            self._env.sim.set_state_from_flattened(self._states[seed % STORED_STATES])
         self._env.sim.forward()
         self._env._check_success()  # As in LIBERO's `set_init_state`; it affects the images.
         self._env._post_process()
-        self._come_to_rest(number)
+        self._come_to_rest(start)
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` for one control step (25 physics steps). Never renders."""
@@ -162,7 +172,7 @@ class LiberoSimulation(MujocoSimulation):
         return f"{super().render_device()}, {self._assets}"
 
     def _place(self) -> None:
-        """Run LIBERO's own reset. The stored state then moves all that it placed, except fixtures."""
+        """Run LIBERO's own reset. A stored state then moves all that it placed, except fixtures."""
         from robosuite.utils.errors import RandomizationError
 
         for _ in range(PLACEMENTS):
@@ -173,7 +183,7 @@ class LiberoSimulation(MujocoSimulation):
             return
         raise AdapterError(f"libero/{self._task.task}: LIBERO found no room for its objects in {PLACEMENTS} attempts")
 
-    def _come_to_rest(self, number: int) -> None:
+    def _come_to_rest(self, start: str) -> None:
         before = self._sites()
         for step in range(PATIENCE):
             if step >= SETTLING and self._fastest() <= AT_REST:
@@ -181,8 +191,7 @@ class LiberoSimulation(MujocoSimulation):
             self._step(STILL)
         else:
             raise AdapterError(
-                f"libero/{self._task.task}: stored state {number} does not come to rest within {PATIENCE} steps; "
-                "leave this seed out"
+                f"libero/{self._task.task}: {start} does not come to rest within {PATIENCE} steps; leave this seed out"
             )
         self._shift = float(np.linalg.norm(self._sites() - before, axis=1).max())
 

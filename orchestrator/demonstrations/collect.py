@@ -33,7 +33,15 @@ from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.folder_lock import lock_folder
 from robogauntlet.results.live_status import LiveWorker
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.suites.episode import CAMERAS, Cell, Protocol, RenderProfile, View, content_hash
+from robogauntlet.suites.episode import (
+    CAMERAS,
+    FIRST_TRAINING_SEED,
+    Cell,
+    Protocol,
+    RenderProfile,
+    View,
+    content_hash,
+)
 from robogauntlet.suites.loading import load_suite
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.ranges import MAX_FIRST_SEED
@@ -41,8 +49,6 @@ from robogauntlet.suites.schema import expand_tasks
 from robogauntlet.support.errors import BadInput, describe_os_error
 
 ORACLE = "oracle"
-FIRST_SEED = 1_000_000
-"""Suites count their seeds from 0, so training never uses evaluated episodes."""
 NOISE = 0.1
 EPISODE_TIME_LIMIT_S = 420.0
 """Duration of an episode after which its worker is considered hung."""
@@ -63,7 +69,7 @@ class CollectionRequest:
     view: View = DEFAULT_VIEW
     noise: float = NOISE
     """Deviation of the executed motion per axis, as a share of the largest motion in one step."""
-    first_seed: int = FIRST_SEED
+    first_seed: int = FIRST_TRAINING_SEED
     workers: int = 2
     learner: str | None = None
     """Folder of experts, each of which acts first in its task's episodes; None for the oracle alone."""

@@ -17,6 +17,7 @@ from robogauntlet.adapters.contract import ACTION_DIM, PROPRIOCEPTION_DIM
 from robogauntlet.policies.training.lerobot_format import (
     ACTION,
     CODEBASE_VERSION,
+    EPISODES_FILE,
     INFO_FILE,
     JOURNAL_FILE,
     STATE,
@@ -103,6 +104,15 @@ class Demonstrations:
     def task(self) -> str:
         """The dataset's task, from RoboGauntlet's own metadata or the folder's name."""
         return str(self._source.get("task", self.folder.name))
+
+    @cached_property
+    def seeds(self) -> tuple[int, ...]:
+        """The seed of each episode; empty for a dataset of another origin."""
+        try:
+            metadata = pq.read_table(self.folder / EPISODES_FILE)
+            return tuple(metadata["seed"].to_pylist()) if "seed" in metadata.column_names else ()
+        except (OSError, pa.ArrowException) as error:
+            raise DatasetError(f"{self.folder}: {EPISODES_FILE} cannot be read: {first_line(error)}") from None
 
     @property
     def starts_midway(self) -> bool:

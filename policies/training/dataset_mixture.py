@@ -15,6 +15,7 @@ from robogauntlet.adapters.contract import Image
 from robogauntlet.policies.mergevla.network.normalisation import Statistics, TaskStatistics
 from robogauntlet.policies.training.dataset import Batch, Demonstrations, find_datasets, pooled_hash
 from robogauntlet.policies.training.lerobot_format import DatasetError
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 
 HELD_OUT_EVERY = 10
 """The last of every ten episodes is held out."""
@@ -56,8 +57,17 @@ class DatasetMixture:
 
     @classmethod
     def open(cls, folders: Sequence[Path]) -> DatasetMixture:
-        """Open the datasets in these folders (datasets or folders of them), with decoded images in memory."""
+        """Open the datasets in these folders (datasets or folders of them), with decoded images in memory.
+
+        Raises DatasetError if a dataset starts as an evaluation would: it has a seed that suites play.
+        """
         mixture = cls([Demonstrations(path) for path in find_datasets(folders)])
+        for dataset in mixture.datasets:
+            if evaluated := sorted(seed for seed in dataset.seeds if seed < FIRST_TRAINING_SEED):
+                raise DatasetError(
+                    f"{dataset.folder}: expected seeds from {FIRST_TRAINING_SEED} on, which suites do not play, "
+                    f"got {evaluated[0]}: a policy that is trained on it would be evaluated on what it has seen"
+                )
         for dataset in mixture.datasets:
             dataset.preload()
         return mixture

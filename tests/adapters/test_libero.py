@@ -11,12 +11,12 @@ from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.libero import SIMULATOR
 from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.adapters.libero.libero_import import open_libero
-from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL
+from robogauntlet.adapters.libero.simulation import PATIENCE, SETTLING, STILL, STORED_STATES
 from robogauntlet.adapters.libero.tasks import libero_tasks
 from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
-from robogauntlet.suites.episode import CAMERAS, View
+from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, View
 
 pytestmark = [
     pytest.mark.simulator,
@@ -121,6 +121,22 @@ def test_without_fixtures_seeds_from_fifty_on_repeat(floor):
         floor.reset(seed)
         hashes.append(floor.state_hash())
     assert hashes[0] == hashes[1] != hashes[2]
+
+
+@pytest.mark.parametrize("name", ["drawer", "floor"])
+def test_no_training_seed_starts_as_an_evaluation_does(name, request):
+    simulation = request.getfixturevalue(name)
+
+    def layout(seed):
+        simulation.reset(seed)
+        return simulation._sites()
+
+    evaluated = [layout(seed) for seed in range(STORED_STATES)]
+    trained = [layout(seed) for seed in range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + 10)]
+    for number, layout_of_one in enumerate(trained):
+        others = [*evaluated, *trained[:number]]
+        assert min(np.abs(layout_of_one - other).max() for other in others) > 0.002
+    assert np.array_equal(layout(FIRST_TRAINING_SEED), trained[0])
 
 
 def test_nothing_of_an_episode_is_left_by_the_next_reset(drawer):

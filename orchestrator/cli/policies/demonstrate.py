@@ -10,7 +10,6 @@ from rich.table import Table
 
 from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED, EXIT_STOPPED, fail, out, print_line
 from robogauntlet.orchestrator.demonstrations.collect import (
-    FIRST_SEED,
     NOISE,
     CollectionRequest,
     CollectionResult,
@@ -21,7 +20,7 @@ from robogauntlet.orchestrator.demonstrations.collect import (
 )
 from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, RenderProfile, View
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.text import counted
 
@@ -37,7 +36,7 @@ def demonstrate(
     noise: Annotated[
         float, typer.Option(help="Noise added to the executed motion, as a share of the largest motion of a step.")
     ] = NOISE,
-    first_seed: Annotated[int, typer.Option(help="First seed. The seeds of suites begin at 0.")] = FIRST_SEED,
+    first_seed: Annotated[int, typer.Option(help="First seed. The seeds of suites begin at 0.")] = FIRST_TRAINING_SEED,
     camera: Annotated[
         list[str] | None, typer.Option(help="Camera to render. Repeatable; by default both cameras.")
     ] = None,

@@ -11,7 +11,6 @@ import pytest
 from robogauntlet.orchestrator.cli.common import EXIT_INTERRUPTED
 from robogauntlet.orchestrator.demonstrations import collect as demonstrate
 from robogauntlet.orchestrator.demonstrations.collect import (
-    FIRST_SEED,
     CollectionRequest,
     DemonstrateError,
     collect,
@@ -22,7 +21,7 @@ from robogauntlet.policies.oracles import digest_of_task
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.lerobot_format import DatasetError
 from robogauntlet.results.run_document import RunStatus
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED, RenderProfile, View
 from tests import ROOT
 from tests.full_disk import no_space
 from tests.processes import GAUNTLET, run_gauntlet
@@ -90,7 +89,9 @@ class TestWithRay:
         assert found.episodes == 3
         assert found.instructions == ("reach the goal",)
         assert found.content_hash == collected.tasks[0].writer.content_hash
-        assert [attempt["seed"] for attempt in journal(tmp_path)["attempts"]] == [FIRST_SEED + i for i in range(3)]
+        assert [attempt["seed"] for attempt in journal(tmp_path)["attempts"]] == [
+            FIRST_TRAINING_SEED + i for i in range(3)
+        ]
 
     def test_the_data_do_not_depend_on_workers_or_on_stopping_between(self, tmp_path, monkeypatch):
         # So that the second worker is started for so few episodes.
@@ -110,7 +111,7 @@ class TestWithRay:
         assert opened(tmp_path).episodes == statuses.count("success") == lane.kept
 
     def test_errors_and_dead_workers_cost_an_episode_not_the_collection(self, tmp_path):
-        seeds = FIRST_SEED // 7 * 7
+        seeds = FIRST_TRAINING_SEED // 7 * 7
         for task in ("null/Raise", "null/Crash"):
             quiet = Quiet()
             collected = collect(order(task, first_seed=seeds), tmp_path, quiet)
@@ -125,7 +126,7 @@ class TestWithRay:
         marked = {"env_vars": {"ROBOGAUNTLET_NULL_MARKER": str(tmp_path)}}
         monkeypatch.setattr(demonstrate.EnvironmentResolver, "ray_runtime_env", lambda environments, simulator: marked)
         quiet = Quiet()
-        collect(order("null/Hang", 1, first_seed=FIRST_SEED // 7 * 7), tmp_path / "out", quiet)
+        collect(order("null/Hang", 1, first_seed=FIRST_TRAINING_SEED // 7 * 7), tmp_path / "out", quiet)
         assert quiet.messages == ["null-0: an episode took longer than 10 s; its episodes go back into the queue"]
         assert opened(tmp_path / "out", "null/Hang").episodes == 1
 

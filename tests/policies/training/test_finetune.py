@@ -27,6 +27,7 @@ from robogauntlet.policies.training.training_checkpoint import (
     load_state,
     save_state,
 )
+from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 from tests.errors import one_line_error
 from tests.policies.mergevla.network.test_pretrained import LITTLE
 from tests.policies.mergevla.shared import SMALL
@@ -46,7 +47,12 @@ def episode(seed, size=16, steps=12, **changes):
 
 
 def dataset(folder, name, seeds=range(6), **options):
-    write(folder / name, [episode(seed, **options) for seed in seeds], per_file=1, task=f"null/{name}")
+    write(
+        folder / name,
+        [episode(FIRST_TRAINING_SEED + seed, **options) for seed in seeds],
+        per_file=1,
+        task=f"null/{name}",
+    )
     return folder / name
 
 
