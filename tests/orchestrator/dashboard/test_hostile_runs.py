@@ -10,14 +10,9 @@ from robogauntlet.orchestrator.dashboard import compare
 from robogauntlet.orchestrator.dashboard.app_state import LONGEST_TEXT
 from robogauntlet.orchestrator.dashboard.queries import MOST_NAMES, MOST_POLICIES
 from robogauntlet.orchestrator.dashboard.runs import LONGEST_SUITE, MOST_CELLS, MOST_ROWS
-from robogauntlet.results.run_document import MAX_COUNT
-from robogauntlet.results.store.history_records import Counts
-from robogauntlet.suites.episode import Cell, Protocol, content_hash
 from tests.orchestrator.dashboard.conftest import serving
-from tests.results.synthetic import document
+from tests.orchestrator.dashboard.filled import HOSTILE_POLICIES, MARKUP, record_hostile_runs
 
-MARKUP = "x'\"><script>alert(1)</script>[red][/]"
-POLICIES = [f"{number:03}{MARKUP}\u202e{'p' * 400}" for number in range(MOST_POLICIES + 50)]
 HUGE = MARKUP * 80_000  # 3 MB
 PAGES = (
     *(
@@ -40,18 +35,7 @@ PAGES = (
 def hostile(tmp_path_factory):
     root = tmp_path_factory.mktemp("hostile")
     with serving(root) as served:
-
-        def record(run_id, policies, tasks, **changes):
-            of = [Cell(name, content_hash(name), task, Protocol(horizon=1)) for name in policies for task in tasks]
-            run = document(MAX_COUNT // len(of), of=of, run_id=run_id, **changes)
-            counts = {(cell.policy_digest, cell.task, "clean", 0): Counts(9, 5, 4) for cell in of}
-            served.history.record(run, root / run_id, counts)
-
-        record("many", ["p"], [f"null/{number}" for number in range(MOST_CELLS + 1)])
-        record("wide", POLICIES, [f"null/{number}{MARKUP}\u202e{'t' * 400}" for number in range(20)], started_at=2e9)
-        record("long", ["p"], ["null/t"], suite_text="# \u202e" * 1_000_000, started_at=0.0, finished_at=7e9)
-        for number in range(60):
-            record(f"small-{number}", ["p"], ["null/t"])
+        record_hostile_runs(served.history, root)
         with served.history.database.writing() as connection:
             for run_id in ("long", "small-1"):
                 change = "UPDATE runs SET suite = ?, verdict = ?, reasons = ? WHERE run_id = ?"
@@ -61,7 +45,7 @@ def hostile(tmp_path_factory):
 
 @pytest.mark.parametrize("path", PAGES)
 def test_a_page_is_answered_soon_and_is_small(hostile, path):
-    address = path.replace("{}", quote(POLICIES[0], safe=""))
+    address = path.replace("{}", quote(HOSTILE_POLICIES[0], safe=""))
     began = time.monotonic()
     answer = hostile.get(address)
     assert time.monotonic() - began < 10  # less than a second on a machine that does nothing else
