@@ -13,6 +13,8 @@ from fastapi import HTTPException
 
 WAITING = 5
 """Slow answers that may wait to be computed."""
+PATIENCE_S = 0.2
+"""How long a page waits for an answer if it can show an earlier one (s)."""
 RETRY_S = 10
 """Time after which a refused client may ask again (s)."""
 K = TypeVar("K", bound=Hashable)
@@ -34,10 +36,17 @@ class AnswerCache(Generic[K, V]):
         with self._computing:  # one at a time, since answers need memory
             if (answer := self.cached(key)) is not None:
                 return answer
-            answer = compute()
-            with self._lock:
-                self._answers[key] = answer
-            return answer
+            return self._keep(key, compute())
+
+    def renew(self, key: K, compute: Callable[[], V]) -> V:
+        """Compute the answer for a key, whether it is cached or not. Exceptions are raised and the cache unchanged."""
+        with self._computing:
+            return self._keep(key, compute())
+
+    def _keep(self, key: K, answer: V) -> V:
+        with self._lock:
+            self._answers[key] = answer
+        return answer
 
     def cached(self, key: K) -> V | None:
         """Return the answer for a key if it is cached."""
@@ -57,6 +66,25 @@ class SlowWork:
         """Return the answer for a key from the cache, or compute it. Raises what `compute` and `run` raise."""
         found = cache.cached(key)
         return found if found is not None else await self.run((id(cache), key), lambda: cache.get(key, compute))
+
+    async def latest(
+        self, cache: AnswerCache[K, tuple[Hashable, V]], key: K, version: Hashable, compute: Callable[[], V]
+    ) -> tuple[V, bool]:
+        """Return the answer for a version of what the key names, and whether it is of this version.
+
+        It is an earlier one if this one takes longer than `PATIENCE_S` or cannot be waited for; the cache is renewed
+        meanwhile. Raises what `compute` raises and, without an earlier one, what `run` raises.
+        """
+        known = cache.cached(key)
+        if known is not None and known[0] == version:
+            return known[1], True
+        try:
+            async with asyncio.timeout(None if known is None else PATIENCE_S):
+                known = await self.run((id(cache), key), lambda: cache.renew(key, lambda: (version, compute())))
+        except (TimeoutError, HTTPException):
+            if known is None:
+                raise
+        return known[1], known[0] == version
 
     async def run(self, key: Hashable, compute: Callable[[], V]) -> V:
         """Compute an answer in a thread. Simultaneous requests of the same key share one computation.

@@ -6,6 +6,7 @@ import hashlib
 import logging
 import threading
 import time
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
@@ -92,12 +93,12 @@ class AppState:
         self.access = Access(settings.token, settings.read_token)
         self.comparisons: AnswerCache[tuple[Any, ...], Comparison] = AnswerCache(64)
         self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
-        self.standings: AnswerCache[tuple[Any, ...], tuple[list[LeaderboardRow], list[str]]] = AnswerCache(32)
+        self.standings: AnswerCache[str, tuple[Hashable, tuple[list[LeaderboardRow], list[str]]]] = AnswerCache(32)
         self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
-        self.slow, self.browsing = SlowWork(1, WAITING), SlowWork(4, 20)
-        """Comparisons and leaderboards; and pages that read the rows of many runs."""
+        self.slow, self.leaderboards, self.browsing = SlowWork(1, WAITING), SlowWork(1, WAITING), SlowWork(4, 20)
+        """Comparisons; leaderboards; and pages that read the rows of many runs."""
         self.uploads = UploadPlaces(settings.max_uploads, self._size_of_uploads)
         self.imports, self.reports, self.checks = CapacityLimiter(1), CapacityLimiter(1), CapacityLimiter(2)
         """Threads that import uploaded runs, that write their reports, and that check health."""

@@ -82,11 +82,12 @@ async def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Respo
     standings: list[LeaderboardRow] = []
     left_out: list[str] = []
     newest: list[tuple[RunEntry, dict[str, str]]] = []
+    is_newest = True
     if suite:
         newest = await run_in_threadpool(app_state.history.newest_runs, suite)
-        key = (suite, *((entry.run_id, entry.finished_at, tuple(sorted(policies))) for entry, policies in newest))
-        standings, left_out = await app_state.slow.answer(
-            app_state.standings, key, lambda: _standings(app_state, suite)
+        version = tuple((entry.run_id, entry.finished_at, tuple(sorted(policies))) for entry, policies in newest)
+        (standings, left_out), is_newest = await app_state.leaderboards.latest(
+            app_state.standings, suite, version, lambda: _standings(app_state, suite)
         )
     return await run_in_threadpool(
         app_state.page,
@@ -96,6 +97,7 @@ async def show_leaderboard(app_state: CurrentAppState, suite: str = "") -> Respo
         names=names,
         standings=standings,
         left_out=left_out,
+        is_newest=is_newest,
         runs={entry.name: entry.run_id for entry, _ in newest},
     )
 

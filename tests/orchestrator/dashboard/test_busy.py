@@ -5,9 +5,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robogauntlet.orchestrator.dashboard import app_state, compare
+from robogauntlet.orchestrator.dashboard import app_state, compare, pages
 from robogauntlet.orchestrator.dashboard.answers import WAITING
-from tests.orchestrator.dashboard.conftest import fill, serving
+from robogauntlet.results.store.history_import import record_run_folder
+from tests.orchestrator.dashboard.conftest import NOW, fill, serving
+from tests.orchestrator.dashboard.filled import DAY, nightly_run
 
 ASKING = 50
 """More than the threads that all pages share."""
@@ -58,6 +60,39 @@ def test_a_known_comparison_is_shown_while_others_are_computed(tmp_path, slow_di
         assert not asked.done()
         slow_disk.set()
         assert asked.result().status_code == 200
+
+
+def test_a_leaderboard_does_not_wait_for_comparisons(tmp_path, slow_disk):
+    ((_, run, _),) = fill(tmp_path, nights=1)
+    with serving(tmp_path) as served, ThreadPoolExecutor(1) as clients:
+        asked = clients.submit(served.get, f"/compare?policies={run.run_id}")
+        assert "merged" in served.get("/leaderboard?suite=nightly").text
+        assert not asked.done()
+        slow_disk.set()
+
+
+def test_a_leaderboard_shows_the_earlier_one_until_the_new_one_is_computed(tmp_path, monkeypatch):
+    fill(tmp_path, nights=1)
+    read, really = threading.Event(), pages.latest_results_per_policy
+
+    def read_slowly(*arguments):
+        assert read.wait(120)
+        return really(*arguments)
+
+    address, later = "/leaderboard?suite=nightly", "which are being counted"
+    with serving(tmp_path) as served:
+        earlier = served.get(address).text
+        folder, run, _ = nightly_run(tmp_path, 1, NOW + DAY)
+        record_run_folder(served.history, folder, run)
+        monkeypatch.setattr(pages, "latest_results_per_policy", read_slowly)
+        meanwhile = served.get(address).text
+        read.set()
+        while later in (newest := served.get(address).text):
+            threading.Event().wait(0.02)
+    assert later in meanwhile
+    assert later not in earlier
+    assert ["nightly-000" in page for page in (earlier, meanwhile, newest)] == [True, True, False]
+    assert "nightly-001" in newest
 
 
 def test_runs_are_imported_again_after_any_error(tmp_path, monkeypatch):
