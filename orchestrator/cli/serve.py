@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
+import sys
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,13 +45,14 @@ def serve(
 
     from robogauntlet.orchestrator.dashboard.app import create_app
     from robogauntlet.orchestrator.dashboard.app_state import Settings
-    from robogauntlet.orchestrator.dashboard.server import server_config
+    from robogauntlet.orchestrator.dashboard.server import SWITCH_S, server_config
     from robogauntlet.orchestrator.schedules.store import ScheduleStore
 
     public = None if public_url is None else _public(public_url)
     token, read_token = _tokens(host, public)
     listening = listen(host, port)
     os.nice(19)  # below Ray's workers, which have 15
+    sys.setswitchinterval(SWITCH_S)
     with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
         settings = Settings(
             runs_root(url),

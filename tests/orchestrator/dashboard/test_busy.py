@@ -1,5 +1,7 @@
 """Answers while slow pages are computed."""
 
+import socket
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -7,9 +9,12 @@ import pytest
 
 from robogauntlet.orchestrator.dashboard import app_state, compare, pages
 from robogauntlet.orchestrator.dashboard.answers import WAITING
+from robogauntlet.orchestrator.dashboard.server import SWITCH_S, DeadlineProtocol
+from robogauntlet.results.store.database import file_url
 from robogauntlet.results.store.history_import import record_run_folder
 from tests.orchestrator.dashboard.conftest import NOW, fill, serving
 from tests.orchestrator.dashboard.filled import DAY, nightly_run
+from tests.processes import run_process
 
 ASKING = 50
 """More than the threads that all pages share."""
@@ -93,6 +98,29 @@ def test_a_leaderboard_shows_the_earlier_one_until_the_new_one_is_computed(tmp_p
     assert later not in earlier
     assert ["nightly-000" in page for page in (earlier, meanwhile, newest)] == [True, True, False]
     assert "nightly-001" in newest
+
+
+def test_an_answer_is_sent_at_once(tmp_path):
+    opened = []
+
+    class Noting(DeadlineProtocol):
+        def connection_made(self, transport):
+            super().connection_made(transport)
+            opened.append(transport.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
+
+    with serving(tmp_path, protocol=Noting) as served:
+        assert served.get("/healthz").status_code == 200
+    assert len(opened) == 1
+    assert all(opened)
+
+
+def test_threads_that_compute_leave_the_interpreter_to_requests_soon(tmp_path):
+    code = "import sys, uvicorn; uvicorn.Server.run = lambda *_, **__: print('interval', sys.getswitchinterval())\n"
+    code += "from robogauntlet.orchestrator.cli import main; main()"
+    history = file_url(tmp_path / "history.sqlite")
+    done = run_process([sys.executable, "-c", code, "serve", "--port", "0", "--history", history])
+    assert f"interval {SWITCH_S}" in done.stdout
+    assert sys.getswitchinterval() > 2 * SWITCH_S
 
 
 def test_runs_are_imported_again_after_any_error(tmp_path, monkeypatch):
