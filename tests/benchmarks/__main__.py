@@ -27,7 +27,7 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("coverage", "dashboard", "mergevla", "million", "opening", "readers"),
+    *("coverage", "crowd", "dashboard", "mergevla", "million", "opening", "readers"),
     *("resume", "scale", "shifted_routing", "simplified_meshes"),
 )
 INSTALLS = ("first_use", "vla_eval")
