@@ -1,7 +1,8 @@
 """Reads an exported run from an untrusted source as data: the file's tables and nothing else, every value checked.
 
 The sender's SQLite file is opened read-only. Before any row is read, its schema has to be ours to the letter, so that
-no view, trigger, generated column or virtual table of the sender's is evaluated. Lengths and time are limited.
+no view, trigger, generated column or virtual table of the sender's is evaluated. Lengths and time are limited. Where
+SQLite itself may fail, `limited_reader` reads in a process of its own.
 """
 
 from __future__ import annotations
@@ -69,6 +70,21 @@ class ExportedRun:
                 yield check.result
 
 
+def exported_size(file: Path) -> int:
+    """Return the size of what may be an exported run (bytes), without opening it. Raises RunError if it cannot be."""
+    if reason := why_no_database(file, create=False):
+        raise RunError(f"{file}: expected an exported run (`robogauntlet export`), {reason}")
+    try:
+        return file.stat().st_size
+    except (OSError, ValueError) as error:
+        raise RunError(f"{file}: expected an exported run: {getattr(error, 'strerror', error)}") from None
+
+
+def reading_time_s(size: int) -> float:
+    """Return the time that an exported run of so many bytes may take (s)."""
+    return MIN_TIME_S + size / BYTES_PER_S
+
+
 @contextmanager
 def open_exported(file: Path) -> Iterator[ExportedRun]:
     """Open an exported run during the block.
@@ -76,16 +92,11 @@ def open_exported(file: Path) -> Iterator[ExportedRun]:
     Raises:
         RunError: It is not an exported run, or not one of this version.
     """
-    if reason := why_no_database(file, create=False):
-        raise RunError(f"{file}: expected an exported run (`robogauntlet export`), {reason}")
-    try:
-        size = file.stat().st_size
-    except (OSError, ValueError) as error:
-        raise RunError(f"{file}: expected an exported run: {getattr(error, 'strerror', error)}") from None
+    size = exported_size(file)
     with explained(file):
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro&immutable=1", uri=True, isolation_level=None)
     with closing(connection):
-        deadline = time.monotonic() + MIN_TIME_S + size / BYTES_PER_S
+        deadline = time.monotonic() + reading_time_s(size)
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_VALUE)
         connection.set_progress_handler(lambda: time.monotonic() > deadline, 10_000)
         with explained(file):

@@ -6,18 +6,17 @@ import contextlib
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
-from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.results.run_document import STORE_FILE, RunDocument, RunError, write_run
 from robogauntlet.results.store.arriving import arriving_folder
-from robogauntlet.results.store.database import StoreError, file_url, without_password
+from robogauntlet.results.store.database import StoreError, without_password
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.results.store.exported_file import ExportedRun, open_exported
+from robogauntlet.results.store.exported_file import exported_size
+from robogauntlet.results.store.limited_reader import limited_reader
 from robogauntlet.results.store.run_history import History
 
 BATCH = 10_000
@@ -71,21 +70,23 @@ def import_run(
         OSError: The folder cannot be written.
     """
     url = None if store is None else without_password(store)
-    with open_exported(file) as exported:
-        document = exported.document
-        if check is not None:
-            check(document)
-        folder = root / (name or f"{document.suite.name}-{document.run_id[:8]}")
-        if folder.exists():
-            raise RunError(f"{folder}: expected a new folder, there is one already; name another with --out")
-        document = document.model_copy(update={"origin": "imported", "command": None, "store_url": url})
-        with arriving_folder(root) as arriving:
-            run = arriving / "run"
-            run.mkdir()
-            write_run(run, document)
-            with closing(Store.open(store or file_url(run / STORE_FILE), document.run_id)) as rows:
-                _take_rows(file, exported, document, rows)
-            run.rename(folder)
+    exported_size(file)  # what is no file is refused before anything is written
+    with arriving_folder(root) as arriving:
+        run = arriving / "run"
+        run.mkdir()
+        with limited_reader(file, run) as reader:
+            document = reader.document
+            if check is not None:
+                check(document)
+            folder = root / (name or f"{document.suite.name}-{document.run_id[:8]}")
+            if folder.exists():
+                raise RunError(f"{folder}: expected a new folder, there is one already; name another with --out")
+            reader.copy_rows()
+        document = document.model_copy(update={"store_url": url})
+        write_run(run, document)
+        if store is not None:
+            _move_rows(run / STORE_FILE, document, store)
+        run.rename(folder)
     return folder, document
 
 
@@ -97,34 +98,25 @@ def discard(folder: Path, document: RunDocument, store: str | None) -> None:
             history.remove(document.run_id)
 
 
-def _take_rows(file: Path, exported: ExportedRun, document: RunDocument, store: Store) -> None:
-    """Copy the rows of an exported run into a store of ours. If one of them is wrong, nothing is left there.
+def _move_rows(file: Path, document: RunDocument, url: str) -> None:
+    """Move the rows of a run from a store of ours in a file into another. If that fails, nothing is left there.
 
     Raises:
-        RunError: A row is wrong or there twice, or the rows hash to something else than the document says.
-        StoreError: The store cannot be written.
+        RunError: The other store knows the run already.
+        StoreError: It cannot be written.
     """
-    history = History(store.database)
-    if store.knows_run():
-        raise RunError(f"{store.database.where}: run {document.run_id} is there already")
-
-    def copied() -> Iterator[tuple[Any, ...]]:
-        results = exported.rows()
-        while batch := list(islice(results, BATCH)):
-            if store.add(batch) != len(batch):
-                raise RunError(f"{file}: expected each episode once, one is there twice")
-            yield from map(outcome_row, batch)
-
-    try:
-        history.record(document)
-        found = rows_hash(copied())
-        if document.rows_hash is not None and found != document.rows_hash:
-            raise RunError(f"{file}: its rows hash to {found}, not {document.rows_hash}: it was changed")
-        history.record(document, counted=history.count_cells(document.run_id))
-    except BaseException:
-        with contextlib.suppress(StoreError):
-            history.remove(document.run_id)
-        raise
+    with closing(Store.open(url, document.run_id)) as there:
+        if there.knows_run():
+            raise RunError(f"{there.database.where}: run {document.run_id} is there already")
+        try:
+            with closing(Store.open_file(file, document.run_id)) as rows:
+                _copy(document, rows, there)
+        except BaseException:
+            with contextlib.suppress(StoreError):
+                History(there.database).remove(document.run_id)
+            raise
+    for path in file.parent.glob(f"{file.name}*"):
+        path.unlink()
 
 
 def _copy(document: RunDocument, rows: Store, there: Store) -> int:
