@@ -79,6 +79,8 @@ def _import(app_state: AppState, file: Path) -> tuple[Path, RunDocument]:
         try:
             folder, document = import_run(file, app_state.settings.root, check=check)
         except (RunError, StoreError) as error:
+            if error.__cause__ is not None:  # how the process ended that read it
+                log.warning("an upload was refused: %s", visible(str(error.__cause__)[:200]))
             raise HTTPException(400, _public_message(str(error), app_state.settings.root, file)) from None
         except (HTTPException, OSError):
             raise

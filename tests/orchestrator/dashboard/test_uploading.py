@@ -4,13 +4,17 @@ import http.client
 import json
 import os
 import sqlite3
+import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 import pytest
 
 from robogauntlet.results.run_document import store_url
+from robogauntlet.results.store import limited_reader
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.results.store.exported_file import reading_time_s
 from robogauntlet.results.store.run_archive import export_run
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import nightly_run
@@ -99,6 +103,46 @@ def test_a_run_that_this_program_did_not_write_is_refused(served, tmp_path, expo
     assert words in answer.text
     assert served.history.runs() == []
     assert list(served.root.glob("*/run.json")) == left_over(served.root) == []
+
+
+def instead_of_reading(monkeypatch, code):
+    """Start a process of this code where an upload is read."""
+    code = f"import os, sys, time\nsys.stdin.readline()\n{code}"
+    monkeypatch.setattr(limited_reader, "COMMAND", (sys.executable, "-c", code))
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("os.kill(os.getpid(), 11)", "it cannot be read: the process was killed by SIGSEGV"),
+        ("raise MemoryError", "reading it takes too much memory"),
+        ("raise TypeError('/etc/passwd')", "it cannot be read: the process ended with code 1"),
+    ],
+)
+def test_an_upload_that_breaks_its_reader_is_refused_and_the_next_is_taken(served, exported, monkeypatch, code, words):
+    with monkeypatch.context() as patch:
+        instead_of_reading(patch, code)
+        answer = served.post("/runs", content=exported[1])
+    assert (answer.status_code, answer.text) == (
+        400,
+        f"the body: expected an exported run (`robogauntlet export`), {words}\n",
+    )
+    assert list(served.root.glob("*/run.json")) == left_over(served.root) == []
+    assert served.post("/runs", content=exported[1]).status_code == 201
+
+
+def test_the_dashboard_answers_while_an_upload_is_read_for_ever(served, exported, monkeypatch):
+    monkeypatch.setattr(limited_reader, "START_S", 5.0 - reading_time_s(0))
+    instead_of_reading(monkeypatch, "time.sleep(600)")
+    with ThreadPoolExecutor(1) as pool:
+        upload = pool.submit(served.post, "/runs", content=exported[1])
+        answered = 0
+        while not upload.done():
+            answered += served.get("/").status_code == 200
+    assert answered > 3
+    assert upload.result().status_code == 400
+    assert upload.result().text.endswith("reading it takes too long\n")
+    assert left_over(served.root) == []
 
 
 def test_a_too_large_upload_is_refused_by_its_length(served):
