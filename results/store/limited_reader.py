@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import resource
 import signal
 import sys
 import time
@@ -156,6 +155,8 @@ class Copier:
 
 def limit_this_process(limits: dict[str, int]) -> None:
     """Set limits by the name that `resource` has for them; none is raised, and a system may lack some."""
+    import resource  # not on Windows
+
     signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # ends this process, where Python would go on with an error
     for name, most in limits.items():
         kind = getattr(resource, name)
