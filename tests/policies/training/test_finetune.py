@@ -20,6 +20,7 @@ from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture, shift
 from robogauntlet.policies.training.finetune import Schedule, Settings, TrainingStatus, finetune, pretrain, rate_at
 from robogauntlet.policies.training.lambda_selection import held_out_l1
+from robogauntlet.policies.training.lerobot_format import DatasetError
 from robogauntlet.policies.training.training_checkpoint import (
     STATE_FILE,
     History,
@@ -96,10 +97,11 @@ def test_held_out_episodes_are_never_trained_on(data):
 
 def test_statistics_leave_out_held_out_episodes(tmp_path):
     odd = {"actions": np.full((12, 7), 0.9), "states": np.full((12, 8), 50.0)}
-    write(tmp_path, [recording(0), recording(1), recording(2, **odd)])
+    first, second, third = range(FIRST_TRAINING_SEED, FIRST_TRAINING_SEED + 3)
+    write(tmp_path, [recording(first), recording(second), recording(third, **odd)])
     (task,) = (pool := DatasetMixture.open([tmp_path])).tasks
-    first = Demonstrations(tmp_path)
-    assert pool.statistics.of(task) == Statistics.of(first.actions[:24], first.states[:24])
+    data = Demonstrations(tmp_path)
+    assert pool.statistics.of(task) == Statistics.of(data.actions[:24], data.states[:24])
 
 
 def test_equal_seeds_give_equal_weights_and_others_do_not(pool, base, tmp_path):
@@ -124,8 +126,14 @@ def test_each_decisive_setting_changes_the_weights(pool, base, tmp_path, change)
     assert metadata.tensor_hash != CheckpointMetadata.read(base).tensor_hash
 
 
+def test_data_that_start_as_an_evaluation_does_are_refused(tmp_path):
+    write(tmp_path, [recording(FIRST_TRAINING_SEED), recording(7)])
+    with one_line_error(DatasetError, "expected seeds from 1000000 on, which suites do not play, got 7: a policy"):
+        DatasetMixture.open([tmp_path])
+
+
 def test_images_are_shifted_up_to_the_setting(tmp_path):
-    write(tmp_path, [recording(seed) for seed in range(2)])
+    write(tmp_path, [recording(FIRST_TRAINING_SEED + number) for number in range(2)])
     pool = DatasetMixture.open([tmp_path])
     metadata = [pretrain(pool, SMALL, tmp_path / str(px), replace(QUICK, largest_shift=px)).metadata for px in (0, 1)]
     assert metadata[0].tensor_hash != metadata[1].tensor_hash
