@@ -10,6 +10,8 @@ from datetime import date
 from importlib import metadata
 from pathlib import Path
 
+from tests.benchmarks.shared import FOLDER
+
 BENCHMARKS = (
     "rendering",
     "bound",
@@ -27,14 +29,13 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("coverage", "crowd", "dashboard", "mergevla", "million", "opening", "readers"),
+    *("coverage", "crowd", "dashboard", "mergevla", "million", "opening", "operators", "readers"),
     *("resume", "scale", "shifted_routing", "simplified_meshes"),
 )
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "training_controls")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
-FOLDER = Path("runs/bench")
 CODE = """
 import json
 from tests.benchmarks import {name} as benchmark, shared

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 
 from tests import ROOT
+from tests.benchmarks.shared import FOLDER
 
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 MEASUREMENTS = ROOT / "docs/measurements"
@@ -35,6 +36,7 @@ def with_measurements(text: str) -> str:
 if __name__ == "__main__":
     MEASUREMENTS.mkdir(exist_ok=True)
     for benchmark in sys.argv[1:]:
-        shutil.copy(ROOT / f"runs/bench/{benchmark}.json", MEASUREMENTS)
+        for file in (ROOT / FOLDER).glob(f"{benchmark}.*"):  # rows, and what they are made from or shown in
+            shutil.copy(file, MEASUREMENTS)
     for page in PAGES:
         page.write_text(with_measurements(page.read_text(encoding="utf-8")), encoding="utf-8")
