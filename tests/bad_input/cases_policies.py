@@ -156,6 +156,8 @@ MERGING = {
     "--option drop": "expected --option NAME=VALUE, got 'drop'",
     "--option drop=1": "operator 'ties' has no option 'drop'",
     "--bits 4": "operator 'ties' has no option 'bits'",
+    "--only visio": "got 'visio'; did you mean 'vision'?",
+    "--only language.0-9": "expected blocks 0 to 1 of the language model, got 'language.0-9'",
     "--operator none": "expected bits to be a whole number in [2, 8], got None",
     "--operator none --bits 1": "expected bits to be a whole number in [2, 8], got 1",
     "--operator none --bits 9": "expected bits to be a whole number in [2, 8], got 9",

@@ -62,6 +62,14 @@ def merge(
         int,
         typer.Option(help="Bits per weight with --masks signs; each round encodes the remainder of the one before."),
     ] = 1,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART",
+            help="Part to merge: vision, projector, language, language.0-3 (blocks) or trunk; tasks keep their own of "
+            "all others. Repeatable; by default all parts are merged.",
+        ),
+    ] = None,
     bits: Annotated[
         int | None, typer.Option(help="Bits per weight with --operator none, from 2 to 8.", show_default=False)
     ] = None,
@@ -107,6 +115,7 @@ def merge(
                 "kept_blocks": keep_blocks,
                 "merge_output": merge_output,
                 "backbone": BackboneRule.SELECT if select else BackboneRule.MERGED,
+                "only": tuple(only or ()),
                 "options": _options(options or ()) | ({} if bits is None else {"bits": bits}),
             }
         )

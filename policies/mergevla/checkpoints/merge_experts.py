@@ -17,6 +17,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetada
 from robogauntlet.policies.mergevla.merging.diagnostics import MergeReport, report
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, check_operator, merge
+from robogauntlet.policies.mergevla.merging.parts import TRUNK, check_blocks, is_merged
 from robogauntlet.policies.mergevla.merging.quantisation import pack
 from robogauntlet.policies.mergevla.merging.recipe import UNMERGED, BackboneRule, MaskRule, Recipe, TrunkRule
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVectors, Weights, check_same_base, task_vector
@@ -132,6 +133,7 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
 def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> MergedWeights:
     """Merge experts without a report; see `merge_experts`."""
     check_operator(recipe.operator, recipe.options)
+    check_blocks(recipe.only, next(iter(experts.by_task.values())).metadata.architecture.language.layers)
     known = {task: description.instruction for task, description in task_descriptions().items()}
     known |= dict(instructions or {})
     for task in experts.by_task:
@@ -139,7 +141,10 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
             raise MergeError(f"expected an instruction for {task}: no simulator here has the task, and none was given")
     trunks, heads = _splits(experts, recipe)
     task_vectors = _task_vectors(experts, trunks, recipe)
-    adapters = {task: expert.factors for task, expert in experts.by_task.items()}
+    adapters = {
+        task: {name: factors for name, factors in expert.factors.items() if not _is_merged(name, recipe)}
+        for task, expert in experts.by_task.items()
+    }
     copies = {}
     if recipe.operator == UNMERGED:
         copies = {
@@ -154,7 +159,6 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
         heads = {task: {name: weight.bfloat16() for name, weight in head.items()} for task, head in heads.items()}
-    selects = recipe.backbone is BackboneRule.SELECT or copies
     first = next(iter(experts.by_task.values()))
     return MergedWeights(
         architecture=first.metadata.architecture,
@@ -166,7 +170,7 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         base=experts.base_weights,
         merged=merged,
         trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
-        adapters=adapters if selects else {},
+        adapters=adapters if any(adapters.values()) else {},
         heads=heads,
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
         expert_digests={task: expert.metadata.digest for task, expert in experts.by_task.items()},
@@ -183,7 +187,14 @@ def _splits(experts: Experts, recipe: Recipe) -> tuple[dict[str, Weights], dict[
     heads: dict[str, Weights] = {}
     for task, expert in experts.by_task.items():
         trunks[task], heads[task] = split_trunk(expert.weights, recipe.kept_blocks, merge_output=recipe.merge_output)
+        if recipe.only and TRUNK not in recipe.only:
+            trunks[task], heads[task] = {}, expert.weights
     return trunks, heads
+
+
+def _is_merged(weight: str, recipe: Recipe) -> bool:
+    """Whether a weight of the backbone is merged."""
+    return recipe.operator != UNMERGED and recipe.backbone is BackboneRule.MERGED and is_merged(weight, recipe.only)
 
 
 def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recipe) -> TaskVectors:
@@ -196,12 +207,11 @@ def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recip
         return task_vectors
     adapted = {name for expert in experts.by_task.values() for name in expert.factors}
     for task, expert in experts.by_task.items():
-        if recipe.backbone is BackboneRule.MERGED:
-            task_vectors[task] |= {
-                name: factors.delta() if (factors := expert.factors.get(name)) else torch.zeros(weight.shape)
-                for name, weight in experts.base_weights.items()
-                if name in adapted
-            }
+        task_vectors[task] |= {
+            name: factors.delta() if (factors := expert.factors.get(name)) else torch.zeros(weight.shape)
+            for name, weight in experts.base_weights.items()
+            if name in adapted and _is_merged(name, recipe)
+        }
         if recipe.trunk is TrunkRule.VECTORS:
             trunk = trunks[task]
             task_vectors[task] |= task_vector(trunk, {name: experts.base_weights[name] for name in trunk})

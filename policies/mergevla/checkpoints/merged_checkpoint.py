@@ -175,7 +175,7 @@ def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedW
             adapters[expert], heads[expert] = restored(copies[expert], base)
             continue
         heads[expert] = _section(tensors, f"{HEAD}/{number}")
-        if recipe.backbone is BackboneRule.SELECT:
+        if recipe.backbone is BackboneRule.SELECT or recipe.only:
             adapters[expert] = _adapters(tensors, number, base)
     return MergedWeights(
         architecture=metadata.architecture,

@@ -13,6 +13,7 @@ from pydantic import StrictBool, StrictFloat, StrictInt
 from pydantic.dataclasses import dataclass
 
 from robogauntlet.policies.mergevla.merging.errors import OutOfRange, check_range
+from robogauntlet.policies.mergevla.merging.parts import check_parts
 from robogauntlet.policies.stored import STRICT, Stored
 
 LAMBDA = 0.6
@@ -84,6 +85,8 @@ class Recipe(Stored):
     """Options of the operator."""
     rounds: StrictInt = 1
     """Bits per entry of a task under `MaskRule.SIGNS`: each round approximates the residual of those before."""
+    only: tuple[str, ...] = ()
+    """Parts that are merged, see `parts`; each task keeps its own of all others. Empty for all parts."""
 
     def __post_init__(self) -> None:
         check_range("alpha", self.alpha, 0, math.inf)
@@ -95,8 +98,14 @@ class Recipe(Stored):
             check_range("bits", self.options.get("bits"), 2, 8, closed="[]", whole=True)
             if self.masks is not MaskRule.NONE:
                 raise OutOfRange(f"expected masks '{MaskRule.NONE}' where nothing is merged, got '{self.masks}'")
+        check_parts(self.only)
         for value in self.lambda_.values() if isinstance(self.lambda_, Mapping) else (self.lambda_,):
             check_lambda(value)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the recipe as plain JSON, without `only` if all parts are merged; `from_json` is the inverse."""
+        plain = super().as_json()
+        return plain if self.only else {name: value for name, value in plain.items() if name != "only"}
 
 
 def check_lambda(value: float) -> None:

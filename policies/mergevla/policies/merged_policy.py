@@ -19,6 +19,7 @@ from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointMetadata, locate
 from robogauntlet.policies.mergevla.merging.masks import lambdas_of
 from robogauntlet.policies.mergevla.merging.merge import check_operator
+from robogauntlet.policies.mergevla.merging.parts import check_blocks
 from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
 from robogauntlet.policies.mergevla.merging.trunk import check_kept_blocks
 from robogauntlet.policies.mergevla.options import MergedOptions, expert_folders
@@ -137,7 +138,9 @@ def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
 def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, checkpoint: MergedCheckpoint) -> None:
     """Raise PolicyError for an invalid recipe, or experts of another base than the fitted router's."""
     check_operator(recipe.operator, recipe.options)
-    check_kept_blocks(recipe.kept_blocks, checkpoint.metadata.architecture.language.layers)
+    layers = checkpoint.metadata.architecture.language.layers
+    check_kept_blocks(recipe.kept_blocks, layers)
+    check_blocks(recipe.only, layers)
     if recipe.masks is MaskRule.TASK:
         lambdas_of({task: {} for task in folders}, recipe.lambda_)
     expected = checkpoint.metadata.base_hash
