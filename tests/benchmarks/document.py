@@ -4,18 +4,40 @@ Pages show the table of `docs/measurements/NAME.json` between `<!-- measured: NA
 """
 
 import json
+import os
+import platform
 import re
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from datetime import date
+from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 from tests import ROOT
-from tests.benchmarks.shared import FOLDER
 
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 MEASUREMENTS = ROOT / "docs/measurements"
+WRITTEN = ROOT / "runs/bench"
+"""Where benchmarks write what they measured."""
+PACKAGES = ("mujoco", "robosuite", "sapien", "mani-skill", "pybullet", "torch", "ray")
 END = "<!-- end -->"
 BLOCK = re.compile(rf"(<!-- measured: (\w+) -->\n).*?{END}", re.DOTALL)
+
+
+def machine() -> str:
+    """Cores and model of the processor."""
+    model = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
+    return f"{len(os.sched_getaffinity(0))} cores of {model[1] if model else platform.processor()}"
+
+
+def write(name: str, measured: Mapping[str, Any]) -> None:
+    """Write a measurement with its date, machine, and the versions of the simulators and of what plays them."""
+    versions = {package: metadata.version(package) for package in PACKAGES}
+    result = {"date": str(date.today()), "machine": machine(), "versions": versions, **measured}
+    WRITTEN.mkdir(parents=True, exist_ok=True)
+    (WRITTEN / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
 
 
 def markdown(name: str) -> Iterator[str]:
@@ -25,7 +47,8 @@ def markdown(name: str) -> Iterator[str]:
     cells = [[text.format(**row) for text in columns.values()] for row in measured["rows"]]
     yield from (f"| {' | '.join(line)} |" for line in (columns, ["---"] * len(columns), *cells))
     versions = ", ".join(f"{package} {version}" for package, version in measured["versions"].items())
-    yield from ("", f"`python -m tests.benchmarks {name}`, {measured['date']}; {measured['machine']}; {versions}.")
+    command = measured.get("command", f"python -m tests.benchmarks {name}")
+    yield from ("", f"`{command}`, {measured['date']}; {measured['machine']}; {versions}.")
 
 
 def with_measurements(text: str) -> str:
@@ -36,7 +59,7 @@ def with_measurements(text: str) -> str:
 if __name__ == "__main__":
     MEASUREMENTS.mkdir(exist_ok=True)
     for benchmark in sys.argv[1:]:
-        for file in (ROOT / FOLDER).glob(f"{benchmark}.*"):  # rows, and what they are made from or shown in
+        for file in WRITTEN.glob(f"{benchmark}.*"):  # rows, and what they are made from or shown in
             shutil.copy(file, MEASUREMENTS)
     for page in PAGES:
         page.write_text(with_measurements(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -17,7 +17,8 @@ from robogauntlet.results.api import open_run
 from robogauntlet.results.report.figure_style import COLOURS, GRID, STYLE, new_figure
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
-from tests.benchmarks.shared import FOLDER, run_suite, table_of
+from tests.benchmarks.document import WRITTEN
+from tests.benchmarks.shared import run_suite, table_of
 
 EXPERTS, JOINT = "experts", "joint"
 KINDS = {"none": "not merged", "signs": "signs, shared magnitudes", "flat": "signs, nothing shared"}
@@ -43,8 +44,8 @@ def measure() -> list[dict[str, object]]:
         plan = {policy.name: policy for policy in run.document.suite.policies}
         sizes = {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
     rows = rows_of(frame, sizes)
-    frame.sort_values(["policy", "task", "seed"]).to_parquet(FOLDER / "operators.parquet", index=False)
-    draw(rows, FOLDER / "operators.svg")
+    frame.sort_values(["policy", "task", "seed"]).to_parquet(WRITTEN / "operators.parquet", index=False)
+    draw(rows, WRITTEN / "operators.svg")
     table_of(rows, COLUMNS)
     return rows
 

@@ -18,8 +18,6 @@ from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.episode import SUCCESS_HOLD, Cell, Episode, Protocol, RenderProfile, View
 from tests.processes import GAUNTLET
 
-FOLDER = Path("runs/bench")
-"""Where benchmarks write their rows."""
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
 """One task of each simulator."""
 UNTRAINED, EXPERTS = "untrained", "mergevla-experts"

@@ -138,12 +138,13 @@ class RayCluster:
             )
         assert started.returncode == 0, log.read_text()
 
-    def popen(self, number: int, command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
-        """Start a command on a node."""
+    def popen(
+        self, number: int, command: Sequence[str], log: Path, more: Mapping[str, str] | None = None
+    ) -> subprocess.Popen[bytes]:
+        """Start a command on a node, with further environment variables."""
+        inside, environment = self.nodes[number].inside(*command), {**self.environment, **(more or {})}
         with log.open("ab") as stream:
-            return subprocess.Popen(
-                self.nodes[number].inside(*command), env=self.environment, stdout=stream, stderr=subprocess.STDOUT
-            )
+            return subprocess.Popen(inside, env=environment, stdout=stream, stderr=subprocess.STDOUT)
 
     def cut(self, number: int, *, off: bool) -> None:
         """Disconnect a node from the others, or connect it again."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import psutil
 
@@ -19,9 +19,14 @@ def marked(mark: str) -> list[psutil.Process]:
 
 
 def processes_by_kind(mark: str) -> dict[str, list[psutil.Process]]:
-    """The processes with this mark by kind: raylet, gcs_server, worker, and playing (workers with a lease)."""
+    """The processes with this mark by kind, see `by_kind`."""
+    return by_kind(marked(mark))
+
+
+def by_kind(processes: Iterable[psutil.Process]) -> dict[str, list[psutil.Process]]:
+    """These processes by kind: raylet, gcs_server, worker, and playing (workers with a lease)."""
     kinds: dict[str, list[psutil.Process]] = {name: [] for name in (*RAY_PARTS, "worker", "playing")}
-    for process in marked(mark):
+    for process in processes:
         with contextlib.suppress(psutil.Error):
             title = process.cmdline()[:1]
             if process.name() in RAY_PARTS:
@@ -35,8 +40,13 @@ def processes_by_kind(mark: str) -> dict[str, list[psutil.Process]]:
 
 def remaining_after(mark: str, seconds: float) -> list[str]:
     """Names of processes with this mark that still run after this time (s); returns as soon as there are none."""
+    return names_after(seconds, lambda: marked(mark))
+
+
+def names_after(seconds: float, find: Callable[[], list[psutil.Process]]) -> list[str]:
+    """Names of processes that are still found after this time (s); returns as soon as there are none."""
     deadline = time.monotonic() + seconds
-    while (left := marked(mark)) and time.monotonic() < deadline:
+    while (left := find()) and time.monotonic() < deadline:
         time.sleep(0.2)
     return list(_names(left))
 

@@ -4,7 +4,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.chaos.campaign import FAULTS, draw_faults, run_campaign
+from tests.chaos.campaign import draw_faults, run_campaign
+from tests.chaos.places import OneMachine
 from tests.chaos.suites import NULL, REAL
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow]
@@ -41,7 +42,7 @@ def test_no_episode_is_lost_or_duplicate_and_no_process_remains(results, number)
 
 
 def test_every_kind_of_fault_occurred(results):
-    assert {fault for result in results.values() for fault in result.faults} == FAULTS.keys()
+    assert {fault for result in results.values() for fault in result.faults} == OneMachine.faults.keys()
 
 
 @pytest.mark.simulator
