@@ -118,10 +118,8 @@ class RayCluster:
         join = (
             ["--head", f"--port={PORT}", "--include-dashboard=false"] if number == 0 else [f"--address={self.address}"]
         )
-        ray = str(Path(sys.executable).with_name("ray"))
         command = [
-            ray,
-            "start",
+            *(sys.executable, "-m", "ray.scripts.scripts", "start"),
             *join,
             f"--node-ip-address={node.address}",
             f"--num-cpus={cpus}",
