@@ -76,7 +76,6 @@ def run_campaign(
             except subprocess.TimeoutExpired:
                 problems.append(f"start {starts} hangs after: {', '.join(done)}")
                 break
-            problems += command.problems
             if remaining := place.remaining():
                 problems.append(f"processes remain after start {starts}: {', '.join(remaining)}")
             if code == 0:
@@ -86,7 +85,7 @@ def run_campaign(
     except (AssertionError, OSError, subprocess.SubprocessError) as error:
         problems.append(f"the campaign itself failed at start {starts}: {error!r}")
     finally:
-        place.end()
+        problems += place.end()
     problems += [f"this fault did not occur: {name}" for name in left]
     rows_hash = None
     if (folder / "run.json").exists():

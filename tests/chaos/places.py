@@ -9,24 +9,25 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
-from tests.chaos.cluster_nodes import Node, RayCluster, ray_cluster
+from tests.chaos.cluster_nodes import RayCluster, ray_cluster
 from tests.chaos.processes import MARK, by_kind, end, marked, names_after
 
 GONE_S = 60.0
 """Time for all processes to end (s). A worker whose raylet is killed while it starts searches for it for 26 s (measured
 with Ray 2.60) before it ends."""
 LOCK_S = 3.0
-POWER_CUT_S = 10.0
-"""Time until a node that was killed is started again (s)."""
+POWER_CUT_S = (10.0, 20.0)
+"""Shortest and longest time until a node that was killed is started again (s)."""
 CUT_OFF_S = (30.0, 60.0)
 """Shortest and longest time that a node is cut off from the network (s)."""
 HEAD_S = 120.0
@@ -46,8 +47,6 @@ class Command:
     place: OneMachine
     is_ending: bool = False
     """Whether it got a signal that ends it."""
-    problems: list[str] = field(default_factory=list)
-    """Violated expectations that a fault has noticed."""
 
 
 Fault = Callable[[Command, random.Random], bool]
@@ -131,9 +130,10 @@ class OneMachine:
         """Names of the command's processes that still run some time after its end."""
         return names_after(GONE_S, self._of_command)
 
-    def end(self) -> None:
-        """Kill all processes of the command."""
+    def end(self) -> list[str]:
+        """Kill all processes of the command, and return the violated expectations that faults have noticed."""
         end(self.mark)
+        return []
 
     def _of_command(self) -> list[psutil.Process]:
         return marked(self.mark)
@@ -147,11 +147,15 @@ class ThreeNodes(OneMachine):
 
     def __init__(self, cluster: RayCluster) -> None:
         super().__init__()
-        self._cluster = cluster
+        self._cluster, self._pool, self._lock = cluster, ThreadPoolExecutor(), threading.Lock()
+        self._away = set[int]()
+        """Numbers of the nodes without power or network."""
+        self._returning: list[Future[None]] = []
+        self._problems: list[str] = []
         self.faults = {
             **_EVERYWHERE,
-            "node killed": self._kill_node,
-            "node cut off": self._cut_node_off,
+            "node killed": self._away_fault(self._without_power, POWER_CUT_S),
+            "node cut off": self._away_fault(self._without_network, CUT_OFF_S),
             "head killed": self._kill_head,
         }
 
@@ -161,7 +165,9 @@ class ThreeNodes(OneMachine):
 
     def start(self, suite: Path, folder: Path, log: Path) -> Command:
         """Start to play a suite, or continue; before, start Ray on every node that lacks it."""
-        self._start_ray()
+        if not self._head():
+            self._start_head()
+        self._start_lacking()
         arguments = [*self._arguments(suite, folder), "--address", self._cluster.address]
         process = self._cluster.popen(0, arguments, log, {MARK: self.mark})
         nsenter = psutil.Process(process.pid)
@@ -169,58 +175,92 @@ class ThreeNodes(OneMachine):
             time.sleep(0.01)
         return Command(process, nsenter.children()[0], folder, log, self)
 
-    def _of_command(self) -> list[psutil.Process]:
-        return [*marked(self.mark), *by_kind(self.processes())["worker"]]
+    def end(self) -> list[str]:
+        """Kill all processes of the command, wait until all nodes are back, and return violated expectations."""
+        end(self.mark)
+        wait(self._returning)
+        failures = [repr(error) for future in self._returning if (error := future.exception())]
+        problems, self._problems, self._returning = self._problems + failures, [], []
+        return problems
 
-    def _start_ray(self) -> None:
-        nodes = self._cluster.nodes
-        if not by_kind(nodes[0].processes())["gcs_server"]:
-            for node in nodes:
+    def _of_command(self) -> list[psutil.Process]:
+        connected = [node for number, node in enumerate(self._cluster.nodes) if number not in self._away]
+        workers = by_kind(process for node in connected for process in node.processes())["worker"]
+        return [*marked(self.mark), *workers]
+
+    def _start_head(self) -> None:
+        with self._lock:
+            for node in self._cluster.nodes:
                 node.kill()
             self._cluster.start_ray(0)
-        lacking = [number for number, node in enumerate(nodes) if not by_kind(node.processes())["raylet"]]
-        with ThreadPoolExecutor() as pool:
-            list(pool.map(self._cluster.start_ray, lacking))
 
-    def _kill_node(self, command: Command, generator: random.Random) -> bool:
-        """Let a node lose its power, which sends no last word to the others, and start it again."""
-        number, node = self._another(generator)
-        self._cluster.cut(number, off=True)
-        node.kill()
-        time.sleep(POWER_CUT_S)
+    def _start_lacking(self) -> None:
+        """Start Ray on every node that lacks it, as a supervisor does."""
+        with self._lock:
+            nodes = enumerate(self._cluster.nodes)
+            lacking = [n for n, node in nodes if n not in self._away and not by_kind(node.processes())["raylet"]]
+            with ThreadPoolExecutor() as pool:
+                list(pool.map(self._cluster.start_ray, lacking))
+
+    def _away_fault(self, happen: Callable[[int, float], None], seconds: tuple[float, float]) -> Fault:
+        """A fault of a node other than that of the head and the command. The campaign goes on meanwhile."""
+
+        def fault(command: Command, generator: random.Random) -> bool:
+            present = [number for number in range(1, len(self._cluster.nodes)) if number not in self._away]
+            if not present:
+                return False
+            number = generator.choice(present)
+            self._away.add(number)
+            self._returning.append(self._pool.submit(leave, number, generator.uniform(*seconds)))
+            return True
+
+        def leave(number: int, away_s: float) -> None:
+            self._cluster.cut(number, off=True)
+            happen(number, away_s)
+            self._away.remove(number)
+            try:
+                if self._head():
+                    self._start_lacking()
+            except (AssertionError, subprocess.TimeoutExpired):
+                if self._head():  # otherwise the next start of the command starts all of them
+                    raise
+
+        return fault
+
+    def _without_power(self, number: int, away_s: float) -> None:
+        """Its connections end without a last word, as it has been disconnected before."""
+        self._cluster.nodes[number].kill()
+        time.sleep(away_s)
         self._cluster.cut(number, off=False)
-        self._cluster.start_ray(number)
-        return True
 
-    def _cut_node_off(self, command: Command, generator: random.Random) -> bool:
-        """Cut a node off from the network for a time; then start it again, as a supervisor does."""
-        number, node = self._another(generator)
-        self._cluster.cut(number, off=True)
-        time.sleep(generator.uniform(*CUT_OFF_S))
+    def _without_network(self, number: int, away_s: float) -> None:
+        """Ray has to end on the node when it is back and learns that it was given up."""
+        time.sleep(away_s)
         self._cluster.cut(number, off=False)
+        node, head = self._cluster.nodes[number], self._head()
+        remaining = names_after(GONE_S, lambda: by_kind(node.processes())["raylet"])
+        if remaining and head == self._head():
+            self._problems.append(f"expected Ray to end on node {number + 1}, which was cut off; it did not")
         node.kill()
-        self._cluster.start_ray(number)
-        return True
 
-    def _another(self, generator: random.Random) -> tuple[int, Node]:
-        """A node that has neither the head nor the command."""
-        return generator.choice(list(enumerate(self._cluster.nodes))[1:])
+    def _head(self) -> list[psutil.Process]:
+        return by_kind(self._cluster.nodes[0].processes())["gcs_server"]
 
     def _kill_head(self, command: Command, generator: random.Random) -> bool:
         """Kill the head: the command has to end by itself, with a message."""
-        heads = by_kind(self._cluster.nodes[0].processes())["gcs_server"]
+        heads = self._head()
         if command.is_ending or not heads:
             return False
         heads[0].kill()
         try:
             code = command.process.wait(HEAD_S)
         except subprocess.TimeoutExpired:
-            command.problems.append("expected the command to end after the death of the head, it did not")
+            self._problems.append("expected the command to end after the death of the head, it did not")
             return True
         if code != 3:
-            command.problems.append(f"expected exit code 3 after the death of the head, got {code}")
+            self._problems.append(f"expected exit code 3 after the death of the head, got {code}")
         if "continue with: robogauntlet run" not in command.log.read_text():
-            command.problems.append(f"expected a message about the death of the head; see {command.log}")
+            self._problems.append(f"expected a message about the death of the head; see {command.log}")
         return True
 
 

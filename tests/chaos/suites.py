@@ -9,8 +9,8 @@ workers: 2
 episode_time_limit_s: 4
 """
 """480 episodes, half of which take a tenth of a second."""
-LONG = NULL.replace("count: 120", "count: 800").replace("workers: 2", "workers: auto")
-"""3200 episodes, which last for as long as a node is cut off from the network."""
+LONG = NULL.replace("count: 120", "count: 400").replace("workers: 2", "workers: auto")
+"""1600 episodes."""
 REAL = """
 name: chaos-real
 policies: [oracle, untrained]
