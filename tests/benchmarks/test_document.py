@@ -2,11 +2,10 @@
 
 import json
 
-import pandas as pd
 import pytest
 
-from tests.benchmarks import operators
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
+from tests.chaos.__main__ import table
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -20,7 +19,7 @@ def test_every_committed_measurement_is_shown():
     assert shown == {path.stem for path in MEASUREMENTS.glob("*.json")}
 
 
-def test_rates_of_operators_are_those_of_the_committed_episodes():
-    rows = json.loads((MEASUREMENTS / "operators.json").read_text(encoding="utf-8"))["rows"]
-    frame = pd.read_parquet(MEASUREMENTS / "operators.parquet")
-    assert operators.rows_of(frame, {row["policy"]: row["kilobytes"] for row in rows}) == rows
+@pytest.mark.parametrize("name", ["chaos", "chaos_cluster"])
+def test_tables_of_runs_under_faults_count_the_committed_runs(name):
+    measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
+    assert table(measured["campaigns"]) == measured["rows"]
