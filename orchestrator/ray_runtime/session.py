@@ -62,12 +62,16 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
         NoCluster: Nothing answers at the address.
     """
     global _head, _folder
-    with _environment(_LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT), _on_loopback(address is None):
+    environment = _LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_environment(environment))
+        stack.enter_context(_on_loopback(address is None))
         import ray
 
         if ray.is_initialized():
             yield
             return
+        stack.enter_context(_silence())
         if address is not None:
             check_address(address)
         has_died = False
@@ -137,7 +141,6 @@ def _start(address: str | None, workers: int) -> None:
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     with contextlib.suppress(OSError, RuntimeError):
         (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
-    _silence_raylet()
 
 
 def room_for_workers() -> int:
@@ -224,10 +227,16 @@ def answer(reference: Any) -> Any:
             check_alive()
 
 
-def _silence_raylet() -> None:
-    """Keep Ray's long messages about dead workers out of the display; the scheduler reports them."""
-    with contextlib.suppress(AttributeError, KeyError):
-        _private("ray_logging", "global_worker_stdstream_dispatcher").remove_handler("ray_print_logs")
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep Ray's long messages about dead workers and nodes out of the display; the scheduler reports them."""
+    module = importlib.import_module("ray._private.worker")
+    before = getattr(module, "print_to_stdstream", None)
+    module.print_to_stdstream = lambda *_, **__: None  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        module.print_to_stdstream = before  # type: ignore[attr-defined]
 
 
 def _private(module: str, name: str) -> Any:

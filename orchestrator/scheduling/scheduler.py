@@ -27,7 +27,8 @@ RECYCLE_AFTER = 5000
 GROW_S = 5.0
 """Time between two checks of how many workers fit."""
 START_ATTEMPTS = 3
-"""Consecutive workers that may die while they open a simulator before the simulator is skipped."""
+"""Consecutive workers that may die while they open a simulator before the simulator is skipped. Those that started
+before the latest of these deaths do not count: with a node, all workers on it die."""
 WATCHDOG_S = 0.5
 """Time between two searches for unresponsive workers."""
 EVENT_WAIT_S = 0.2
@@ -134,6 +135,8 @@ class Scheduler(Generic[Result]):
     """Simulator to its number of busy slots."""
     _failed_starts: Counter[str] = field(default_factory=Counter, init=False)
     """Simulator to the number of workers that died at their start since one succeeded."""
+    _failed_at: dict[str, float] = field(default_factory=dict, init=False)
+    """Simulator to the latest time at which this number grew."""
     _unsaved: list[Result] = field(default_factory=list, init=False)
     _saved_at: float = field(default=0.0, init=False)
     _grown_at: float = field(default=0.0, init=False)
@@ -309,8 +312,11 @@ class Scheduler(Generic[Result]):
             self.observer.on_warning(f"{slot.name}: {reason}; its episodes go back into the queue")
             self._accept(self.work[slot.simulator].lost(lease, lease.seeds[finished:], reason))
             return
-        self._failed_starts[slot.simulator] += 1
         self.observer.on_warning(f"{slot.name}: {reason} while opening {opening}")
+        if slot.activity_began < self._failed_at.get(slot.simulator, 0.0):
+            return
+        self._failed_at[slot.simulator] = self.now()
+        self._failed_starts[slot.simulator] += 1
         if self._failed_starts[slot.simulator] >= START_ATTEMPTS:
             self._give_up(slot.simulator, opening, f"{reason} while opening {opening}, {START_ATTEMPTS} times")
 

@@ -1,6 +1,6 @@
 """`python -m tests.chaos [--cluster]`: many runs under faults, each compared with an undisturbed run on one machine.
 
-Results are in `runs/bench/chaos.json` or `chaos_cluster.json` after every run; `--seed N` keeps those of lower seeds.
+Results are in `runs/bench/chaos.json` or `chaos_cluster.json` after every run; `--seed N` adds to those of other seeds.
 `runs/chaos` keeps the folder and the log of each run with a problem.
 """
 
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="python -m tests.chaos", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first run; the next runs have the next seeds")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first run; with 0, results begin anew")
     parser.add_argument("--faults", type=int, help="faults in each run (4; on a cluster 3)")
     parser.add_argument("--gap", type=float, default=2.0, help="mean seconds between two faults")
     where = parser.add_mutually_exclusive_group()
@@ -59,16 +59,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     suite.write_text(text)
     undisturbed = run_campaign(suite, scratch / "undisturbed", options.seed, faults=(), gap_s=1.0)
     print(_line("undisturbed", undisturbed, undisturbed.rows_hash), flush=True)
-    campaigns = [row for row in _earlier(name) if row["seed"] < options.seed]
+    seeds = range(options.seed, options.seed + options.runs)
+    campaigns = [row for row in _earlier(name) if options.seed and row["seed"] not in seeds]
     with three_nodes(scratch) if options.cluster else contextlib.nullcontext(OneMachine()) as place:
-        for seed in range(options.seed, options.seed + options.runs):
+        for seed in seeds:
             folder, faults = scratch / f"run{seed}", draw_faults(seed, count, place.faults)
             result = run_campaign(suite, folder, seed, faults=faults, gap_s=options.gap, place=place)
             print(_line(f"seed {seed}", result, undisturbed.rows_hash), flush=True)
-            campaigns.append(_row(seed, result, undisturbed.rows_hash))
+            latest = _row(seed, result, undisturbed.rows_hash)
+            campaigns = sorted([*campaigns, latest], key=lambda row: row["seed"])
             command = f"python -m tests.chaos{' --cluster' * options.cluster}{' --real' * options.real}"
             write(name, {"command": command, "columns": COLUMNS, "rows": table(campaigns), "campaigns": campaigns})
-            if _is_good(campaigns[-1]):
+            if _is_good(latest):
                 shutil.rmtree(folder)
     good = sum(map(_is_good, campaigns))
     print(f"{good} of {len(campaigns)} runs under faults are complete, with the rows of the undisturbed run")

@@ -74,3 +74,19 @@ def test_a_run_listens_on_loopback_only(tmp_path):
         command.wait(60)
     listening = {socket.laddr.ip.removeprefix("::ffff:") for socket in sockets if socket.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
+
+
+MESSAGE = """
+import time, ray
+from ray._private import utils, worker
+from robogauntlet.orchestrator.ray_runtime.session import ray_session
+with ray_session(address=None, workers=1):
+    utils.publish_error_to_driver("node", "Raylet is terminated", gcs_client=worker.global_worker.gcs_client)
+    time.sleep(2)
+"""
+
+
+@pytest.mark.ray
+def test_messages_of_ray_about_its_processes_are_not_shown():
+    done = subprocess.run([sys.executable, "-c", MESSAGE], check=True, capture_output=True, text=True, timeout=120)
+    assert done.stdout + done.stderr == ""

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
+from robogauntlet.orchestrator.scheduling.worker_pool import WorkerLost
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.resources import Resources
 from tests.orchestrator.conftest import RecordingObserver
@@ -89,6 +90,38 @@ def test_a_simulator_that_cannot_be_opened_does_not_affect_the_others():
     rows, observer = play(work({("a/1", "p"): 5, ("b/1", "p"): 7}), pool, lambda: 2)
     assert Counter(row.simulator for row in rows) == {"a": 5}
     assert observer.skipped == [("b", "not here", 7)]
+
+
+class MortalPool(SimulatedWorkerPool):
+    """Workers that start before a time end then, if they have not opened their simulator."""
+
+    ends_at = 0.0
+
+    def start(self, name, simulator, first):
+        worker = super().start(name, simulator, first)
+        if self.clock() < self.ends_at:
+            self._events = [event for event in self._events if event[2] is not worker]
+            self._at(self.ends_at, worker, WorkerLost("the worker process died"))
+        return worker
+
+
+def test_the_death_of_a_node_on_which_many_workers_open_a_simulator_skips_nothing():
+    pool = MortalPool(lambda episode: 1.0, Clock())
+    pool.ends_at = 4.0
+    rows, observer = play(work({("a/1", "p"): 40}), pool, {"a": 8})
+    assert Counter(row.seed for row in rows) == Counter(range(40))
+    assert sorted(observer.warnings) == [f"a-{n}: the worker process died while opening a/1" for n in range(8)]
+    assert not observer.skipped
+
+
+def test_a_simulator_in_which_every_worker_dies_is_skipped():
+    class DeadlyPool(MortalPool):
+        @property
+        def ends_at(self):
+            return self.clock() + 3.0
+
+    _, observer = play(work({("a/1", "p"): 40}), DeadlyPool(lambda episode: 1.0, Clock()), {"a": 2})
+    assert observer.skipped == [("a", "the worker process died while opening a/1, 3 times", 40)]
 
 
 def test_a_worker_above_the_memory_limit_is_replaced_after_its_lease():
