@@ -49,7 +49,7 @@ episode_time_limit_s: 40
 WAIT_S = 900.0
 """Time for anything to happen (s); a busy machine takes several times as long as a quiet one."""
 CUT_OFF_S = 60.0
-"""Time after which the head has given up a node that is cut off, which takes it 15 to 20 s."""
+"""Time that a node is cut off (s). The head gives it up after 15 to 65 s."""
 
 
 @pytest.fixture(scope="module")
