@@ -186,8 +186,10 @@ class ThreeNodes(OneMachine):
         return problems
 
     def _of_command(self) -> list[psutil.Process]:
-        connected = [node for number, node in enumerate(self._cluster.nodes) if number not in self._away]
-        workers = by_kind(process for node in connected for process in node.processes())["worker"]
+        """Without those on nodes that nothing reaches now: they end with Ray there, a minute after it lost its head."""
+        reached = self._cluster.nodes if self._head() else self._cluster.nodes[:1]
+        present = [node for number, node in enumerate(reached) if number not in self._away]
+        workers = by_kind(process for node in present for process in node.processes())["worker"]
         return [*marked(self.mark), *workers]
 
     def _start_head(self) -> None:
