@@ -22,6 +22,8 @@ PORT = 6379
 JOIN_S = 180.0
 """Time for a node to join the cluster (s)."""
 END_S = 10.0
+_INIT = "import os, signal; signal.signal(signal.SIGCHLD, signal.SIG_IGN); os.execlp('sleep', 'sleep', 'infinity')"
+"""First process of a node. It leaves no zombies: Ray's workers would take a dead raylet for a living one."""
 _TOOLS = ("unshare", "nsenter", "ip", "mount")
 
 
@@ -42,7 +44,7 @@ class Node:
         """Create the namespaces; the folders `private` are empty there, and other nodes do not see what it writes."""
         self.address, self.name = f"10.77.0.{number}", f"node{number}"
         separate = ["--net", "--mount", "--uts", "--pid", "--fork", "--kill-child", "--mount-proc"]
-        self._holder = subprocess.Popen(["unshare", *separate, "sleep", "infinity"])
+        self._holder = subprocess.Popen(["unshare", *separate, sys.executable, "-c", _INIT])
         self.pid = _holding(self._holder.pid)
         self.run("hostname", self.name)
         self.run("ip", "link", "set", "lo", "up")
