@@ -25,7 +25,7 @@ from torch import nn
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, CheckpointMetadata, check_action_steps
 from robogauntlet.policies.mergevla.network.config import Architecture, LoraSettings
-from robogauntlet.policies.mergevla.network.lora import add_lora
+from robogauntlet.policies.mergevla.network.lora import BACKBONE, add_lora
 from robogauntlet.policies.mergevla.network.model import MergeVLA, build
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
 from robogauntlet.policies.stored import STRICT, Stored
@@ -173,6 +173,7 @@ def finetune(
     *,
     lora: LoraSettings,
     action_steps: int | None = None,
+    fresh_trunk: int | None = None,
     listener: Listener = lambda status: None,
     stop: Stop = lambda: False,
 ) -> TrainingResult:
@@ -185,6 +186,8 @@ def finetune(
         settings: Training settings.
         lora: Settings of the adapters.
         action_steps: See `CheckpointMetadata.action_steps`.
+        fresh_trunk: Seed from which action queries, proprioception and action expert are initialised anew, as the
+            paper's experts are (arXiv 2511.18810); None to continue from the base's.
         listener: See `Listener`.
         stop: See `Stop`.
 
@@ -198,6 +201,10 @@ def finetune(
         raise TrainingError(f"expected a folder other than the base's for the expert, got '{out}'")
     check_images(mixture, start.model.architecture)
     check_action_steps(action_steps, start.model.architecture)
+    if fresh_trunk is not None:
+        fresh = build(start.model.architecture, fresh_trunk).state_dict()
+        trunk = {name: weight for name, weight in fresh.items() if not name.startswith(BACKBONE)}
+        start.model.load_state_dict(trunk, strict=False)
     add_lora(start.model, lora, settings.seed)
     metadata = CheckpointMetadata(
         start.model.architecture,
@@ -206,6 +213,7 @@ def finetune(
         lora=lora,
         data_hash=mixture.data_hash,
         base_hash=start.metadata.tensor_hash,
+        metrics={} if fresh_trunk is None else {"fresh_trunk": fresh_trunk},
     )
     return _train(start.model, metadata, base, mixture, out, settings, listener, stop)
 
@@ -262,7 +270,9 @@ def _train(
             saved = now
         if stopping:
             return TrainingResult(None, history)
-    written = save_checkpoint(out, model, replace(metadata, metrics=_metrics(settings, mixture, history)), base)
+    written = save_checkpoint(
+        out, model, replace(metadata, metrics={**metadata.metrics, **_metrics(settings, mixture, history)}), base
+    )
     curve = {"train": [round(loss, 5) for loss in history.losses], "held_out": history.held_out}
     (out / CURVE_FILE).write_text(json.dumps(curve) + "\n", encoding="utf-8")
     (out / STATE_FILE).unlink(missing_ok=True)

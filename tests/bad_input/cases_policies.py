@@ -134,6 +134,7 @@ TRAINING = {
     "--threads 0": "threads: expected",
     "--rank 0": "expected a LoRA rank",
     "--rank 999999": "expected a LoRA rank",
+    "--fresh-trunk -1": "--fresh-trunk",
     "--shift 99999": "largest_shift: expected less than or equal to 1024, got 99999",
     "--threads 1000000": "threads: expected less than or equal to 1024, got 1000000",
     "--batch-size 1000000000": "batch_size: expected less than or equal to 100000, got 1000000000",

@@ -30,13 +30,23 @@ def finetune(
         int | None,
         typer.Option(help="Actions of a chunk that the expert executes before its next query; by default all."),
     ] = None,
+    fresh_trunk: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            metavar="SEED",
+            help="Initialise the action expert anew from this seed instead of continuing the base's.",
+            show_default=False,
+        ),
+    ] = None,
     shift: Annotated[int, typer.Option(help="Largest random shift of the images (px).")] = 4,
     seed: Annotated[int, typer.Option(help="Seed of adapters, batches and shifts.")] = 0,
     threads: Annotated[int, typer.Option(help="CPU threads.")] = 1,
 ) -> None:
     """Train an expert for one task.
 
-    LoRA adapters on the backbone of the base are trained, and all of its action expert. The checkpoint stores only the
+    LoRA adapters on the backbone of the base are trained, and all of its action expert, which --fresh-trunk initialises
+    anew. The checkpoint stores only the
     difference to the base, which must stay where it is. The same command continues a training that was stopped.
     """
     with needs_training_packages():
@@ -63,7 +73,15 @@ def finetune(
         check_action_steps(action_steps, CheckpointMetadata.read(locate(base)).architecture)
         pool = DatasetMixture.open(data)
         return training.finetune(
-            pool, start, out_folder, settings, lora=lora, action_steps=action_steps, listener=listener, stop=stop
+            pool,
+            start,
+            out_folder,
+            settings,
+            lora=lora,
+            action_steps=action_steps,
+            fresh_trunk=fresh_trunk,
+            listener=listener,
+            stop=stop,
         )
 
     run_training(out_folder, train)

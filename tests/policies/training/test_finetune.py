@@ -139,6 +139,22 @@ def test_images_are_shifted_up_to_the_setting(tmp_path):
     assert metadata[0].tensor_hash != metadata[1].tensor_hash
 
 
+def test_a_fresh_trunk_is_initialised_by_its_seed_and_not_from_the_base(pool, base, tmp_path):
+    barely = replace(QUICK, steps=1, learning_rate=1e-9)
+    for name, seed in (("base", None), ("one", 1), ("again", 1), ("two", 2)):
+        finetune(pool, base, tmp_path / name, barely, lora=LORA, fresh_trunk=seed)
+    weights = {name: load_tensors(tmp_path / name)[0] for name in ("base", "one", "again", "two")}
+    trunk = [name for name in weights["base"] if not name.startswith("backbone.") and name.endswith("weight")]
+    matrices = [name for name in trunk if weights["base"][name].ndim == 2]
+    for name in matrices:
+        assert torch.equal(weights["one"][name], weights["again"][name])
+        assert not torch.allclose(weights["one"][name], weights["base"][name], atol=1e-3)
+        assert not torch.allclose(weights["one"][name], weights["two"][name], atol=1e-3)
+    backbone = next(name for name in weights["base"] if name.startswith("backbone.vision"))
+    assert torch.equal(weights["one"][backbone], weights["base"][backbone])
+    assert CheckpointMetadata.read(tmp_path / "two").metrics["fresh_trunk"] == 2
+
+
 def test_adapters_are_initialised_by_their_seed(pool, base, tmp_path):
     barely = replace(QUICK, steps=1, learning_rate=1e-9)
     for seed in (0, 1):
