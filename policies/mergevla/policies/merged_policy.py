@@ -13,7 +13,7 @@ import torch
 
 from robogauntlet.adapters.contract import PROPRIOCEPTION_DIM, Observation
 from robogauntlet.policies.contract import Decision, PolicyMismatch, PolicySpec, Query, Routing
-from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts, merge_parts, read_experts
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import MergedCheckpoint, load_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS, CheckpointMetadata, locate
@@ -61,13 +61,13 @@ class MergedPolicy:
         The options decide whether the router reads the instruction; the acting expert always does. Raises PolicyError
         if a checkpoint cannot be used, or the router is unknown or was not fitted.
         """
-        checkpoint = load_merged(options.checkpoint)
+        checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
         router = router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
         parts = checkpoint.parts
         if options.recipe is not None and options.experts is not None:
             folders = expert_folders(options.experts)
             _check_recipe(options.recipe, folders, options.router, checkpoint)
-            experts = read_experts(folders.values())
+            experts = _experts(tuple(map(_version, folders.values())))
             parts = merge_parts(experts, options.recipe, parts.instructions)
         return cls(MergedModel(parts, device=device_here()), router)
 
@@ -121,18 +121,28 @@ def merged_spec(options: MergedOptions) -> PolicySpec:
     Raises PolicyError if a checkpoint cannot be used, the router is unknown or was not fitted, or experts to be merged
     do not fit the recipe or the router.
     """
-    folder = locate(options.checkpoint)
-    checkpoint = _checkpoint(folder, (folder / WEIGHTS).stat().st_mtime_ns if (folder / WEIGHTS).exists() else 0)
+    checkpoint = _checkpoint(*_version(locate(options.checkpoint)))
     router_named(options.router, sees_instruction=options.sees_instruction, stored=checkpoint.fitted)
     if options.recipe is not None and options.experts is not None:
         _check_recipe(options.recipe, expert_folders(options.experts), options.router, checkpoint)
     return policy_spec(checkpoint.parts.architecture)
 
 
+def _version(folder: Path) -> tuple[Path, int]:
+    """A checkpoint's folder and when its weights changed (ns), so that a newer one is read in place of a cached one."""
+    return folder, (folder / WEIGHTS).stat().st_mtime_ns if (folder / WEIGHTS).exists() else 0
+
+
 @lru_cache(maxsize=2)
 def _checkpoint(folder: Path, changed_ns: int) -> MergedCheckpoint:
-    """Load a checkpoint, which suites name many times; `changed_ns` is in the key so that a newer one is read."""
+    """Load a checkpoint, which suites name many times."""
     return load_merged(folder)
+
+
+@lru_cache(maxsize=1)
+def _experts(versions: tuple[tuple[Path, int], ...]) -> Experts:
+    """Load experts, which suites name many times."""
+    return read_experts(folder for folder, _ in versions)
 
 
 def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, checkpoint: MergedCheckpoint) -> None:
