@@ -9,15 +9,15 @@ seeds than the training's are as good, since nothing is trained on them here.
 import os
 from pathlib import Path
 
-from tests.benchmarks.shared import table_of
+from tests.benchmarks.shared import kilobytes, table_of
 
 WAYS = {
     "naive mean, everything merged": {"operator": "mean", "masks": "none", "kept_blocks": 0, "merge_output": True},
     "mean, no masks, k = 1": {"operator": "mean", "masks": "none"},
     "TSV, no masks, k = 1": {"operator": "tsv", "masks": "none"},
     "EMR, k = 1": {"operator": "emr", "masks": "emr"},
-    "TA+S, averaged trunk, k = 1 (paper)": {"operator": "ta", "trunk": "mean"},
-    "TIES+S, averaged trunk, k = 1 (paper)": {"operator": "ties", "trunk": "mean"},
+    "TA+S, averaged trunk, k = 1": {"operator": "ta", "trunk": "mean"},
+    "TIES+S, averaged trunk, k = 1": {"operator": "ties", "trunk": "mean"},
     "own adapters, averaged trunk, k = 1": {"backbone": "select", "trunk": "mean"},
     "own adapters, TIES+S trunk, k = 1": {"backbone": "select"},
     "TA+S, k = 0, output merged": {"operator": "ta", "kept_blocks": 0, "merge_output": True},
@@ -55,9 +55,11 @@ def measure() -> list[dict[str, object]]:
     """Merge the zoo's experts in each way, choose lambda per task, and score each task's held-out episodes."""
     import torch
 
-    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint
+    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, read_tensors
     from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import tensors_of_parts
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS
     from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
     from robogauntlet.policies.mergevla.options import expert_folders
     from robogauntlet.policies.training.dataset import Demonstrations, find_datasets
@@ -68,8 +70,11 @@ def measure() -> list[dict[str, object]]:
     torch.set_num_threads(1)
     folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
     pool = DatasetMixture([Demonstrations(path) for path in find_datasets([folder])])
-    experts = read_experts(expert_folders(shipped("zoo:experts")).values())
+    folders = expert_folders(shipped("zoo:experts")).values()
+    experts = read_experts(folders)
     base = load_checkpoint(shipped("zoo:base"))
+    sizes = dict.fromkeys(("experts", "base (joint training)"), 0.0)
+    sizes["experts"] = sum(kilobytes(read_tensors(folder / WEIGHTS)) for folder in folders) / len(folders)
     scores = {
         "experts": experts_l1(experts, pool, part=HeldOut.SCORE),
         "base (joint training)": held_out_l1(lambda _: base.model, base.metadata.statistics, pool, part=HeldOut.SCORE),
@@ -79,10 +84,15 @@ def measure() -> list[dict[str, object]]:
         if recipe.masks is MaskRule.TASK:
             recipe, _ = choose_lambdas(experts, recipe, pool)
         parts = merge_parts(experts, recipe)
+        sizes[name] = kilobytes(tensors_of_parts(parts)) / len(folders)
         scores[name] = held_out_l1(MergedModel(parts).model, parts.statistics, pool, part=HeldOut.SCORE)
         print(f"{name}: {sum(scores[name].values()) / len(scores[name]):.4f}", flush=True)
     means = {name: sum(found.values()) / len(found) for name, found in scores.items()}
-    rows = [{"way": name, "mean": means[name], **scores[name]} for name in sorted(means, key=lambda name: means[name])]
+    rows = [
+        {"way": name, "mean": means[name], "kilobytes": sizes[name], **scores[name]}
+        for name in sorted(means, key=lambda name: means[name])
+    ]
     short = {task.partition("/")[2]: f"{{{task}:.3f}}" for task in experts.by_task}
-    table_of(rows, {"way of merging (S: task masks)": "{way}", "mean": "{mean:.3f}", **short})
+    first = {"way of merging": "{way}", "kB per task": "{kilobytes:,.0f}", "mean": "{mean:.3f}"}
+    table_of(rows, first | short)
     return rows

@@ -3,10 +3,9 @@
 `RUN=FOLDER python -m tests.benchmarks operators` reads a run of the suite instead of playing all of its seeds.
 """
 
-import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from robogauntlet.results.report.figure_style import COLOURS, GRID, STYLE, new_f
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from tests.benchmarks.document import WRITTEN
-from tests.benchmarks.shared import run_suite, table_of
+from tests.benchmarks.shared import kilobytes, run_suite, table_of
 
 EXPERTS, JOINT = "experts", "joint"
 KINDS = {"none": "not merged", "signs": "signs, shared magnitudes", "flat": "signs, nothing shared"}
@@ -89,8 +88,10 @@ def _percent(value: float, interval: Interval | None) -> str:
 
 def kilobytes_per_task(kind: str, options: Mapping[str, Any]) -> float:
     """Storage per task beside the base, as checkpoints store it, without routers (kB)."""
-    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import ROUTER, SUBSPACE, save_merged
+    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import read_tensors
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import tensors_of_parts
+    from robogauntlet.policies.mergevla.checkpoints.metadata import WEIGHTS
     from robogauntlet.policies.mergevla.merging.recipe import Recipe
     from robogauntlet.policies.mergevla.options import expert_folders
     from robogauntlet.policies.zoo import shipped
@@ -99,20 +100,9 @@ def kilobytes_per_task(kind: str, options: Mapping[str, Any]) -> float:
         return 0.0
     folders = expert_folders(shipped("zoo:experts")).values()
     if kind == "mergevla-experts":
-        return sum(sum(sizes_in(folder)) for folder in folders) / 1000 / len(folders)
-    with tempfile.TemporaryDirectory() as name:
-        save_merged(Path(name), merge_experts(read_experts(folders), Recipe.from_json(options["recipe"])))
-        return sum(sizes_in(Path(name), without=(ROUTER, SUBSPACE))) / 1000 / len(folders)
-
-
-def sizes_in(folder: Path, without: Sequence[str] = ()) -> Iterator[int]:
-    """Size of each tensor of a checkpoint, without those of these sections (bytes)."""
-    with (folder / "model.safetensors").open("rb") as file:
-        header = json.loads(file.read(int.from_bytes(file.read(8), "little")))
-    for name, entry in header.items():
-        if name != "__metadata__" and name.partition("/")[0] not in without:
-            first, last = entry["data_offsets"]
-            yield last - first
+        return sum(kilobytes(read_tensors(folder / WEIGHTS)) for folder in folders) / len(folders)
+    parts = merge_parts(read_experts(folders), Recipe.from_json(options["recipe"]))
+    return kilobytes(tensors_of_parts(parts)) / len(folders)
 
 
 def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:

@@ -107,6 +107,11 @@ def duration_s(rows: Sequence[EpisodeResult]) -> float:
     return max(row.started_at + row.wall_s for row in rows) - min(row.started_at for row in rows)
 
 
+def kilobytes(tensors: Mapping[str, Any]) -> float:
+    """Size of tensors as they are stored (kB)."""
+    return sum(tensor.numel() * tensor.element_size() for tensor in tensors.values()) / 1000
+
+
 def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
     """Print a table with aligned columns."""
     lines = [tuple(map(str, line)) for line in [header, *rows]]

@@ -69,12 +69,8 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
         OSError: The files cannot be written.
     """
     parts = merging.parts
-    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk) | _under(ROUTER, fitted or {})
+    tensors = tensors_of_parts(parts) | _under(ROUTER, fitted or {})
     for number, expert in enumerate(parts.statistics.tasks):
-        if parts.copies:
-            tensors |= _under(f"{COPY}/{number}", pack(parts.copies[expert], parts.recipe.options["bits"]))
-        else:
-            tensors |= _own_tensors(parts, expert, str(number))
         v_adapter, v_task = parts.subspaces[expert]
         tensors |= _under(f"{SUBSPACE}/{number}", {"v_adapter": v_adapter, "v_task": v_task})
     check_finite(tensors, folder)
@@ -119,6 +115,17 @@ def load_merged(reference: str | Path) -> MergedCheckpoint:
     except (ExpertsDiffer, MaskMismatch, CheckpointError) as error:
         raise type(error)(f"'{folder}': {error}") from None
     return MergedCheckpoint(parts, metadata, _section(tensors, ROUTER))
+
+
+def tensors_of_parts(parts: MergedWeights) -> dict[str, Tensor]:
+    """Return what a checkpoint stores of a merged model beside the base, by the tensors' names; nothing of routers."""
+    tensors = _merged_tensors(parts.merged) | _under(TRUNK, parts.trunk)
+    for number, expert in enumerate(parts.statistics.tasks):
+        if parts.copies:
+            tensors |= _under(f"{COPY}/{number}", pack(parts.copies[expert], parts.recipe.options["bits"]))
+        else:
+            tensors |= _own_tensors(parts, expert, str(number))
+    return tensors
 
 
 def _own_tensors(parts: MergedWeights, expert: str, number: str) -> dict[str, Tensor]:
