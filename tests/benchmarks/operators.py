@@ -13,16 +13,21 @@ import numpy as np
 import pandas as pd
 
 from robogauntlet.results.api import open_run
-from robogauntlet.results.report.figure_style import COLOURS, GRID, STYLE, new_figure
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
+from tests.benchmarks import bytes_plot
+from tests.benchmarks.bytes_plot import Point
 from tests.benchmarks.document import WRITTEN
 from tests.benchmarks.shared import kilobytes, run_suite, table_of
 
 EXPERTS, JOINT = "experts", "joint"
-KINDS = {"none": "not merged", "signs": "signs, shared magnitudes", "flat": "signs, nothing shared"}
+KINDS = {
+    "experts": bytes_plot.NOT_MERGED,
+    "none": bytes_plot.NOT_MERGED,
+    "signs": bytes_plot.SHARED,
+    "flat": bytes_plot.NOTHING_SHARED,
+}
 """First part of a policy's name to what it is; all others merge task vectors."""
-MERGED = "merged task vectors"
 COLUMNS = {
     "way": "{policy}",
     "kB per task": "{kilobytes:,.0f}",
@@ -106,39 +111,14 @@ def kilobytes_per_task(kind: str, options: Mapping[str, Any]) -> float:
 
 
 def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Draw success with intervals against bytes per task; a line joins what is not merged."""
-    import matplotlib as mpl
-
-    with mpl.rc_context(STYLE):
-        figure, panels = new_figure(4.2)
-        figure.set_figwidth(6.7)
-        panel = panels[0, 0]
-        for place, (name, kind) in enumerate([*KINDS.items(), ("", MERGED)]):
-            shown = [row for row in rows if _kind(row["policy"]) == kind]
-            x = [row["kilobytes"] for row in shown]
-            y = [100 * row["successes"] / row["episodes"] for row in shown]
-            ends = [wilson_interval(row["successes"], row["episodes"]) for row in shown]
-            panel.vlines(x, [100 * end.low for end in ends], [100 * end.high for end in ends], colors=COLOURS[place])
-            line = "-" if name == "none" else ""
-            panel.plot(x, y, f"o{line}", color=COLOURS[place], markersize=3.5, linewidth=0.8, label=kind)
-            for row, across, up in zip(shown, x, y, strict=True):
-                panel.annotate(
-                    row["policy"], (across, up), (3, 3), textcoords="offset points", fontsize=5.5, color=COLOURS[place]
-                )
-        for row in rows:
-            if row["policy"] == JOINT:
-                rate = 100 * row["successes"] / row["episodes"]
-                panel.axhline(rate, color="#56748c", linestyle="--", linewidth=0.8, label="joint training, one network")
-        panel.set_xscale("log")
-        panel.set_ylim(0, 101)
-        panel.set_xlabel("kB per task beside the base (nine tasks)")
-        panel.set_ylabel("success, %")
-        panel.grid(**GRID)
-        panel.legend(frameon=False, loc="lower right")
-        figure.savefig(path, metadata={"Date": None})
-
-
-def _kind(policy: str) -> str | None:
-    if policy == JOINT:
-        return None
-    return KINDS.get("none" if policy == EXPERTS else policy.partition("-")[0], MERGED)
+    """Draw success with Wilson's intervals against storage per task."""
+    points = []
+    for row in rows:
+        rate, ends = row["successes"] / row["episodes"], wilson_interval(row["successes"], row["episodes"])
+        assert ends is not None
+        name = row["policy"]
+        kind = KINDS.get(name.partition("-")[0], bytes_plot.MERGED)
+        points.append(Point(name, kind, row["kilobytes"], 100 * rate, (100 * ends.low, 100 * ends.high)))
+    (joint,) = (point.value for point in points if point.name == JOINT)
+    shown = [point for point in points if point.name != JOINT]
+    bytes_plot.draw(shown, path, measure="success, %", joint=joint, top=101)

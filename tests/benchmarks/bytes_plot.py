@@ -1,0 +1,89 @@
+"""The plot of storage per task against a measure: every way of merging a point, what is not merged a line."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.axes import Axes
+
+from robogauntlet.results.report.figure_style import COLOURS, GRID, STYLE, new_figure
+
+NOT_MERGED, SHARED, NOTHING_SHARED, MERGED = (
+    "not merged",
+    "signs, shared magnitudes",
+    "signs, nothing shared",
+    "merged task vectors",
+)
+KINDS = (NOT_MERGED, SHARED, NOTHING_SHARED, MERGED)
+
+
+TICKS = (200, 300, 500, 1000, 1500, 2000, 3000, 4000)
+WIDTH, HEIGHT = 0.0075, 0.024
+"""Size of a letter, as shares of the panel's."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One way of merging."""
+
+    name: str
+    kind: str
+    """One of `KINDS`."""
+    kilobytes: float
+    value: float
+    interval: tuple[float, float] | None = None
+
+
+def draw(points: Sequence[Point], path: Path, *, measure: str, joint: float, top: float) -> None:
+    """Draw the points, and joint training as a line.
+
+    Args:
+        points: All ways.
+        path: The SVG file to write.
+        measure: Label of the vertical axis.
+        joint: The measure of one network that was trained on all tasks.
+        top: End of the vertical axis, which begins at 0.
+    """
+    import matplotlib as mpl
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    with mpl.rc_context(STYLE):
+        figure, panels = new_figure(4.4)
+        figure.set_figwidth(6.7)
+        panel = panels[0, 0]
+        for colour, kind in zip(COLOURS, KINDS, strict=False):
+            shown = sorted((p for p in points if p.kind == kind), key=lambda point: point.kilobytes)
+            x, y = [point.kilobytes for point in shown], [point.value for point in shown]
+            panel.plot(
+                x, y, "o-" if kind == NOT_MERGED else "o", color=colour, markersize=3.5, linewidth=0.8, label=kind
+            )
+            for point in shown:
+                if point.interval:
+                    panel.vlines(point.kilobytes, *point.interval, colors=colour, linewidth=0.7)
+        panel.axhline(joint, color="#56748c", linestyle="--", linewidth=0.8, label="joint training, one network")
+        panel.set_xscale("log")
+        panel.set_xlim(min(point.kilobytes for point in points) / 1.2, max(point.kilobytes for point in points) * 1.5)
+        panel.set_ylim(0, top)
+        panel.xaxis.set_major_locator(FixedLocator(TICKS))
+        panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+        panel.xaxis.set_minor_locator(NullLocator())
+        _label(panel, points)
+        panel.set_xlabel("kB per task beside the base, of nine tasks")
+        panel.set_ylabel(measure)
+        panel.grid(**GRID)
+        panel.legend(frameon=False)
+        figure.savefig(path, metadata={"Date": None})
+
+
+def _label(panel: Axes, points: Sequence[Point]) -> None:
+    """Name the points where there is room: first those that are not merged, then from the best of each kind."""
+    taken: list[tuple[float, float, float]] = []
+    to_axes = panel.transData + panel.transAxes.inverted()
+    for point in sorted(points, key=lambda point: (KINDS.index(point.kind), point.value)):
+        left, middle = to_axes.transform((point.kilobytes, point.value))
+        below = point.kind == NOT_MERGED
+        right, middle = left + WIDTH * len(point.name), middle + (-HEIGHT if below else HEIGHT / 2)
+        if all(right < start or left > end or abs(middle - other) > HEIGHT for start, end, other in taken):
+            taken.append((left, right, middle))
+            style = {"textcoords": "offset points", "xytext": (4, -8 if below else 2), "fontsize": 5.5}
+            panel.annotate(point.name, (point.kilobytes, point.value), color=COLOURS[KINDS.index(point.kind)], **style)
