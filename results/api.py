@@ -19,6 +19,7 @@ from robogauntlet.results.store.episode_frame import frame_of
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.history_records import RunEntry, rows_url
 from robogauntlet.results.store.run_history import History
+from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.text import counted
 
 if TYPE_CHECKING:
@@ -71,9 +72,11 @@ class OpenRun:
         """Return a table with a row per episode and a column per field of `robogauntlet.EpisodeResult`.
 
         Raises:
-            RunError: The rows are in a database whose URL was not given.
+            RunError: A field that episodes do not have, or the rows are in a database whose URL was not given.
             StoreError: The rows cannot be read.
         """
+        if unknown := [name for name in fields if name not in FIELDS]:
+            raise RunError(f"expected fields of an episode, got '{unknown[0]}'{did_you_mean(unknown[0], FIELDS)}")
         return frame_of(Store.open_begun(self.folder, self.document, self._store), fields)
 
     def tables(self) -> Tables:

@@ -44,7 +44,7 @@ def measure() -> list[dict[str, object]]:
         if "RUN" not in os.environ:
             run_suite("operators", folder)
         run = open_run(folder)
-        frame = run.episodes(("policy", "task", "seed", "success", "steps"))
+        frame = run.episodes(("policy", "task", "seed", "status"))
         plan = {policy.name: policy for policy in run.document.suite.policies}
         sizes = {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
     rows = rows_of(frame, sizes)
@@ -58,10 +58,11 @@ def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[st
     """Success with Wilson's interval and the share of the experts' success with a bootstrap interval, most bytes first.
 
     Args:
-        frame: A row per episode: policy, task, seed, success.
+        frame: A row per episode: policy, task, seed, status.
         kilobytes: Policy to its storage per task beside the base.
     """
-    table = frame.assign(success=frame["success"].astype(float)).pivot_table("success", ["task", "seed"], "policy")
+    outcomes = frame["status"].map({"success": 1.0, "failure": 0.0})
+    table = frame.assign(success=outcomes).pivot_table("success", ["task", "seed"], "policy")
     rows = []
     for policy in sorted(kilobytes, key=lambda name: -kilobytes[name]):
         own, experts = table[policy], table[EXPERTS]

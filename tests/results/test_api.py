@@ -7,6 +7,7 @@ import robogauntlet
 from robogauntlet.results.analysis.comparison import Difference, Verdict
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunError
+from tests.errors import one_line_error
 from tests.results.synthetic import cells, document, rows_where, run_folder
 
 
@@ -25,6 +26,11 @@ def test_episodes_are_a_table_with_a_row_each_and_the_fields_of_the_record(folde
     assert isinstance(frame, pd.DataFrame)
     assert tuple(frame.columns) == FIELDS
     assert len(frame) == robogauntlet.open_run(str(folders[0])).document.planned
+
+
+def test_a_field_that_episodes_do_not_have_is_refused(folders):
+    with one_line_error(RunError, "expected fields of an episode, got 'statu'; did you mean 'status'"):
+        robogauntlet.open_run(folders[0]).episodes(("task", "statu"))
 
 
 def test_tables_are_those_of_the_report(folders):
