@@ -51,8 +51,6 @@ def serve(
     public = None if public_url is None else _public(public_url)
     token, read_token = _tokens(host, public)
     listening = listen(host, port)
-    os.nice(19)  # below Ray's workers, which have 15
-    sys.setswitchinterval(SWITCH_S)
     with listening, open_history(url) as history, closing(ScheduleStore.open(history.url)) as schedule_store:
         settings = Settings(
             runs_root(url),
@@ -70,6 +68,8 @@ def serve(
         print_line(f"dashboard: {names}  (stop with Ctrl-C)")
         _log_to_stderr()
         log.info("started at %s, %s", address, "a token is needed" if token else "no token is needed")
+        os.nice(19)  # below Ray's workers, which have 15
+        sys.setswitchinterval(SWITCH_S)
         with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM
             uvicorn.Server(server_config(app)).run(sockets=[listening])
 

@@ -19,6 +19,9 @@ from robogauntlet.support.secret_variables import without_secrets
 GRACE_S = 5.0
 """Time for Ray's processes to end by themselves after that which started them (s); its agents take a minute."""
 
+END_S = 60.0
+"""Time to end what is left of them and to remove the folder (s)."""
+
 
 class SessionFolder:
     """Ray's logs and sockets, and the temporary files of a session's processes.
@@ -51,16 +54,21 @@ def guard(path: Path, owner: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     sys.stdin.buffer.read()
-    if os.getppid() == owner:
-        return  # it lives, and was interrupted where it would have removed the folder
     deadline = time.monotonic() + GRACE_S
+    while os.getppid() == owner:  # a process that is killed closes its files a little before it is gone
+        if time.monotonic() > deadline:
+            return  # it lives, and was interrupted where it would have removed the folder
+        time.sleep(0.05)
     while (left := _writers(path)) and time.monotonic() < deadline:
         time.sleep(0.5)
-    for process in left:
-        with contextlib.suppress(psutil.Error):
-            process.kill()
-    psutil.wait_procs(left, GRACE_S)
-    shutil.rmtree(path, ignore_errors=True)
+    deadline += END_S
+    while path.exists() and time.monotonic() < deadline:  # again, if a process has written while it was removed
+        for process in left:
+            with contextlib.suppress(psutil.Error):
+                process.kill()
+        psutil.wait_procs(left, GRACE_S)
+        shutil.rmtree(path, ignore_errors=True)
+        left = _writers(path) if path.exists() else []
 
 
 def _writers(folder: Path) -> list[psutil.Process]:
@@ -69,9 +77,11 @@ def _writers(folder: Path) -> list[psutil.Process]:
     package = str(Path(spec.origin).parent) if spec is not None and spec.origin is not None else "ray::"
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error):
-            if not any(part.startswith(("ray::", package)) for part in process.cmdline()):
+            words = process.cmdline()
+            if not any(word.startswith(("ray::", package)) for word in words):
                 continue
-            if any(file.mode != "r" and Path(file.path).is_relative_to(folder) for file in process.open_files()):
+            is_named = any(str(folder) in word for word in words)  # most are, and their files need not be searched
+            if is_named or any(file.mode != "r" and folder in Path(file.path).parents for file in process.open_files()):
                 found.append(process)
     return found
 

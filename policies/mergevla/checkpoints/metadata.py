@@ -267,7 +267,11 @@ def _read_header(path: Path, file: BinaryIO) -> tuple[int, dict[str, Any]]:
     try:
         header = parse_json(text)
         header.pop("__metadata__", None)
-        offsets = [entry["data_offsets"] for entry in header.values() if entry["dtype"] and entry["shape"] is not None]
+        offsets = [entry["data_offsets"] for entry in header.values()]
+        if any(
+            not isinstance(entry["dtype"], str) or not isinstance(entry["shape"], list) for entry in header.values()
+        ):
+            raise ValueError("a tensor without type or shape")
         if any(not (type(first) is type(last) is int and 0 <= first <= last) for first, last in offsets):
             raise ValueError("offsets out of order")
     except (AttributeError, KeyError, TypeError, ValueError):

@@ -9,7 +9,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from pydantic import StrictBool, StrictFloat, StrictInt
+from pydantic import SerializerFunctionWrapHandler, StrictBool, StrictFloat, StrictInt, model_serializer
 from pydantic.dataclasses import dataclass
 
 from robogauntlet.policies.mergevla.merging.errors import OutOfRange, check_range
@@ -102,9 +102,10 @@ class Recipe(Stored):
         for value in self.lambda_.values() if isinstance(self.lambda_, Mapping) else (self.lambda_,):
             check_lambda(value)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the recipe as plain JSON, without `only` if all parts are merged; `from_json` is the inverse."""
-        plain = super().as_json()
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave `only` out if all parts are merged, as in recipes from before it."""
+        plain: dict[str, Any] = write(self)
         return plain if self.only else {name: value for name, value in plain.items() if name != "only"}
 
 

@@ -55,6 +55,16 @@ def test_half_a_minute_after_sigkill_nothing_of_a_run_is_left(tmp_path):
     assert [child for child in started if child.is_running()] == []
 
 
+def test_the_guard_of_a_process_that_is_just_being_killed_removes_the_folder(tmp_path):
+    (tmp_path / "session").mkdir()
+    code = "import os, sys; from pathlib import Path\n"
+    code += f"from {session_folder.__name__} import guard\n"
+    code += "parents = iter([7, 7, 7]); os.getppid = lambda: next(parents, 1)\n"
+    code += "guard(Path(sys.argv[1]), 7)"
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "session")], stdin=subprocess.DEVNULL, check=True)
+    assert not (tmp_path / "session").exists()
+
+
 def test_the_guard_of_a_living_process_ends_and_removes_nothing(tmp_path):
     (tmp_path / "tmp").mkdir()
     guard = [sys.executable, "-m", session_folder.__name__, str(tmp_path), str(os.getpid())]
