@@ -186,7 +186,7 @@ def finetune(
         settings: Training settings.
         lora: Settings of the adapters.
         action_steps: See `CheckpointMetadata.action_steps`.
-        fresh_trunk: Seed from which action queries, proprioception and action expert are initialised anew, as the
+        fresh_trunk: Seed from which action queries, proprioception and action expert are initialised, as the
             paper's experts are (arXiv 2511.18810); None to continue from the base's.
         listener: See `Listener`.
         stop: See `Stop`.

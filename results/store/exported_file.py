@@ -81,7 +81,7 @@ def exported_size(file: Path) -> int:
 
 
 def reading_time_s(size: int) -> float:
-    """Return the time that an exported run of so many bytes may take (s)."""
+    """Return the time that an exported run of this many bytes may take (s)."""
     return MIN_TIME_S + size / BYTES_PER_S
 
 

@@ -105,7 +105,7 @@ def _why_it_ended(error: ChildEnded | ChildTimeout, last_words: str) -> str:
 
 
 def _limits(size: int) -> dict[str, int]:
-    """Limits of the process that reads a file of so many bytes, by the name that `resource` has for them."""
+    """Limits of the process that reads a file of this many bytes, by the name that `resource` has for them."""
     return {
         "RLIMIT_AS": MEMORY + MEMORY_PER_BYTE * size,
         "RLIMIT_CPU": math.ceil(reading_time_s(size) + START_S),

@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="python -m tests.chaos", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--runs", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the first run; with 0, results begin anew")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of the first run; with 0, earlier results are dropped"
+    )
     parser.add_argument("--faults", type=int, help="faults in each run (4; on a cluster 3)")
     parser.add_argument("--gap", type=float, default=2.0, help="mean seconds between two faults")
     where = parser.add_mutually_exclusive_group()

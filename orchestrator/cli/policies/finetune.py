@@ -35,7 +35,7 @@ def finetune(
         typer.Option(
             min=0,
             metavar="SEED",
-            help="Initialise the action expert anew from this seed instead of continuing the base's.",
+            help="Initialise the action expert from this seed instead of continuing the base's.",
             show_default=False,
         ),
     ] = None,
@@ -45,9 +45,9 @@ def finetune(
 ) -> None:
     """Train an expert for one task.
 
-    LoRA adapters on the backbone of the base are trained, and all of its action expert, which --fresh-trunk initialises
-    anew. The checkpoint stores only the
-    difference to the base, which must stay where it is. The same command continues a training that was stopped.
+    LoRA adapters on the backbone of the base are trained, and all of its action expert, or a new one (--fresh-trunk).
+    The checkpoint stores only the difference to the base, which must stay where it is. The same command continues a
+    training that was stopped.
     """
     with needs_training_packages():
         from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata, check_action_steps, locate

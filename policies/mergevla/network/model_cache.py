@@ -20,7 +20,7 @@ class ModelCache(Generic[Key, Network]):
     """Builds the network of each key on first use, and drops those least recently used when memory runs short.
 
     The limit is memory, not a number, so that small networks of any number of experts stay: a router that asks for one
-    after the other would otherwise build each anew for every observation.
+    after the other would otherwise build each again for every observation.
     """
 
     def __init__(
