@@ -29,8 +29,11 @@ GAIN = float(Path(__file__).with_name("gain.txt").read_text())
 
 
 def policy(images, proprioception, instruction):
-    """Move by a constant, and take the time that the environment says."""
-    time.sleep(float(os.environ.get("TEST_PAUSE_S", 0)))
+    """Move by a constant; wait for the file that the environment names, at most 20 s."""
+    gate, waited = os.environ.get("TEST_GATE"), 0.0
+    while gate and waited < 20 and not Path(gate).exists():
+        time.sleep(0.2)
+        waited += 0.2
     return np.full((60, 7), GAIN)
 '''
 SUITE = """
@@ -44,7 +47,7 @@ tasks: [null/Slow, pybullet/PandaReach-v3]
 cameras: [third_person]
 image_size: 64
 seeds: {count: 60}
-episode_time_limit_s: 40
+episode_time_limit_s: 60
 """
 WAIT_S = 900.0
 """Time for anything to happen (s); a busy machine takes several times as long as a quiet one."""
@@ -111,7 +114,8 @@ def test_nodes_that_differ_and_fail_change_no_row(namespaces, tmp_path):
     package = Path(find_spec("panda_gym").origin).parent
     own = [Path("/tmp") / "robogauntlet-0"]  # where a node keeps copies of policies
     with ray_cluster(tmp_path, private=own) as cluster:
-        cluster.environment["TEST_PAUSE_S"] = "1.5"
+        gate = tmp_path / "gate"  # until it exists, the run cannot end
+        cluster.environment["TEST_GATE"] = str(gate)
         clock = an_hour_ahead(tmp_path / "clock")
         for number in (1, 2):
             scratch = tmp_path / f"scratch{number}"
@@ -131,6 +135,7 @@ def test_nodes_that_differ_and_fail_change_no_row(namespaces, tmp_path):
         assert process.poll() is None, log.read_text()
         third.kill()  # as a supervisor does with a raylet that the head has given up
         cluster.start_ray(2, more=clock)
+        gate.touch()
         assert process.wait(WAIT_S) == 0, log.read_text()
     subprocess.run(command(suite, tmp_path / "one"), check=True, stdout=subprocess.DEVNULL)
     several, one = read_run(folder), read_run(tmp_path / "one")
