@@ -79,8 +79,9 @@ class Routing:
     """How a merged policy inferred its task."""
 
     scores: Mapping[str, float]
-    """Expert (the task it is for, `simulator/task`) to score, higher is likelier. Logarithms of probabilities where
-    their exponentials add up to 1; a report then says how well they are calibrated."""
+    """Expert to score, higher is likelier. Logarithms of probabilities where their exponentials add up to 1; a report
+    then says how well they are calibrated. In a record, the expert of the episode's task has the task's name
+    (`simulator/task`), so that a choice is right if it is the task."""
     choice: str
     latency_s: float
     unknown: float | None = None

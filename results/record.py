@@ -51,7 +51,9 @@ class EpisodeResult:
     state_hash: Annotated[str, "Hash of the physical state after reset: equal within a pair."]
     final_state_hash: Annotated[str, "Hash of the physical state at the end."]
     actions_hash: Annotated[str, "Hash of the executed actions, in order."]
-    inferred_task: Annotated[str | None, "Expert that a routing policy chose, if it routes."] = None
+    inferred_task: Annotated[
+        str | None, "Task of the expert that a routing policy chose, or that expert's name if it has several others."
+    ] = None
     routing_scores: Annotated[str | None, "Router's score per expert as JSON (rounded to 1e-6), if it routes."] = None
     unknown_score: Annotated[
         float | None, "Router's score for a task unlike any it knows (rounded to 1e-6), if it gives one."

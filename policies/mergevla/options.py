@@ -47,7 +47,7 @@ def text_option(policy: str, options: Mapping[str, Any], option: str, meaning: s
 def expert_folders(folder: Path) -> dict[str, Path]:
     """Return the experts in a folder of checkpoints, task to folder. Bases and merged checkpoints are left out.
 
-    Raises PolicyError without experts, for two of one task, one of several tasks, or one that cannot be read.
+    Raises PolicyError without experts, for two of one task, or one that cannot be read.
     """
     try:
         if not folder.is_dir():
@@ -63,14 +63,12 @@ def expert_folders(folder: Path) -> dict[str, Path]:
         metadata = CheckpointMetadata.read(path)
         if metadata.base is None:
             continue
-        if len(metadata.tasks) != 1:
-            raise CheckpointError(f"'{path}': expected an expert for one task, got {', '.join(metadata.tasks)}")
-        task = metadata.tasks[0]
-        if task in experts:
-            raise CheckpointError(
-                f"'{folder}': expected one expert per task, got {experts[task]} and {path} for {task}"
-            )
-        experts[task] = path
+        for task in metadata.tasks:
+            if task in experts:
+                raise CheckpointError(
+                    f"'{folder}': expected one expert per task, got {experts[task]} and {path} for {task}"
+                )
+            experts[task] = path
     if not experts:
         raise CheckpointError(f"expected a folder of expert checkpoints, got '{folder}', which holds none")
     return experts

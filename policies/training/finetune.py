@@ -1,4 +1,4 @@
-"""Trains MergeVLA: a base on the pooled demonstrations of all tasks, then one expert per task from it.
+"""Trains MergeVLA: a base on the pooled demonstrations of all tasks, then experts of one or several from it.
 
 The loss is the mean L1 over the normalised action chunk (arXiv 2511.18810), past the episode's end left out. The paper
 starts from a pretrained vision-language model and initialises each expert's trunk; this base holds the trunk too, so
@@ -180,9 +180,10 @@ def finetune(
     """Train an expert from a base, adapters on the backbone and all other weights, and save it to `out`.
 
     Args:
-        mixture: Demonstrations of the expert's task; its own statistics normalise, as in the paper.
+        mixture: Demonstrations of the expert's tasks. Their statistics normalise, as in the paper; those of several
+            tasks are of all frames together, since a router chooses the expert, not one of its tasks.
         base: The base's folder or hub id; it must stay in place.
-        out: See `pretrain`, as for the other arguments.
+        out: See `pretrain`, as for the other arguments. Its name becomes that of an expert of several tasks.
         settings: Training settings.
         lora: Settings of the adapters.
         action_steps: See `CheckpointMetadata.action_steps`.
@@ -206,9 +207,11 @@ def finetune(
         trunk = {name: weight for name, weight in fresh.items() if not name.startswith(BACKBONE)}
         start.model.load_state_dict(trunk, strict=False)
     add_lora(start.model, lora, settings.seed)
+    several = len(mixture.tasks) > 1
     metadata = CheckpointMetadata(
         start.model.architecture,
-        mixture.statistics,
+        mixture.pooled_statistics(out.resolve().name) if several else mixture.statistics,
+        trained_on=mixture.tasks if several else (),
         action_steps=action_steps,
         lora=lora,
         data_hash=mixture.data_hash,

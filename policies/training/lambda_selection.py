@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from robogauntlet.policies.mergevla.checkpoints.merge_experts import Experts, merge_parts
-from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel, MergedWeights
 from robogauntlet.policies.mergevla.merging.recipe import BackboneRule, MaskRule, Recipe, TrunkRule
 from robogauntlet.policies.mergevla.network.model import MergeVLA
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
@@ -70,10 +70,18 @@ def experts_l1(
     """Compute the mean L1 of the unmerged experts on their held-out episodes: the lower bound for merging."""
     recipe = Recipe(backbone=BackboneRule.SELECT, trunk=TrunkRule.MEAN)
     losses: dict[str, float] = {}
-    for task, expert in experts.by_task.items():
-        parts = merge_parts(replace(experts, by_task={task: expert}), recipe, instructions)
-        losses |= held_out_l1(MergedModel(parts).model, parts.statistics, mixture, [task], part=part)
+    for name, expert in experts.by_name.items():
+        parts = merge_parts(replace(experts, by_name={name: expert}), recipe, instructions)
+        losses |= merged_l1(parts, mixture, part=part)
     return losses
+
+
+def merged_l1(parts: MergedWeights, mixture: DatasetMixture, *, part: HeldOut = HeldOut.ALL) -> dict[str, float]:
+    """Compute the mean L1 of a merged model, oracle-routed, on the held-out episodes of each task."""
+    model, expert_of = MergedModel(parts), parts.expert_of
+    return held_out_l1(
+        lambda task: model.model(expert_of[task]), parts.task_statistics, mixture, list(expert_of), part=part
+    )
 
 
 def choose_lambdas(
@@ -85,10 +93,10 @@ def choose_lambdas(
     among: Sequence[float] = LAMBDAS,
     progress: Progress | None = None,
 ) -> tuple[Recipe, dict[str, dict[float, float]]]:
-    """Choose for each task the lambda, out of `among`, with the smallest loss on half of its held-out demonstrations.
+    """Choose for each expert the lambda, out of `among`, of the smallest loss on half of its held-out demonstrations.
 
-    That half is `HeldOut.CHOICE`; score the result on `HeldOut.SCORE`. A task's weights depend on the merged task
-    vector and its own mask alone, so each task is treated separately.
+    That half is `HeldOut.CHOICE`; score the result on `HeldOut.SCORE`. An expert's weights depend on the merged task
+    vector and its own mask alone, so each is treated separately; its loss is the mean over its tasks.
 
     Returns:
         The recipe with a lambda per expert, and expert to lambda to held-out L1.
@@ -98,13 +106,13 @@ def choose_lambdas(
     """
     if recipe.masks is not MaskRule.TASK:
         raise TrainingError(f"expected task masks, whose lambda can be chosen, got masks '{recipe.masks}'")
-    table: dict[str, dict[float, float]] = {task: {} for task in experts.by_task}
+    table: dict[str, dict[float, float]] = {name: {} for name in experts.by_name}
     for value in among:
         if progress is not None:
             progress(f"lambda {value:g}")
         parts = merge_parts(experts, replace(recipe, lambda_=value), instructions)
-        losses = held_out_l1(MergedModel(parts).model, parts.statistics, mixture, list(table), part=HeldOut.CHOICE)
-        for task, loss in losses.items():
-            table[task][value] = loss
-    best = {task: min(losses, key=lambda value: (losses[value], value)) for task, losses in table.items()}
+        losses = merged_l1(parts, mixture, part=HeldOut.CHOICE)
+        for name, tasks in experts.tasks.items():
+            table[name][value] = float(np.mean([losses[task] for task in tasks]))
+    best = {name: min(losses, key=lambda value: (losses[value], value)) for name, losses in table.items()}
     return replace(recipe, lambda_=best), table

@@ -144,7 +144,7 @@ MERGING = {
     "--masks tall": "masks: expected 'none', 'task', 'emr' or 'signs', got 'tall'",
     "--trunk sum": "trunk: expected 'mean' or 'vectors', got 'sum'",
     "--lambda 3": "expected lambda to be a number in (0, 2], got 3.0",
-    "--lambda x": "expected --lambda NUMBER or TASK=NUMBER, got 'x'",
+    "--lambda x": "expected --lambda NUMBER or EXPERT=NUMBER, got 'x'",
     "--lambda nan": "lambda",
     "--lambda ٣": "lambda",
     "--lambda auto": "expected --demonstrations with --lambda auto, got none",

@@ -115,7 +115,7 @@ def measure() -> list[dict[str, object]]:
         {"way": name, "mean": means[name], "kilobytes": sizes[name], **scores[name]}
         for name in sorted(means, key=lambda name: means[name])
     ]
-    short = {task.partition("/")[2]: f"{{{task}:.3f}}" for task in experts.by_task}
+    short = {task.partition("/")[2]: f"{{{task}:.3f}}" for task in experts.by_name}
     draw(rows, WRITTEN / "merges.svg")
     first = {"way of merging": "{way}", "kB per task": "{kilobytes:,.0f}", "mean": "{mean:.3f}"}
     table_of(rows, first | short)

@@ -1,4 +1,4 @@
-"""`robogauntlet policies finetune`: train an expert for one task."""
+"""`robogauntlet policies finetune`: train an expert for one task or several."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def finetune(
     data: Annotated[
-        list[Path], typer.Argument(metavar="DATA...", help="Datasets of the task. Each has the same share of a batch.")
+        list[Path], typer.Argument(metavar="DATA...", help="Datasets of its tasks. Each has the same share of a batch.")
     ],
     base: Annotated[str, typer.Option(help="Checkpoint to start from: a folder, zoo:NAME or a hub id.")],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
@@ -43,7 +43,7 @@ def finetune(
     seed: Annotated[int, typer.Option(help="Seed of adapters, batches and shifts.")] = 0,
     threads: Annotated[int, typer.Option(help="CPU threads.")] = 1,
 ) -> None:
-    """Train an expert for one task.
+    """Train an expert for one task, or for several, under the name of its folder.
 
     LoRA adapters on the backbone of the base are trained, and all of its action expert, or a new one (--fresh-trunk).
     The checkpoint stores only the difference to the base, which must stay where it is. The same command continues a

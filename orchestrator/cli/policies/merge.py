@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,8 +55,8 @@ def merge(
         list[str] | None,
         typer.Option(
             "--lambda",
-            metavar="NUMBER|TASK=NUMBER|auto",
-            help="Lambda of the task masks. Repeatable. auto: the best on the held-out demonstrations of each task.",
+            metavar="NUMBER|EXPERT=NUMBER|auto",
+            help="Lambda of the task masks. Repeatable. auto: the best on held-out demonstrations of each expert.",
         ),
     ] = None,
     rounds: Annotated[
@@ -109,7 +110,7 @@ def merge(
                 "operator": operator,
                 "alpha": alpha,
                 "masks": masks or MASKS_OF.get(operator, MaskRule.TASK),
-                "lambda_": LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_task)),
+                "lambda_": LAMBDA if lambdas == [AUTO] else _lambdas(lambdas or (), tuple(read.by_name)),
                 "rounds": rounds,
                 "trunk": trunk,
                 "kept_blocks": keep_blocks,
@@ -119,7 +120,7 @@ def merge(
                 "options": _options(options or ()) | ({} if bits is None else {"bits": bits}),
             }
         )
-        datasets = datasets_of(demonstrations or (), tuple(read.by_task))
+        datasets = datasets_of(demonstrations or (), tuple(chain.from_iterable(read.tasks.values())))
         instructions = {dataset.task: dataset.instructions[0] for dataset in datasets}
         if lambdas == [AUTO]:
             recipe = _best_lambdas(read, recipe, datasets, instructions)
@@ -139,7 +140,7 @@ def _checkpoints(references: Sequence[str]) -> list[str]:
     for reference in references:
         folder = shipped(reference)
         if folder.is_dir() and not (folder / METADATA_FILE).exists() and not (folder / WEIGHTS).exists():
-            checkpoints += map(str, expert_folders(folder).values())
+            checkpoints += map(str, dict.fromkeys(expert_folders(folder).values()))
         else:
             checkpoints.append(reference)
     return checkpoints
@@ -162,15 +163,17 @@ def _lambdas(given: Sequence[str], experts: tuple[str, ...]) -> float | dict[str
     """One number for all experts, or one for each expert if any is named."""
     for_all, named = LAMBDA, {}
     for text in given:
-        task, _, number = text.rpartition("=")
-        if task and task not in experts:
-            raise ExpertsDiffer(f"expected --lambda for one of the experts, got '{task}'{did_you_mean(task, experts)}")
+        expert, _, number = text.rpartition("=")
+        if expert and expert not in experts:
+            raise ExpertsDiffer(
+                f"expected --lambda for one of the experts, got '{expert}'{did_you_mean(expert, experts)}"
+            )
         try:
             value = float(number)
         except ValueError:
-            raise OutOfRange(f"expected --lambda NUMBER or TASK=NUMBER, got '{text}'") from None
-        if task:
-            named[task] = value
+            raise OutOfRange(f"expected --lambda NUMBER or EXPERT=NUMBER, got '{text}'") from None
+        if expert:
+            named[expert] = value
         else:
             for_all = value
     return {expert: named.get(expert, for_all) for expert in experts} if named else for_all
@@ -201,7 +204,7 @@ def _fit(parts: MergedWeights, datasets: Sequence[Demonstrations]) -> dict[str, 
 def _best_lambdas(
     experts: Experts, recipe: Recipe, datasets: Sequence[Demonstrations], instructions: dict[str, str]
 ) -> Recipe:
-    """The recipe with the best lambda for each task."""
+    """The recipe with the best lambda for each expert."""
     from robogauntlet.policies.training.dataset_mixture import DatasetMixture
     from robogauntlet.policies.training.lambda_selection import choose_lambdas
 
@@ -209,8 +212,8 @@ def _best_lambdas(
         raise MergeError(f"expected --demonstrations with --lambda {AUTO}, got none")
     chosen, _ = choose_lambdas(experts, recipe, DatasetMixture(datasets), instructions, progress=out.print)
     assert isinstance(chosen.lambda_, Mapping)
-    for task, value in chosen.lambda_.items():
-        out.print(f"{task}: lambda {value:g}", markup=False, highlight=False)
+    for name, value in chosen.lambda_.items():
+        out.print(f"{name}: lambda {value:g}", markup=False, highlight=False)
     return chosen
 
 
@@ -221,21 +224,25 @@ def _losses(
     instructions: dict[str, str],
     lambdas: list[str] | None,
 ) -> dict[str, tuple[float, float]]:
-    """Task to the held-out L1 of its expert and of the merged model; empty if a task has too few held-out episodes.
+    """Expert to its held-out L1 and that of the merged model, means over its tasks.
 
-    If lambda was chosen on half of them, the loss is that on the other half.
+    Empty if a task has too few held-out episodes. If lambda was chosen on half of them, it is the loss on the others.
     """
-    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    import numpy as np
+
     from robogauntlet.policies.training.dataset_mixture import HELD_OUT_EVERY, DatasetMixture, HeldOut
-    from robogauntlet.policies.training.lambda_selection import experts_l1, held_out_l1
+    from robogauntlet.policies.training.lambda_selection import experts_l1, merged_l1
 
     part, needed = (HeldOut.SCORE, 2 * HELD_OUT_EVERY) if lambdas == [AUTO] else (HeldOut.ALL, 2)
     if any(dataset.episodes < needed for dataset in datasets):
         return {}
     pool = DatasetMixture(datasets)
     alone = experts_l1(experts, pool, instructions, part=part)
-    merged = held_out_l1(MergedModel(parts).model, parts.statistics, pool, part=part)
-    return {task: (alone[task], merged[task]) for task in alone}
+    merged = merged_l1(parts, pool, part=part)
+    return {
+        name: (float(np.mean([alone[task] for task in tasks])), float(np.mean([merged[task] for task in tasks])))
+        for name, tasks in experts.tasks.items()
+    }
 
 
 def _show(merging: Merging, losses: Mapping[str, tuple[float, float]]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import torch
@@ -13,7 +14,12 @@ from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, tensors_of
 from robogauntlet.policies.mergevla.checkpoints.expert_copies import quantised_copy, restored
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedWeights, leading
-from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata, base_folder, locate
+from robogauntlet.policies.mergevla.checkpoints.metadata import (
+    CheckpointError,
+    CheckpointMetadata,
+    base_folder,
+    locate,
+)
 from robogauntlet.policies.mergevla.merging.diagnostics import MergeReport, report
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError
 from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, check_operator, merge
@@ -32,7 +38,6 @@ VALUES = "action_expert.blocks.{block}.{path}.weight"
 class Expert:
     """One expert as it was trained."""
 
-    task: str
     metadata: CheckpointMetadata
     factors: Mapping[str, Factors]
     """Weight of the backbone to its adapter."""
@@ -47,7 +52,12 @@ class Experts:
     base: Path | str
     """The base's checkpoint."""
     base_weights: Weights
-    by_task: Mapping[str, Expert]
+    by_name: Mapping[str, Expert]
+
+    @property
+    def tasks(self) -> dict[str, tuple[str, ...]]:
+        """Expert to its tasks."""
+        return {name: expert.metadata.tasks for name, expert in self.by_name.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,41 +73,46 @@ class Merging:
 def read_experts(references: Iterable[str | Path]) -> Experts:
     """Read the experts to merge, each a folder or a hub id.
 
-    Raises PolicyError for a checkpoint that cannot be used, is no expert of one task, or has another base than the
-    first.
+    Raises PolicyError for a checkpoint that cannot be used, is no expert, shares a task with another, or has another
+    base than the first.
     """
-    by_task: dict[str, Expert] = {}
+    by_name: dict[str, Expert] = {}
+    of_task: dict[str, str] = {}
     base: Path | str = ""
     base_weights: Weights = {}
     for reference in references:
         folder = locate(str(reference))
         checkpoint = load_checkpoint(folder)
         metadata = checkpoint.metadata
-        if metadata.base is None or metadata.base_hash is None or metadata.lora is None:
-            raise MergeError(f"'{reference}': expected an expert with adapters on a base, got none")
-        if len(metadata.tasks) != 1:
-            raise MergeError(f"'{reference}': expected an expert for one task, got {', '.join(metadata.tasks)}")
-        task = metadata.tasks[0]
-        if task in by_task:
-            raise MergeError(f"'{reference}': expected one expert per task, got a second one for {task}")
-        if not by_task:
+        try:
+            name = metadata.expert
+        except CheckpointError as error:
+            raise MergeError(f"'{reference}': {error}") from None
+        for task in metadata.tasks:
+            if task in of_task:
+                raise MergeError(f"'{reference}': expected one expert per task, got a second one for {task}")
+            of_task[task] = name
+        if name in by_name:
+            raise MergeError(f"'{reference}': expected experts of different names, got a second '{name}'")
+        if not by_name:
+            own = metadata.base or ""
             # A hub id is valid on any machine.
-            base = base_folder(folder, metadata.base) if (folder / metadata.base).is_dir() else metadata.base
+            base = base_folder(folder, own) if (folder / own).is_dir() else own
             base_weights, _ = load_tensors(base)
-        hashes = {e.task: e.metadata.base_hash or "" for e in by_task.values()} | {task: metadata.base_hash}
-        check_same_base({name: base_hash[:16] for name, base_hash in hashes.items()})
+        hashes = {other: expert.metadata.base_hash for other, expert in by_name.items()} | {name: metadata.base_hash}
+        check_same_base({other: (base_hash or "")[:16] for other, base_hash in hashes.items()})
         weights: dict[str, Tensor] = {}
-        for name, tensor in tensors_of(checkpoint.model).items():
-            if ".lora_" in name:
+        for weight, tensor in tensors_of(checkpoint.model).items():
+            if ".lora_" in weight:
                 continue
-            if not name.startswith(BACKBONE):
-                weights[name] = tensor
-            elif not torch.equal(tensor, base_weights[name]):
-                raise ExpertsDiffer(f"expert {task}: expected a backbone tuned by adapters alone, got another {name}")
-        by_task[task] = Expert(task, metadata, lora_factors(checkpoint.model), weights)
-    if not by_task:
+            if not weight.startswith(BACKBONE):
+                weights[weight] = tensor
+            elif not torch.equal(tensor, base_weights[weight]):
+                raise ExpertsDiffer(f"expert {name}: expected a backbone tuned by adapters alone, got another {weight}")
+        by_name[name] = Expert(metadata, lora_factors(checkpoint.model), weights)
+    if not by_name:
         raise MergeError("expected at least one expert to merge, got none")
-    return Experts(base, base_weights, by_task)
+    return Experts(base, base_weights, by_name)
 
 
 def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> Merging:
@@ -112,12 +127,12 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
         PolicyError: The experts do not fit each other or the recipe, or a task has no instruction.
     """
     parts = merge_parts(experts, recipe, instructions)
-    kept = {task: dict(head) for task, head in parts.heads.items()}
-    for task, adapters in parts.adapters.items():
-        kept[task] |= {f"{name}.{side}": getattr(f, side) for name, f in adapters.items() for side in ("a", "b")}
-    for task, copy in parts.copies.items():
-        kept[task] = pack(copy, recipe.options["bits"])
-    first = next(iter(experts.by_task.values())).metadata
+    kept = {name: dict(head) for name, head in parts.heads.items()}
+    for name, adapters in parts.adapters.items():
+        kept[name] |= {f"{weight}.{side}": getattr(f, side) for weight, f in adapters.items() for side in ("a", "b")}
+    for name, copy in parts.copies.items():
+        kept[name] = pack(copy, recipe.options["bits"])
+    first = next(iter(experts.by_name.values())).metadata
     assert first.lora is not None
     diagnostics = report(
         _task_vectors(experts, _splits(experts, recipe)[0], recipe),
@@ -125,7 +140,7 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
         generator=torch.Generator().manual_seed(0),
         heads=kept,
         lora_rank=first.lora.rank,
-        weights={task: expert.weights for task, expert in experts.by_task.items()},
+        weights={name: expert.weights for name, expert in experts.by_name.items()},
     )
     return Merging(parts, diagnostics, experts.base)
 
@@ -133,62 +148,63 @@ def merge_experts(experts: Experts, recipe: Recipe, instructions: Mapping[str, s
 def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str] | None = None) -> MergedWeights:
     """Merge experts without a report; see `merge_experts`."""
     check_operator(recipe.operator, recipe.options)
-    check_blocks(recipe.only, next(iter(experts.by_task.values())).metadata.architecture.language.layers)
+    first = next(iter(experts.by_name.values())).metadata
+    check_blocks(recipe.only, first.architecture.language.layers)
     known = {task: description.instruction for task, description in task_descriptions().items()}
     known |= dict(instructions or {})
-    for task in experts.by_task:
+    for task in chain.from_iterable(experts.tasks.values()):
         if task not in known:
             raise MergeError(f"expected an instruction for {task}: no simulator here has the task, and none was given")
     trunks, heads = _splits(experts, recipe)
     task_vectors = _task_vectors(experts, trunks, recipe)
     adapters = {
-        task: {name: factors for name, factors in expert.factors.items() if not _is_merged(name, recipe)}
-        for task, expert in experts.by_task.items()
+        name: {weight: factors for weight, factors in expert.factors.items() if not _is_merged(weight, recipe)}
+        for name, expert in experts.by_name.items()
     }
     copies = {}
     if recipe.operator == UNMERGED:
         copies = {
-            task: quantised_copy(expert.factors, expert.weights, experts.base_weights, recipe.options["bits"])
-            for task, expert in experts.by_task.items()
+            name: quantised_copy(expert.factors, expert.weights, experts.base_weights, recipe.options["bits"])
+            for name, expert in experts.by_name.items()
         }
-        for task, copy in copies.items():
-            adapters[task], heads[task] = restored(copy, experts.base_weights)
+        for name, copy in copies.items():
+            adapters[name], heads[name] = restored(copy, experts.base_weights)
     if any(task_vectors.values()):
         merged = merge(task_vectors, recipe)
     else:
         merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
-        heads = {task: {name: weight.bfloat16() for name, weight in head.items()} for task, head in heads.items()}
-    first = next(iter(experts.by_task.values()))
+        heads = {name: {key: weight.bfloat16() for key, weight in head.items()} for name, head in heads.items()}
     return MergedWeights(
-        architecture=first.metadata.architecture,
+        architecture=first.architecture,
         statistics=TaskStatistics(
-            {task: expert.metadata.statistics.of(task) for task, expert in experts.by_task.items()}
+            {name: expert.metadata.statistics.of(name) for name, expert in experts.by_name.items()}
         ),
-        instructions={task: known[task] for task in experts.by_task},
+        tasks=experts.tasks,
+        instructions={task: known[task] for task in chain.from_iterable(experts.tasks.values())},
         recipe=recipe,
         base=experts.base_weights,
         merged=merged,
         trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
         adapters=adapters if any(adapters.values()) else {},
         heads=heads,
-        subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
-        expert_digests={task: expert.metadata.digest for task, expert in experts.by_task.items()},
+        subspaces={name: _subspaces(expert, recipe) for name, expert in experts.by_name.items()},
+        expert_digests={name: expert.metadata.digest for name, expert in experts.by_name.items()},
         copies=copies,
         action_steps={
-            task: steps for task, expert in experts.by_task.items() if (steps := expert.metadata.action_steps)
+            name: steps for name, expert in experts.by_name.items() if (steps := expert.metadata.action_steps)
         },
     )
 
 
 def _splits(experts: Experts, recipe: Recipe) -> tuple[dict[str, Weights], dict[str, Weights]]:
-    """Return the trunk and the head of each task."""
+    """Return the trunk and the head of each expert."""
     trunks: dict[str, Weights] = {}
     heads: dict[str, Weights] = {}
-    for task, expert in experts.by_task.items():
-        trunks[task], heads[task] = split_trunk(expert.weights, recipe.kept_blocks, merge_output=recipe.merge_output)
+    for name, expert in experts.by_name.items():
+        trunks[name], heads[name] = split_trunk(expert.weights, recipe.kept_blocks, merge_output=recipe.merge_output)
         if recipe.only and TRUNK not in recipe.only:
-            trunks[task], heads[task] = {}, expert.weights
+            trunks[name], heads[name] = {}, expert.weights
     return trunks, heads
 
 
@@ -202,19 +218,19 @@ def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recip
 
     A weight that another expert has adapted and this one has not has a task vector of zeros.
     """
-    task_vectors: dict[str, dict[str, Tensor]] = {task: {} for task in experts.by_task}
+    task_vectors: dict[str, dict[str, Tensor]] = {name: {} for name in experts.by_name}
     if recipe.operator == UNMERGED:
         return task_vectors
-    adapted = {name for expert in experts.by_task.values() for name in expert.factors}
-    for task, expert in experts.by_task.items():
-        task_vectors[task] |= {
-            name: factors.delta() if (factors := expert.factors.get(name)) else torch.zeros(weight.shape)
-            for name, weight in experts.base_weights.items()
-            if name in adapted and _is_merged(name, recipe)
+    adapted = {key for expert in experts.by_name.values() for key in expert.factors}
+    for name, expert in experts.by_name.items():
+        task_vectors[name] |= {
+            key: factors.delta() if (factors := expert.factors.get(key)) else torch.zeros(weight.shape)
+            for key, weight in experts.base_weights.items()
+            if key in adapted and _is_merged(key, recipe)
         }
         if recipe.trunk is TrunkRule.VECTORS:
-            trunk = trunks[task]
-            task_vectors[task] |= task_vector(trunk, {name: experts.base_weights[name] for name in trunk})
+            trunk = trunks[name]
+            task_vectors[name] |= task_vector(trunk, {key: experts.base_weights[key] for key in trunk})
     return task_vectors
 
 

@@ -82,6 +82,7 @@ def save_merged(folder: Path, merging: Merging, fitted: Weights | None = None) -
         recipe=parts.recipe,
         instructions=parts.instructions,
         expert_digests=parts.expert_digests,
+        tasks_of_several={name: tasks for name, tasks in parts.tasks.items() if tasks != (name,)},
         action_steps=parts.action_steps,
         base=name_of_base(folder, merging.base),
         base_hash=base_metadata.tensor_hash,
@@ -187,6 +188,7 @@ def _parts(metadata: MergedMetadata, tensors: Weights, base: Weights) -> MergedW
     return MergedWeights(
         architecture=metadata.architecture,
         statistics=metadata.statistics,
+        tasks=metadata.tasks,
         instructions=metadata.instructions,
         recipe=recipe,
         base=base,

@@ -30,19 +30,22 @@ class MergedMetadata(StoredMetadata):
     """Everything about a merged checkpoint except its tensors."""
 
     kind: ClassVar = KIND
+    left_out_if_empty: ClassVar = ("tasks_of_several",)
 
     architecture: Architecture
     statistics: TaskStatistics
-    """Normalisation statistics of each expert's task, in the experts' order."""
+    """Normalisation statistics of each expert, in the experts' order."""
     recipe: Recipe
     instructions: Mapping[str, str]
-    """Expert to the instruction of its task."""
+    """Task to its instruction."""
     expert_digests: Mapping[str, str]
     """Expert to the digest of the checkpoint that was merged."""
     base: str
     """Checkpoint of the base: a folder relative to this one, or a hub id."""
     base_hash: str
     """`tensor_hash` of the base."""
+    tasks_of_several: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Expert of several tasks to these; an expert of one task has its name."""
     action_steps: Mapping[str, StrictInt] = field(default_factory=dict)
     """Expert to its `CheckpointMetadata.action_steps`; those that execute whole chunks are left out."""
     rescalers: Mapping[str, Annotated[float, Field(strict=True, allow_inf_nan=False)]] = field(default_factory=dict)
@@ -55,18 +58,29 @@ class MergedMetadata(StoredMetadata):
     """`hash_tensors` of the weights' file; filled in when the checkpoint is saved."""
 
     def __post_init__(self) -> None:
-        for name, values in (("instruction", self.instructions), ("digest", self.expert_digests)):
-            if odd := sorted(set(values) ^ set(self.experts)):
-                raise CheckpointError(
-                    f"expected statistics and an {name} of each merged expert, {odd[0]} has one of them only"
-                )
+        if odd := sorted(set(self.tasks_of_several) - set(self.experts)):
+            raise CheckpointError(f"expected tasks of the merged experts, got some of {odd[0]}")
+        tasks = [task for tasks in self.tasks.values() for task in tasks]
+        if twice := sorted(task for task in set(tasks) if tasks.count(task) > 1):
+            raise CheckpointError(f"expected one expert per task, {twice[0]} has several")
+        for names, what, values in (
+            (tasks, "instruction of each task", self.instructions),
+            (self.experts, "digest of each merged expert", self.expert_digests),
+        ):
+            if odd := sorted(set(values) ^ set(names)):
+                raise CheckpointError(f"expected statistics and an {what}, {odd[0]} has one of them only")
         for steps in self.action_steps.values():
             check_action_steps(steps, self.architecture)
 
     @property
     def experts(self) -> tuple[str, ...]:
-        """The tasks whose experts were merged (`simulator/task`)."""
+        """Names of the merged experts, see `CheckpointMetadata.expert`."""
         return self.statistics.tasks
+
+    @property
+    def tasks(self) -> dict[str, tuple[str, ...]]:
+        """Expert to its tasks (`simulator/task`)."""
+        return {expert: self.tasks_of_several.get(expert, (expert,)) for expert in self.experts}
 
     @property
     def digest(self) -> str:
@@ -81,7 +95,10 @@ class MergedMetadata(StoredMetadata):
             "tensors": self.tensor_hash,
             "base": self.base_hash,
         }
-        return content_hash(decisive | ({"action_steps": dict(self.action_steps)} if self.action_steps else {}))
+        for name in ("action_steps", "tasks_of_several"):
+            if given := getattr(self, name):
+                decisive[name] = dict(given)
+        return content_hash(decisive)
 
     def as_json(self) -> dict[str, Any]:
         """Return the metadata as plain JSON; `from_json` is the inverse."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -32,9 +33,11 @@ class MergedWeights:
 
     architecture: Architecture
     statistics: TaskStatistics
-    """Normalisation statistics of each expert's task, in the experts' order."""
+    """Normalisation statistics of each expert, in the experts' order."""
+    tasks: Mapping[str, tuple[str, ...]]
+    """Expert to the tasks that it was trained on (`simulator/task`); a task has one expert."""
     instructions: Mapping[str, str]
-    """Expert to the instruction of its task."""
+    """Task to its instruction."""
     recipe: Recipe
     base: Weights
     """Theta_0: all weights of the base."""
@@ -57,7 +60,7 @@ class MergedWeights:
 
     def __post_init__(self) -> None:
         experts = self.statistics.tasks
-        for names in (self.merged.experts, self.heads, self.subspaces, self.instructions, self.adapters or experts):
+        for names in (self.merged.experts, self.heads, self.subspaces, self.tasks, self.adapters or experts):
             if set(names) != set(experts):
                 raise ExpertsDiffer(f"expected the experts {', '.join(experts)} in all parts, got {', '.join(names)}")
         for weights in (self.merged.vector, self.trunk, *self.heads.values()):
@@ -68,6 +71,16 @@ class MergedWeights:
             if missing := sorted(trained - self.merged.vector.keys() - self.trunk.keys() - head.keys()):
                 raise ExpertsDiffer(f"expert {expert}: expected {missing[0]} to be merged or kept, it is neither")
 
+    @cached_property
+    def expert_of(self) -> Mapping[str, str]:
+        """Task to its expert."""
+        return {task: expert for expert, tasks in self.tasks.items() for task in tasks}
+
+    @property
+    def task_statistics(self) -> TaskStatistics:
+        """Normalisation statistics of each task, those of its expert."""
+        return TaskStatistics({task: self.statistics.of(expert) for task, expert in self.expert_of.items()})
+
 
 class MergedModel:
     """A merged model: builds the network of each expert on first use. An unknown expert raises ExpertsDiffer."""
@@ -76,6 +89,7 @@ class MergedModel:
         self.parts = parts
         self.architecture = parts.architecture
         self.experts = parts.statistics.tasks
+        self.tasks, self.expert_of = parts.tasks, parts.expert_of
         self.instructions = parts.instructions
         self.kept_blocks = parts.recipe.kept_blocks
         self.device = device or torch.device("cpu")

@@ -47,13 +47,16 @@ class StoredMetadata(Stored):
     refusal: ClassVar = CheckpointError
     kind: ClassVar[str | None] = None
     """Value of `kind` in the file; a checkpoint of one network has none."""
+    left_out_if_empty: ClassVar[tuple[str, ...]] = ()
+    """Fields of experts of several tasks, which earlier versions do not read."""
     base: str | None
     base_hash: str | None
     tensor_hash: str
 
     def as_json(self) -> dict[str, Any]:
         """Return the metadata as plain JSON; `from_json` is the inverse."""
-        return {"format": FORMAT} | ({"kind": self.kind} if self.kind else {}) | super().as_json()
+        plain = {"format": FORMAT} | ({"kind": self.kind} if self.kind else {}) | super().as_json()
+        return {name: value for name, value in plain.items() if value or name not in self.left_out_if_empty}
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Self:
@@ -101,9 +104,14 @@ def _described(kind: str | None) -> str:
 class CheckpointMetadata(StoredMetadata):
     """Everything about a checkpoint of one network except its tensors."""
 
+    left_out_if_empty: ClassVar = ("trained_on",)
+
     architecture: Architecture
     statistics: TaskStatistics
-    """Normalisation statistics of each task that it was trained on."""
+    """Normalisation statistics of each task that it was trained on; those of an expert of several tasks are of all of
+    them together, under the expert's name."""
+    trained_on: tuple[str, ...] = ()
+    """Tasks of an expert of several; empty if each task has statistics of its own."""
     action_steps: StrictInt | None = None
     """Largest number of a chunk's actions that are executed (LeRobot's `n_action_steps`); None for all."""
     lora: LoraSettings | None = None
@@ -124,7 +132,19 @@ class CheckpointMetadata(StoredMetadata):
     @property
     def tasks(self) -> tuple[str, ...]:
         """Tasks that it was trained on (`simulator/task`)."""
-        return self.statistics.tasks
+        return self.trained_on or self.statistics.tasks
+
+    @property
+    def expert(self) -> str:
+        """Name of an expert: its task, or the name of an expert of several. Raises CheckpointError if it is none."""
+        if self.base is None or self.base_hash is None or self.lora is None:
+            raise CheckpointError("expected an expert with adapters on a base, got none")
+        if len(self.statistics.tasks) != 1:
+            raise CheckpointError(
+                "expected an expert with statistics of all its tasks together, as 'policies finetune' trains one, "
+                f"got those of each of {', '.join(self.tasks)}"
+            )
+        return self.statistics.tasks[0]
 
     @property
     def digest(self) -> str:

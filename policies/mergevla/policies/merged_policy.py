@@ -33,7 +33,7 @@ from robogauntlet.policies.mergevla.policies.single_policy import (
 )
 from robogauntlet.policies.mergevla.routing.catalog import FITTED
 from robogauntlet.policies.mergevla.routing.catalog import router as router_named
-from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, named_for
 from robogauntlet.suites.episode import Episode
 
 
@@ -52,7 +52,8 @@ class MergedPolicy:
             # Networks and subspaces are built on first use, which would count as the first episode's latency.
             size = model.architecture.image_size
             images = torch.zeros(len(model.architecture.cameras), 3, size, size)
-            router.route([FirstObservation(images, "", np.zeros(PROPRIOCEPTION_DIM), "", model.experts[0])], model)
+            task = next(iter(model.expert_of))
+            router.route([FirstObservation(images, "", np.zeros(PROPRIOCEPTION_DIM), "", task)], model)
 
     @classmethod
     def of(cls, options: MergedOptions) -> MergedPolicy:
@@ -67,7 +68,7 @@ class MergedPolicy:
         if options.recipe is not None and options.experts is not None:
             folders = expert_folders(options.experts)
             _check_recipe(options.recipe, folders, options.router, checkpoint)
-            experts = _experts(tuple(map(_version, folders.values())))
+            experts = _experts(tuple(map(_version, dict.fromkeys(folders.values()))))
             parts = merge_parts(experts, options.recipe, parts.instructions)
         return cls(MergedModel(parts, device=device_here()), router)
 
@@ -107,7 +108,10 @@ class MergedPolicy:
         answers = self._router.route(list(new.values()), self._model)
         waited = time.perf_counter() - started
         self._chosen |= {name: routed.choice for name, routed in zip(new, answers, strict=True)}
-        return {name: replace(routed, latency_s=waited) for name, routed in zip(new, answers, strict=True)}
+        return {
+            name: replace(named_for(routed, seen.task, self._model), latency_s=waited)
+            for (name, seen), routed in zip(new.items(), answers, strict=True)
+        }
 
     def _network(self, expert: str) -> Network:
         parts = self._model.parts
@@ -152,7 +156,7 @@ def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, chec
     check_kept_blocks(recipe.kept_blocks, layers)
     check_blocks(recipe.only, layers)
     if recipe.masks is MaskRule.TASK:
-        lambdas_of({task: {} for task in folders}, recipe.lambda_)
+        lambdas_of({CheckpointMetadata.read(folder).expert: {} for folder in folders.values()}, recipe.lambda_)
     expected = checkpoint.metadata.base_hash
     for task, folder in folders.items() if router in FITTED else ():
         base_hash = CheckpointMetadata.read(folder).base_hash or "none"

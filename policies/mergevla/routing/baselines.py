@@ -37,36 +37,36 @@ class RandomRouter(_WithoutPass):
 
 
 class InstructionMatchRouter(_WithoutPass):
-    """Compares words with the experts' training instructions: |A and B| / |A or B| (P. Jaccard, 1901)."""
+    """Compares words with the experts' training instructions: the best |A and B| / |A or B| (P. Jaccard, 1901)."""
 
     name = "instruction-match"
 
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order; `unknown` is 1 minus the best score."""
-        known = {expert: _words(model.instructions[expert]) for expert in model.experts}
+        known = {expert: [_words(model.instructions[task]) for task in tasks] for expert, tasks in model.tasks.items()}
         answers = []
         for observation in observations:
             words = _words(observation.instruction) if self.sees_instruction else frozenset()
-            scores = {expert: _jaccard(words, known_words) for expert, known_words in known.items()}
+            scores = {expert: max(_jaccard(words, own) for own in tasks) for expert, tasks in known.items()}
             answers.append(answer(scores, 1.0 - max(scores.values())))
         return answers
 
 
 class OracleRouter(_WithoutPass):
-    """Answers with the true task, so that any loss of an oracle-routed policy is due to merging, not to routing."""
+    """Answers with the true task's expert: any loss of an oracle-routed policy is due to merging, not to routing."""
 
     name = "oracle"
 
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
         """Route each observation, in order. Raises RoutingError if its task has no expert."""
         for observation in observations:
-            if observation.task not in model.experts:
-                hint = did_you_mean(observation.task, model.experts)
+            if observation.task not in model.expert_of:
+                hint = did_you_mean(observation.task, model.expert_of)
                 raise RoutingError(
                     f"router 'oracle': expected a task that has an expert, got '{observation.task}'{hint}"
                 )
         return [
-            answer({expert: float(expert == observation.task) for expert in model.experts})
+            answer({expert: float(expert == model.expert_of[observation.task]) for expert in model.experts})
             for observation in observations
         ]
 

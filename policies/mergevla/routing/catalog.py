@@ -76,14 +76,14 @@ def fit_routers(
 
     Args:
         model: Merged model, of which only the base is run.
-        frames: Expert to first observations for its class.
-        held_out: Expert to other observations, for temperature and thresholds.
+        frames: Task of an expert to first observations for its class.
+        held_out: Task to other observations, for temperature and thresholds.
 
     Returns:
         Tensors by `<router>/<instructed | unaided>/<name>`, for a safetensors file.
 
     Raises:
-        RoutingError: An expert without observations, or observations that are all the same.
+        RoutingError: A task without observations, or observations that are all the same.
     """
     tensors: dict[str, Tensor] = {}
     for sees_instruction in (True, False):
@@ -114,7 +114,7 @@ def fitting_features(
 ) -> tuple[LabelledFeatures, LabelledFeatures]:
     """Return the features for the classes, augmented if `fitting` says so, and those of the held-out observations.
 
-    Raises RoutingError if an expert has no observations.
+    Raises RoutingError if a task has no observations.
     """
     if fitting.augments:
         sees = feature_spec.sees_instruction

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -74,6 +74,15 @@ def answer(scores: Mapping[str, float], unknown: float | None = None, threshold:
     return Routing(scores, choice, 0.0, unknown, rejected)
 
 
+def named_for(routing: Routing, task: str, model: MergedModel) -> Routing:
+    """Return a routing in which the expert of `task`, if there is one, has the task's name, as records need it."""
+    expert = model.expert_of.get(task)
+    if expert in (None, task):
+        return routing
+    scores = {task if name == expert else name: score for name, score in routing.scores.items()}
+    return replace(routing, scores=scores, choice=task if routing.choice == expert else routing.choice)
+
+
 def hidden_states(
     model: MergedModel, expert: str | None, observations: Sequence[FirstObservation], *, sees_instruction: bool
 ) -> Iterator[HiddenStates]:
@@ -93,10 +102,10 @@ def hidden_states(
 
 
 def check_experts(router: str, fitted: Sequence[str], experts: Sequence[str]) -> None:
-    """Raise RoutingError if a router was fitted to other experts than the model's."""
+    """Raise RoutingError if a router was fitted to other tasks than those of the model's experts."""
     differing = sorted(set(fitted) ^ set(experts))
     if differing:
-        reason = "the model has no such expert" if differing[0] in fitted else "the router does not know it"
+        reason = "the model has no expert of it" if differing[0] in fitted else "the router does not know it"
         raise RoutingError(
-            f"router '{router}': expected to be fitted to the model's experts, got {differing[0]}: {reason}"
+            f"router '{router}': expected to be fitted to the experts' tasks, got {differing[0]}: {reason}"
         )

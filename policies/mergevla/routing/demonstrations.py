@@ -19,7 +19,7 @@ since an episode has one first observation."""
 
 @dataclass(frozen=True, eq=False)
 class RouterTrainingSet:
-    """First observations by expert, in two disjoint sets of episodes."""
+    """First observations by task, in two disjoint sets of episodes."""
 
     frames: Mapping[str, Sequence[FirstObservation]]
     """Observations to fit the classes to."""

@@ -14,7 +14,7 @@ from torch import Tensor
 from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
 from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, feature_spec_of, fitting_features, router
-from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError, named_for
 from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
 from robogauntlet.policies.mergevla.routing.features import LabelledFeatures, labelled_features
 from robogauntlet.policies.mergevla.routing.fitted_router import RouterFit
@@ -110,7 +110,7 @@ def evaluate_routers(
             started = clock()
             (decision,) = tested.route([observation], model)
             decision = replace(decision, latency_s=clock() - started)
-            routed.append(RoutedObservation(observation.task, decision))
+            routed.append(RoutedObservation(observation.task, named_for(decision, observation.task, model)))
     listener(len(observations), len(observations))
     experts = len(model.experts)
     results = (

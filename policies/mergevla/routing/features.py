@@ -51,7 +51,7 @@ class LabelledFeatures:
     features: Tensor
     """Shape (n, d)."""
     labels: tuple[str, ...]
-    """Name of the expert for each of the n."""
+    """Class of each of the n, a task."""
 
     def __post_init__(self) -> None:
         if self.features.ndim != 2 or len(self.features) != len(self.labels):

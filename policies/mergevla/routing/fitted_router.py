@@ -34,7 +34,7 @@ class RouterFit:
     """
 
     experts: tuple[str, ...]
-    """Sorted names."""
+    """Sorted names of the classes, the experts' tasks."""
     centres: Tensor
     """Class means, shape (experts, c)."""
     feature_spec: FeatureSpec
@@ -49,6 +49,10 @@ class RouterFit:
     def scores(self, features: Tensor) -> Tensor:
         """Score of each expert, higher is likelier, for features (n, d): shape (n, experts). Negative distances."""
         return -self.distances(features)
+
+    def joined(self, scores: Tensor) -> Tensor:
+        """Score of an expert, shape (n,), from those of its tasks, shape (n, tasks): that of the likeliest."""
+        return scores.amax(dim=1)
 
     def unknown(self, features: Tensor) -> Tensor:
         """Distance of features (n, d) to the nearest class (K. Lee et al., arXiv 1807.03888), shape (n,)."""
@@ -114,14 +118,18 @@ class FittedRouter:
         Raises PolicyError for images of another shape, or other experts than those that the router was fitted to.
         """
         fitted = self._fitted
-        check_experts(self.name, fitted.experts, model.experts)
+        check_experts(self.name, fitted.experts, tuple(model.expert_of))
         if not observations:
             return []
         features = features_of(model, observations, fitted.feature_spec)
-        scores, unknown = fitted.scores(features).tolist(), fitted.unknown(features).tolist()
+        scores, unknown = fitted.scores(features), fitted.unknown(features).tolist()
+        by_expert = {
+            expert: fitted.joined(scores[:, [fitted.experts.index(task) for task in tasks]]).tolist()
+            for expert, tasks in model.tasks.items()
+        }
         return [
-            answer(dict(zip(fitted.experts, row, strict=True)), distance, fitted.threshold)
-            for row, distance in zip(scores, unknown, strict=True)
+            answer({expert: values[row] for expert, values in by_expert.items()}, distance, fitted.threshold)
+            for row, distance in enumerate(unknown)
         ]
 
 

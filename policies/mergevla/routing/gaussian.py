@@ -47,6 +47,10 @@ class GaussianRouterFit(RouterFit):
         """Log-probability of each class with equal priors at the temperature, shape (n, experts), float64."""
         return torch.log_softmax(self.distances(features).square() / (-2.0 * self.temperature), dim=1)
 
+    def joined(self, scores: Tensor) -> Tensor:
+        """Log-probability of an expert, shape (n,), from those of its tasks, shape (n, tasks)."""
+        return torch.logsumexp(scores, dim=1)
+
     def as_tensors(self) -> dict[str, Tensor]:
         """Return the fit as tensors, for a safetensors file."""
         return super().as_tensors() | {

@@ -76,7 +76,7 @@ def test_an_earlier_merged_checkpoint_and_leftovers_are_overwritten(zoo, tmp_pat
         (["{zoo}/experts", "--masks", "tall"], "masks: expected 'none', 'task', 'emr' or 'signs', got 'tall'"),
         (["{zoo}/experts", "--trunk", "sum"], "trunk: expected 'mean' or 'vectors', got 'sum'"),
         (["{zoo}/experts", "--lambda", "3"], "expected lambda to be a number in (0, 2], got 3.0"),
-        (["{zoo}/experts", "--lambda", "x"], "expected --lambda NUMBER or TASK=NUMBER, got 'x'"),
+        (["{zoo}/experts", "--lambda", "x"], "expected --lambda NUMBER or EXPERT=NUMBER, got 'x'"),
         (["{zoo}/experts", "--lambda", "auto"], "expected --demonstrations with --lambda auto, got none"),
         (["{zoo}/experts", "--lambda", "null/Reac=1"], "got 'null/Reac'; did you mean 'null/Reach'?"),
         (

@@ -22,8 +22,10 @@ def save_base(folder, seed=0, architecture=SMALL):
     return folder
 
 
-def save_expert(folder, base, task, seed, *, rank=RANK, convolutions=False, tune_all=False, action_steps=None):
-    """An expert whose every trainable weight was moved at random."""
+def save_expert(
+    folder, base, task, seed, *, rank=RANK, convolutions=False, tune_all=False, action_steps=None, several=()
+):
+    """An expert of `task`, or of several tasks under that name, whose every trainable weight was moved at random."""
     model = load_checkpoint(base).model
     lora = LoraSettings(rank, convolutions)
     add_lora(model, lora, seed)
@@ -32,7 +34,9 @@ def save_expert(folder, base, task, seed, *, rank=RANK, convolutions=False, tune
         for parameter in model.parameters():
             if parameter.requires_grad or tune_all:
                 parameter += 0.05 * torch.randn(parameter.shape, generator=generator)
-    metadata = CheckpointMetadata(model.architecture, task_statistics(seed, task), action_steps=action_steps, lora=lora)
+    metadata = CheckpointMetadata(
+        model.architecture, task_statistics(seed, task), tuple(several), action_steps=action_steps, lora=lora
+    )
     save_checkpoint(folder, model, metadata, base=base)
     return folder
 

@@ -18,6 +18,8 @@ class SmallMergedModel:
 
     def __init__(self, experts=EXPERTS, kept_blocks=1):
         self.experts, self.kept_blocks = tuple(experts), kept_blocks
+        self.tasks = {e: (e,) for e in self.experts}
+        self.expert_of = {e: e for e in self.experts}
         self.instructions = {e: INSTRUCTIONS[EXPERTS.index(e)] for e in experts}
         self.models = {None: small_model(0)} | {e: small_model(1 + EXPERTS.index(e)) for e in experts}
         self.own = {e: small_model(11 + EXPERTS.index(e)) for e in experts}

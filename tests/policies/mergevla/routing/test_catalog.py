@@ -92,7 +92,7 @@ def test_a_router_that_is_not_fitted_is_refused(name, stored):
 
 @pytest.mark.parametrize("name", FITTED)
 def test_a_router_fitted_to_other_experts_is_refused(name, stored):
-    with pytest.raises(PolicyError, match="got null/Push: the model has no such expert"):
+    with pytest.raises(PolicyError, match="got null/Push: the model has no expert of it"):
         router(name, stored=stored).route(observations(1), SmallMergedModel(EXPERTS[1:]))
 
 
