@@ -23,8 +23,8 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("coverage", "crowd", "dashboard", "mergevla", "million", "opening", "operators", "readers"),
-    *("resume", "scale", "shifted_routing", "simplified_meshes"),
+    *("ablations", "coverage", "crowd", "dashboard", "mergevla", "million", "more_experts"),
+    *("opening", "operators", "readers", "resume", "scale", "shifted_routing", "simplified_meshes"),
 )
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "training_controls")

@@ -20,6 +20,8 @@ KINDS = (NOT_MERGED, SHARED, NOTHING_SHARED, MERGED)
 TICKS = (200, 300, 500, 1000, 1500, 2000, 3000, 4000)
 WIDTH, HEIGHT = 0.0075, 0.024
 """Size of a letter, as shares of the panel's."""
+GAP, LOWER = 0.01, 12
+"""Between a point and its name, as a share of the panel's width, and the half lines that a name may be lower."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +78,18 @@ def draw(points: Sequence[Point], path: Path, *, measure: str, joint: float, top
 
 
 def _label(panel: Axes, points: Sequence[Point]) -> None:
-    """Name the points where there is room: first those that are not merged, then from the best of each kind."""
+    """Name the points, lower where there is no room, or not: those that are not merged first, then by their values."""
     taken: list[tuple[float, float, float]] = []
     to_axes = panel.transData + panel.transAxes.inverted()
-    for point in sorted(points, key=lambda point: (KINDS.index(point.kind), point.value)):
+    for point in sorted(points, key=lambda point: (KINDS.index(point.kind), -point.value)):
         left, middle = to_axes.transform((point.kilobytes, point.value))
         below = point.kind == NOT_MERGED
-        right, middle = left + WIDTH * len(point.name), middle + (-HEIGHT if below else HEIGHT / 2)
-        if all(right < start or left > end or abs(middle - other) > HEIGHT for start, end, other in taken):
-            taken.append((left, right, middle))
-            style = {"textcoords": "offset points", "xytext": (4, -8 if below else 2), "fontsize": 5.5}
-            panel.annotate(point.name, (point.kilobytes, point.value), color=COLOURS[KINDS.index(point.kind)], **style)
+        left, right, middle = left + GAP, left + GAP + WIDTH * len(point.name), middle - (HEIGHT if below else 0)
+        for lower in range(LOWER):
+            place = middle - lower * HEIGHT / 2
+            if all(right < start or left > end or abs(place - other) > HEIGHT for start, end, other in taken):
+                taken.append((left, right, place))
+                colour = COLOURS[KINDS.index(point.kind)]
+                style = {"transform": panel.transAxes, "verticalalignment": "center", "fontsize": 5.5}
+                panel.text(left, place, point.name, color=colour, **style)
+                break

@@ -7,13 +7,8 @@ seeds than the training's are as good, since nothing is trained on them here.
 """
 
 import os
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from tests.benchmarks import bytes_plot
-from tests.benchmarks.bytes_plot import Point
-from tests.benchmarks.document import WRITTEN
 from tests.benchmarks.shared import kilobytes, table_of
 
 WAYS = {
@@ -59,22 +54,6 @@ WAYS = {
 BASE, EXPERTS = "base (joint training)", "experts"
 
 
-def draw(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Draw the mean loss against storage per task."""
-    points = [Point(row["way"], _kind(row["way"]), row["kilobytes"], row["mean"]) for row in rows]
-    (joint,) = (point.value for point in points if point.name == BASE)
-    shown = [point for point in points if point.name != BASE]
-    bytes_plot.draw(shown, path, measure="L1 on held-out demonstrations, mean of nine tasks", joint=joint, top=0.28)
-
-
-def _kind(way: str) -> str:
-    if way == EXPERTS or way.startswith("not merged"):
-        return bytes_plot.NOT_MERGED
-    if "without a merged vector" in way:
-        return bytes_plot.NOTHING_SHARED
-    return bytes_plot.SHARED if way.startswith(("signs", "two bits")) else bytes_plot.MERGED
-
-
 def measure() -> list[dict[str, object]]:
     """Merge the zoo's experts in each way, choose lambda per task, and score each task's held-out episodes."""
     import torch
@@ -116,7 +95,6 @@ def measure() -> list[dict[str, object]]:
         for name in sorted(means, key=lambda name: means[name])
     ]
     short = {task.partition("/")[2]: f"{{{task}:.3f}}" for task in experts.by_name}
-    draw(rows, WRITTEN / "merges.svg")
     first = {"way of merging": "{way}", "kB per task": "{kilobytes:,.0f}", "mean": "{mean:.3f}"}
     table_of(rows, first | short)
     return rows

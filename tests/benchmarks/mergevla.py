@@ -8,18 +8,25 @@ from robogauntlet.results.report.merging_cost import comparison_table, overall_t
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import read_run
+from tests.benchmarks.document import WRITTEN
 from tests.benchmarks.shared import run_suite, table_of
 
-LOSSES = ("loss by merging", "loss by routing")
+LOSSES = {"loss by merging": "loss by merging, points", "loss by routing": "loss by routing, points"}
+LOSSES |= {"retention": "share of the experts' success"}
+EPISODE = ["policy", "task", "seed", "status", "inferred_task"]
 
 
 def measure() -> list[dict[str, object]]:
-    """Rates with Wilson intervals of every task and simulator and of all, then the losses of each routed policy."""
+    """Rates with Wilson intervals of every task and simulator and of all, then the losses of each routed policy.
+
+    Writes the episodes beside the rows.
+    """
     with tempfile.TemporaryDirectory() as name:
         run_suite("mergevla", folder := Path(name) / "run")
-        frame = read_frame(ReportPaths.in_folder(folder).episodes, merging_cost.COLUMNS)
+        frame = read_frame(ReportPaths.in_folder(folder).episodes, (*merging_cost.COLUMNS, "policy", "seed"))
         merging = merging_cost.build_merging(read_run(folder), frame)
     assert merging is not None
+    frame[EPISODE].sort_values(EPISODE[:3]).to_parquet(WRITTEN / "mergevla.parquet", index=False)
     policies = [comparison.policy for comparison in merging.routed]
     names = ["task", merging.expert, merging.oracle_routed]
     for policy in policies:
@@ -27,8 +34,6 @@ def measure() -> list[dict[str, object]]:
     rows = [dict[str, object](zip(names, line, strict=True)) for line in comparison_table(merging).rows]
     for loss, *values in overall_table(merging).rows:
         if loss in LOSSES:
-            rows.append(
-                dict.fromkeys(names, "") | {"task": f"{loss}, points"} | dict(zip(policies, values, strict=True))
-            )
+            rows.append(dict.fromkeys(names, "") | {"task": LOSSES[loss]} | dict(zip(policies, values, strict=True)))
     table_of(rows, {name: f"{{{name}}}" for name in names})
     return rows

@@ -1,6 +1,7 @@
 """The suite `operators`: bytes per task against success, every way of merging a point, quantised experts as the bar.
 
-`RUN=FOLDER python -m tests.benchmarks operators` reads a run of the suite instead of playing all of its seeds.
+`RUN=FOLDER python -m tests.benchmarks operators` reads a run of the suite instead of playing all of its seeds; several
+of different seeds are separated by colons.
 """
 
 import os
@@ -39,17 +40,23 @@ COLUMNS = {
 
 def measure() -> list[dict[str, object]]:
     """A row for each policy; writes the episodes and the figure beside the rows."""
+    rows = measured("operators")
+    draw(rows, WRITTEN / "operators.svg")
+    return rows
+
+
+def measured(suite: str) -> list[dict[str, object]]:
+    """Play a suite of merges, or read `RUN`: a row for each policy; writes the episodes beside the rows."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(os.environ.get("RUN", Path(name) / "run"))
+        folders = [Path(folder) for folder in os.environ.get("RUN", f"{name}/run").split(":")]
         if "RUN" not in os.environ:
-            run_suite("operators", folder)
-        run = open_run(folder)
-        frame = run.episodes(("policy", "task", "seed", "status"))
-        plan = {policy.name: policy for policy in run.document.suite.policies}
+            run_suite(suite, folders[0])
+        runs = [open_run(folder) for folder in folders]
+        frame = pd.concat([run.episodes(("policy", "task", "seed", "status")) for run in runs])
+        plan = {policy.name: policy for policy in runs[0].document.suite.policies}
         sizes = {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
     rows = rows_of(frame, sizes)
-    frame.sort_values(["policy", "task", "seed"]).to_parquet(WRITTEN / "operators.parquet", index=False)
-    draw(rows, WRITTEN / "operators.svg")
+    frame.sort_values(["policy", "task", "seed"]).to_parquet(WRITTEN / f"{suite}.parquet", index=False)
     table_of(rows, COLUMNS)
     return rows
 

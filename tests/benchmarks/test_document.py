@@ -2,9 +2,11 @@
 
 import json
 
+import pandas as pd
 import pytest
 
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
+from tests.benchmarks.operators import rows_of
 from tests.chaos.__main__ import table
 
 
@@ -23,3 +25,10 @@ def test_every_committed_measurement_is_shown():
 def test_tables_of_runs_under_faults_count_the_committed_runs(name):
     measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
     assert table(measured["campaigns"]) == measured["rows"]
+
+
+@pytest.mark.parametrize("name", ["operators", "ablations"])
+def test_tables_of_merges_count_the_committed_episodes(name):
+    measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
+    sizes = {row["policy"]: row["kilobytes"] for row in measured["rows"]}
+    assert rows_of(pd.read_parquet(MEASUREMENTS / f"{name}.parquet"), sizes) == measured["rows"]
