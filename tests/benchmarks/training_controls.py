@@ -1,4 +1,4 @@
-"""Success by kind of block, way of merging and training seed. Needs the runs of `scripts/training_controls.sh`.
+"""Success by kind of training, way of merging and training seed. Needs the runs of `scripts/training_controls.sh`.
 
 `TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls`
 """
@@ -43,18 +43,20 @@ def measure() -> list[dict[str, object]]:
         (name, way, *_difference(by_training.loc[name], by_training.loc[f"{REFERENCE}-{way}"]))
         for way in WAYS
         for name in by_training.index
-        if name.endswith(f"-{way}") and not name.startswith(REFERENCE)
+        if name.endswith(f"-{way}") and name != f"{REFERENCE}-{way}"
     ]
     if JOINT in by_training.index:
         together = _difference(by_training.loc[JOINT], by_training.loc[f"{REFERENCE}-{EXPERTS}"])
         differences.append((JOINT, EXPERTS, *together))
     table(("network", "way", "difference", "interval"), differences)
-    print("\ndifference between ways in points, mean of the blocks, 95 % t-interval over the training seeds")
-    of_way = {way: by_training[by_training.index.str.endswith(f"-{way}")].mean() for way in WAYS}
-    table(
-        ("way", "to", "difference", "interval"),
-        [(better, worse, *_difference(of_way[better], of_way[worse])) for better, worse in pairwise(WAYS)],
-    )
+    print("\ndifference between ways in points, 95 % t-interval over the training seeds")
+    kinds = [name.removesuffix(f"-{EXPERTS}") for name in by_training.index if name.endswith(f"-{EXPERTS}")]
+    ways = [
+        (kind, better, worse, *_difference(by_training.loc[f"{kind}-{better}"], by_training.loc[f"{kind}-{worse}"]))
+        for kind in kinds
+        for better, worse in pairwise(WAYS)
+    ]
+    table(("network", "way", "to", "difference", "interval"), ways)
     print("\nsuccess by task, mean over training seeds")
     by_task = trained.groupby(["name", "task"])["mean"].mean().unstack()
     table(("network", *by_task.columns), [(name, *map(_percent, found)) for name, found in by_task.iterrows()])
