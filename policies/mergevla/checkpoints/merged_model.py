@@ -17,7 +17,7 @@ from robogauntlet.policies.mergevla.merging.task_vectors import Weights, differe
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors
-from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.model import MergeVLA, assembled
 from robogauntlet.policies.mergevla.network.model_cache import ModelCache
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
@@ -104,9 +104,8 @@ class MergedModel:
         return self._models(expert)
 
     def _built(self, expert: str | None) -> MergeVLA:
-        with torch.inference_mode(False), torch.random.fork_rng(devices=[]):
-            model = MergeVLA(self.architecture)
-            model.load_state_dict(self.weights(expert), assign=True)
+        with torch.inference_mode(False):
+            model = assembled(self.architecture, self.weights(expert))
             return model.requires_grad_(False).eval().to(self.device)
 
     @torch.inference_mode()
