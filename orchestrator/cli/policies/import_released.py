@@ -20,6 +20,13 @@ def import_released(
         list[Path], typer.Argument(metavar="FILES...", help="Files of the released checkpoint, or folders of them.")
     ],
     out_folder: Annotated[Path, typer.Option("--out", help="Folder of the checkpoint.")],
+    tokenizer: Annotated[
+        str | None,
+        typer.Option(
+            help="Folder or hub id of the tokenizer, or words, for hashed words; by default Qwen/Qwen2.5-0.5B.",
+            show_default=False,
+        ),
+    ] = None,
     seed: Annotated[
         int, typer.Option(min=0, max=2**63 - 1, help="Seed of the new action expert of a prismatic base.")
     ] = 0,
@@ -34,7 +41,7 @@ def import_released(
     try:
         if out_folder.exists() and not (out_folder.is_dir() and not any(out_folder.iterdir())):
             raise BadInput(f"expected a new folder for --out, got '{out_folder}'")
-        metadata = save_imported(read(kind, files, seed=seed), out_folder)
+        metadata = save_imported(read(kind, files, seed=seed, tokenizer=tokenizer), out_folder)
     except OSError as error:
         raise BadInput(describe_os_error_at(error, out_folder)) from None
     size = (out_folder / WEIGHTS).stat().st_size / 1e6

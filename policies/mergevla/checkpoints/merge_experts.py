@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -20,7 +21,13 @@ from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, chec
 from robogauntlet.policies.mergevla.merging.parts import TRUNK, check_blocks, is_merged
 from robogauntlet.policies.mergevla.merging.quantisation import pack
 from robogauntlet.policies.mergevla.merging.recipe import UNMERGED, BackboneRule, MaskRule, Recipe, TrunkRule
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVectors, Weights, check_same_base, task_vector
+from robogauntlet.policies.mergevla.merging.task_vectors import (
+    OnDemand,
+    TaskVectors,
+    Weights,
+    check_same_base,
+    task_vector,
+)
 from robogauntlet.policies.mergevla.merging.trunk import mean_trunk, split_trunk
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors, lora_factors
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
@@ -154,7 +161,7 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         for task, copy in copies.items():
             adapters[task], heads[task] = restored(copy, experts.base_weights)
     if any(task_vectors.values()):
-        merged = merge(task_vectors, recipe)
+        merged = merge(task_vectors, recipe, {name: weight.dtype for name, weight in experts.base_weights.items()})
     else:
         merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
@@ -169,7 +176,9 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         recipe=recipe,
         base=experts.base_weights,
         merged=merged,
-        trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
+        trunk={name: weight.to(experts.base_weights[name].dtype) for name, weight in mean_trunk(trunks).items()}
+        if recipe.trunk is TrunkRule.MEAN
+        else {},
         adapters=adapters if any(adapters.values()) else {},
         heads=heads,
         subspaces={task: _subspaces(expert, recipe) for task, expert in experts.by_task.items()},
@@ -202,19 +211,20 @@ def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recip
 
     A weight that another expert has adapted and this one has not has a task vector of zeros.
     """
-    task_vectors: dict[str, dict[str, Tensor]] = {task: {} for task in experts.by_task}
     if recipe.operator == UNMERGED:
-        return task_vectors
+        return {task: {} for task in experts.by_task}
     adapted = {name for expert in experts.by_task.values() for name in expert.factors}
+    task_vectors = {}
     for task, expert in experts.by_task.items():
-        task_vectors[task] |= {
-            name: factors.delta() if (factors := expert.factors.get(name)) else torch.zeros(weight.shape)
+        makers: dict[str, Callable[[], Tensor]] = {
+            name: factors.delta if (factors := expert.factors.get(name)) else partial(torch.zeros, weight.shape)
             for name, weight in experts.base_weights.items()
             if name in adapted and _is_merged(name, recipe)
         }
         if recipe.trunk is TrunkRule.VECTORS:
-            trunk = trunks[task]
-            task_vectors[task] |= task_vector(trunk, {name: experts.base_weights[name] for name in trunk})
+            trunk = task_vector(trunks[task], {name: experts.base_weights[name] for name in trunks[task]})
+            makers |= {name: partial(trunk.__getitem__, name) for name in trunk}
+        task_vectors[task] = OnDemand(makers)
     return task_vectors
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import torch
 from torch import Tensor
@@ -90,10 +91,9 @@ class MergedModel:
         if expert is None:
             return dict(parts.base)
         self._check(expert)
-        deltas = parts.merged.of(expert)
-        deltas |= {name: factors.delta() for name, factors in parts.adapters.get(expert, {}).items()}
+        adapters = ((name, factors.delta()) for name, factors in parts.adapters.get(expert, {}).items())
         weights = dict(parts.base)
-        for name, delta in deltas.items():  # summed in fp32, rounded once
+        for name, delta in chain(parts.merged.of(expert).items(), adapters):  # summed in fp32, rounded once
             weights[name] = (weights[name].float() + delta).to(weights[name].dtype)
         for name, weight in {**parts.trunk, **parts.heads[expert]}.items():
             weights[name] = weight.to(weights[name].dtype)

@@ -28,11 +28,11 @@ class MergeVLA(nn.Module):
     - the last k of the blocks and `action_expert.output*`: the head that a task keeps.
     """
 
-    def __init__(self, architecture: Architecture) -> None:
+    def __init__(self, architecture: Architecture, backbone: Backbone | None = None) -> None:
         super().__init__()
         self.architecture = architecture
         width = architecture.width
-        self.backbone = Backbone(architecture)
+        self.backbone = backbone or Backbone(architecture)
         self.action_queries = nn.Parameter(torch.randn(architecture.action_queries, width) * QUERY_STD)
         self.proprioception = nn.Sequential(
             nn.Linear(architecture.proprioception_dim, width), nn.GELU(), nn.Linear(width, width)
@@ -66,6 +66,16 @@ def build(architecture: Architecture, seed: int) -> MergeVLA:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return MergeVLA(architecture)
+
+
+def trunk(architecture: Architecture, seed: int) -> dict[str, Tensor]:
+    """Return random weights of everything but the backbone, which depend on `seed` alone."""
+    with torch.random.fork_rng(devices=[]):
+        with init_empty_weights(include_buffers=False):
+            backbone = Backbone(architecture)
+        torch.manual_seed(seed)
+        weights = MergeVLA(architecture, backbone).state_dict()
+    return {name: weight for name, weight in weights.items() if not name.startswith("backbone.")}
 
 
 def empty(architecture: Architecture) -> MergeVLA:

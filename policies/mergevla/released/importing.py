@@ -15,7 +15,7 @@ from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import check_f
 from robogauntlet.policies.mergevla.checkpoints.metadata import CheckpointMetadata
 from robogauntlet.policies.mergevla.network.config import QWEN, Architecture, PaperCodeQuirks, Towers
 from robogauntlet.policies.mergevla.network.lora import BACKBONE
-from robogauntlet.policies.mergevla.network.model import build, empty
+from robogauntlet.policies.mergevla.network.model import empty, trunk
 from robogauntlet.policies.mergevla.network.normalisation import GRIPPER, Quantiles, Statistics, TaskStatistics
 from robogauntlet.policies.mergevla.released.files import STATISTICS, ReleasedError, read_files
 from robogauntlet.policies.mergevla.released.names import (
@@ -44,7 +44,9 @@ class Imported:
     metadata: CheckpointMetadata
 
 
-def import_released(kind: Kind, places: Sequence[Path], *, seed: int = 0, size: Architecture = QWEN) -> Imported:
+def import_released(
+    kind: Kind, places: Sequence[Path], *, seed: int = 0, tokenizer: str | None = None, size: Architecture = QWEN
+) -> Imported:
     """Read a released checkpoint; nothing is written.
 
     The network is the released one with its errors (`PaperCodeQuirks`), so that it computes the same, except for the
@@ -55,6 +57,7 @@ def import_released(kind: Kind, places: Sequence[Path], *, seed: int = 0, size: 
         kind: What was released.
         places: Its files, or folders of them.
         seed: Seed of the trunk of a Prismatic model.
+        tokenizer: See `Architecture.tokenizer`; by default that of `size`.
         size: Sizes of the network.
 
     Raises:
@@ -63,7 +66,7 @@ def import_released(kind: Kind, places: Sequence[Path], *, seed: int = 0, size: 
     files = read_files(places)
     used = {name: tensor for name, tensor in files.tensors.items() if not UNUSED.match(name)}
     _check_adapters(used)
-    architecture = architecture_of(kind, used, size)
+    architecture = architecture_of(kind, used, replace(size, tokenizer=tokenizer or size.tokenizer))
     sources = sources_of(kind, architecture)
     _check_names(kind, used, architecture)
     shapes = {ours: tensor.shape for ours, tensor in empty(architecture).state_dict().items()}
@@ -84,8 +87,7 @@ def import_released(kind: Kind, places: Sequence[Path], *, seed: int = 0, size: 
         for ours, source in sources.items()
     }
     if kind is Kind.PRISMATIC:
-        fresh = build(architecture, seed).state_dict()
-        tensors |= {name: weight.to(dtype) for name, weight in fresh.items() if not name.startswith(BACKBONE)}
+        tensors |= {name: weight.to(dtype) for name, weight in trunk(architecture, seed).items()}
     metrics = {"seed": seed} if kind is Kind.PRISMATIC else {}
     return Imported(tensors, CheckpointMetadata(architecture, files.statistics or UNIT, metrics=metrics))
 

@@ -19,12 +19,12 @@ def little(monkeypatch):
 @pytest.mark.parametrize("kind", ["mergevla", "vla-adapter", "prismatic"])
 def test_a_released_checkpoint_becomes_one_of_ours(run_command, tmp_path, kind):
     folder = save(tmp_path / "released", kind)
-    done = run_command("policies", "import", kind, str(folder), "--out", str(tmp_path / "new"))
+    done = run_command("policies", "import", kind, str(folder), "--out", str(tmp_path / "new"), "--tokenizer", "mine")
     assert done.code == 0, done.err
     name = "little-self-attention" if kind == "vla-adapter" else "little"
     assert f"new: {name} from {kind}, 0.3 MB" in done.out
     metadata = CheckpointMetadata.verified(tmp_path / "new")
-    assert metadata.architecture.name == name
+    assert (metadata.architecture.name, metadata.architecture.tokenizer) == (name, "mine")
     again = run_command("policies", "import", kind, str(folder), "--out", str(tmp_path / "new"))
     assert "expected a new folder for --out" in again.refusal
 

@@ -9,7 +9,7 @@ from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_ch
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 from robogauntlet.policies.mergevla.network.config import QWEN, PaperCodeQuirks
 from robogauntlet.policies.mergevla.network.lora import BACKBONE
-from robogauntlet.policies.mergevla.network.model import build, empty
+from robogauntlet.policies.mergevla.network.model import empty, trunk
 from robogauntlet.policies.mergevla.network.tokenizer import Prompts
 from robogauntlet.policies.mergevla.released.files import ReleasedError
 from robogauntlet.policies.mergevla.released.importing import (
@@ -109,7 +109,7 @@ def test_a_prismatic_model_becomes_a_base_with_a_new_trunk(tmp_path):
     assert all(
         torch.equal(tensor, policy.tensors[name]) for name, tensor in first.tensors.items() if name.startswith(BACKBONE)
     )
-    assert torch.equal(first.tensors["action_queries"], build(first.metadata.architecture, 0).action_queries)
+    assert torch.equal(first.tensors["action_queries"], trunk(first.metadata.architecture, 0)["action_queries"])
     other = import_released(Kind.PRISMATIC, [tmp_path / "released"], seed=1, size=LITTLE)
     assert not torch.equal(first.tensors["action_queries"], other.tensors["action_queries"])
     assert first.metadata.architecture.quirks == PaperCodeQuirks(language_blind=True)
