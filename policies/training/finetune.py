@@ -206,7 +206,8 @@ def finetune(
         fresh = build(start.model.architecture, fresh_trunk).state_dict()
         trunk = {name: weight for name, weight in fresh.items() if not name.startswith(BACKBONE)}
         start.model.load_state_dict(trunk, strict=False)
-    add_lora(start.model, lora, settings.seed)
+    # A base in bf16 is exact in fp32, in which small steps are not lost.
+    add_lora(start.model.float(), lora, settings.seed)
     several = len(mixture.tasks) > 1
     metadata = CheckpointMetadata(
         start.model.architecture,

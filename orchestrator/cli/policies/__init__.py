@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import typer
 
-from robogauntlet.orchestrator.cli.policies import check, demonstrate, finetune, merge, new, pretrain, routing, serve
+from robogauntlet.orchestrator.cli.policies import (
+    check,
+    demonstrate,
+    finetune,
+    import_released,
+    merge,
+    new,
+    pretrain,
+    routing,
+    serve,
+)
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.command("new")(new.new)
@@ -12,6 +22,7 @@ app.command("check")(check.check)
 app.command("demonstrate")(demonstrate.demonstrate)
 app.command("pretrain")(pretrain.pretrain)
 app.command("finetune")(finetune.finetune)
+app.command("import")(import_released.import_released)
 app.command("merge")(merge.merge)
 app.command("routing")(routing.routing)
 app.command("serve")(serve.serve)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import torch
+from accelerate import init_empty_weights
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor
@@ -27,7 +28,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import (
 )
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import add_lora, has_lora, plain_name
-from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.model import MergeVLA, empty
 from robogauntlet.support.files import replacing, write_whole
 
 AnyMetadata = TypeVar("AnyMetadata", CheckpointMetadata, MergedMetadata)
@@ -68,7 +69,7 @@ def save_checkpoint(
             raise CheckpointError(
                 f"expected a base without a base of its own, got '{base}', which has {base_metadata.base}"
             )
-        tensors = {n: t for n, t in tensors.items() if n not in shared or not torch.equal(t, shared[n])}
+        tensors = {n: t for n, t in tensors.items() if n not in shared or not torch.equal(t, shared[n].to(t.dtype))}
         metadata = replace(metadata, base=name_of_base(folder, base), base_hash=base_metadata.tensor_hash)
     return write_folder(folder, tensors, metadata)
 
@@ -96,19 +97,18 @@ def load_checkpoint(reference: str | Path) -> Checkpoint:
     """
     folder = locate(str(reference))
     tensors, metadata = load_tensors(folder)
-    with torch.device("meta"):  # shapes only, since metadata may tell of a network larger than any memory
-        _check_shapes(folder, _network(metadata), tensors)
-    with torch.random.fork_rng(devices=[]):  # leaves the global generator unchanged
-        model = _network(metadata)
+    model = _network(metadata)  # of shapes only, since metadata may tell of a network larger than any memory
+    _check_shapes(folder, model, tensors)
     names = {plain_name(name): name for name in model.state_dict()}
     model.load_state_dict({names[name]: tensor for name, tensor in tensors.items()}, assign=True)
     return Checkpoint(model.eval(), metadata)
 
 
 def _network(metadata: CheckpointMetadata) -> MergeVLA:
-    model = MergeVLA(metadata.architecture)
+    model = empty(metadata.architecture)
     if metadata.lora is not None:
-        add_lora(model, metadata.lora, seed=0)
+        with init_empty_weights(include_buffers=False):
+            add_lora(model, metadata.lora, seed=0)
     return model
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -26,7 +27,13 @@ from robogauntlet.policies.mergevla.merging.merge import MergedTaskVectors, chec
 from robogauntlet.policies.mergevla.merging.parts import TRUNK, check_blocks, is_merged
 from robogauntlet.policies.mergevla.merging.quantisation import pack
 from robogauntlet.policies.mergevla.merging.recipe import UNMERGED, BackboneRule, MaskRule, Recipe, TrunkRule
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVectors, Weights, check_same_base, task_vector
+from robogauntlet.policies.mergevla.merging.task_vectors import (
+    OnDemand,
+    TaskVectors,
+    Weights,
+    check_same_base,
+    task_vector,
+)
 from robogauntlet.policies.mergevla.merging.trunk import mean_trunk, split_trunk
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors, lora_factors
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
@@ -170,7 +177,7 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         for name, copy in copies.items():
             adapters[name], heads[name] = restored(copy, experts.base_weights)
     if any(task_vectors.values()):
-        merged = merge(task_vectors, recipe)
+        merged = merge(task_vectors, recipe, {name: weight.dtype for name, weight in experts.base_weights.items()})
     else:
         merged = MergedTaskVectors(tuple(task_vectors), replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.SIGNS:  # bf16, as all that is stored under signs
@@ -185,7 +192,9 @@ def merge_parts(experts: Experts, recipe: Recipe, instructions: Mapping[str, str
         recipe=recipe,
         base=experts.base_weights,
         merged=merged,
-        trunk=mean_trunk(trunks) if recipe.trunk is TrunkRule.MEAN else {},
+        trunk={name: weight.to(experts.base_weights[name].dtype) for name, weight in mean_trunk(trunks).items()}
+        if recipe.trunk is TrunkRule.MEAN
+        else {},
         adapters=adapters if any(adapters.values()) else {},
         heads=heads,
         subspaces={name: _subspaces(expert, recipe) for name, expert in experts.by_name.items()},
@@ -218,19 +227,20 @@ def _task_vectors(experts: Experts, trunks: Mapping[str, Weights], recipe: Recip
 
     A weight that another expert has adapted and this one has not has a task vector of zeros.
     """
-    task_vectors: dict[str, dict[str, Tensor]] = {name: {} for name in experts.by_name}
     if recipe.operator == UNMERGED:
-        return task_vectors
+        return {name: {} for name in experts.by_name}
     adapted = {key for expert in experts.by_name.values() for key in expert.factors}
+    task_vectors = {}
     for name, expert in experts.by_name.items():
-        task_vectors[name] |= {
-            key: factors.delta() if (factors := expert.factors.get(key)) else torch.zeros(weight.shape)
+        makers: dict[str, Callable[[], Tensor]] = {
+            key: factors.delta if (factors := expert.factors.get(key)) else partial(torch.zeros, weight.shape)
             for key, weight in experts.base_weights.items()
             if key in adapted and _is_merged(key, recipe)
         }
         if recipe.trunk is TrunkRule.VECTORS:
-            trunk = trunks[name]
-            task_vectors[name] |= task_vector(trunk, {key: experts.base_weights[key] for key in trunk})
+            trunk = task_vector(trunks[name], {key: experts.base_weights[key] for key in trunks[name]})
+            makers |= {key: partial(trunk.__getitem__, key) for key in trunk}
+        task_vectors[name] = OnDemand(makers)
     return task_vectors
 
 

@@ -150,7 +150,7 @@ def _merged_tensors(merged: MergedTaskVectors) -> dict[str, Tensor]:
 
 
 def _merged(metadata: MergedMetadata, recipe: Recipe, tensors: Weights) -> MergedTaskVectors:
-    vector = {name: delta.float() for name, delta in _section(tensors, TAU).items()}
+    vector = _section(tensors, TAU)
     if not vector:
         return MergedTaskVectors(metadata.experts, replace(recipe, masks=MaskRule.NONE, rounds=1), {})
     if recipe.masks is MaskRule.EMR and set(metadata.rescalers) != set(metadata.experts):

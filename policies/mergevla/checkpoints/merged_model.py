@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 
 import torch
 from torch import Tensor
@@ -18,7 +19,7 @@ from robogauntlet.policies.mergevla.merging.task_vectors import Weights, differe
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
 from robogauntlet.policies.mergevla.network.config import Architecture
 from robogauntlet.policies.mergevla.network.lora import BACKBONE, Factors
-from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.model import MergeVLA, assembled
 from robogauntlet.policies.mergevla.network.model_cache import ModelCache
 from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
@@ -104,10 +105,9 @@ class MergedModel:
         if expert is None:
             return dict(parts.base)
         self._check(expert)
-        deltas = parts.merged.of(expert)
-        deltas |= {name: factors.delta() for name, factors in parts.adapters.get(expert, {}).items()}
+        adapters = ((name, factors.delta()) for name, factors in parts.adapters.get(expert, {}).items())
         weights = dict(parts.base)
-        for name, delta in deltas.items():  # summed in fp32, rounded once
+        for name, delta in chain(parts.merged.of(expert).items(), adapters):  # summed in fp32, rounded once
             weights[name] = (weights[name].float() + delta).to(weights[name].dtype)
         for name, weight in {**parts.trunk, **parts.heads[expert]}.items():
             weights[name] = weight.to(weights[name].dtype)
@@ -118,9 +118,8 @@ class MergedModel:
         return self._models(expert)
 
     def _built(self, expert: str | None) -> MergeVLA:
-        with torch.inference_mode(False), torch.random.fork_rng(devices=[]):
-            model = MergeVLA(self.architecture)
-            model.load_state_dict(self.weights(expert), assign=True)
+        with torch.inference_mode(False):
+            model = assembled(self.architecture, self.weights(expert))
             return model.requires_grad_(False).eval().to(self.device)
 
     @torch.inference_mode()

@@ -18,6 +18,8 @@ from robogauntlet.policies.mergevla.merging.spectral import interference_reducti
 from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, Weights, rms
 from robogauntlet.policies.mergevla.merging.trunk import block_of, depth_of
 
+NULL_ENTRIES = 30_000_000
+"""Entries of each expert that the permutation null is computed from; of more weights than these, some are drawn."""
 NULL_SHAPE = (640, 640)
 """Shape of the Gaussian matrix with which the null is simulated: its rates are then good to about 0.002."""
 MINIMISES_INTERFERENCE = ("wudi", "wudi-adam")
@@ -126,11 +128,24 @@ def permutation_null(task_vectors: TaskVectors, recipe: Recipe, *, generator: to
         recipe: Recipe of the merge.
         generator: Source of the orders, on the CPU.
     """
+    names = _drawn(next(iter(task_vectors.values())), generator)
     shuffled = {
-        expert: {name: _shuffled(delta, generator) for name, delta in vector.items()}
-        for expert, vector in task_vectors.items()
+        expert: {name: _shuffled(vector[name], generator) for name in names} for expert, vector in task_vectors.items()
     }
     return mask_statistics(shuffled, merge(shuffled, recipe))
+
+
+def _drawn(vector: TaskVector, generator: torch.Generator) -> list[str]:
+    """Names of weights with `NULL_ENTRIES` together, at least one; all names if there are no more entries."""
+    sizes = {name: delta.numel() for name, delta in vector.items()}
+    names = list(sizes)
+    if sum(sizes.values()) <= NULL_ENTRIES:
+        return names
+    drawn: list[str] = []
+    for place in torch.randperm(len(names), generator=generator).tolist():
+        if not drawn or sum(sizes[name] for name in drawn) + sizes[names[place]] <= NULL_ENTRIES:
+            drawn.append(names[place])
+    return drawn
 
 
 def _shuffled(delta: torch.Tensor, generator: torch.Generator) -> torch.Tensor:

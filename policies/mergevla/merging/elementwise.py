@@ -7,12 +7,20 @@ depend on the order of the experts. Options out of range raise OutOfRange.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 
 import torch
 
 from robogauntlet.policies.mergevla.merging.errors import check_range
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, names_of, order_free_sum, stack
+from robogauntlet.policies.mergevla.merging.task_vectors import (
+    OnDemand,
+    TaskVector,
+    TaskVectors,
+    names_of,
+    order_free_sum,
+    stack,
+)
 
 PUBLISHED_TRIM = 0.8
 """Share of an expert's entries that TIES as published sets to zero: the greatest 20 % are kept."""
@@ -54,25 +62,21 @@ def ties_published(task_vectors: TaskVectors, *, trim: float = PUBLISHED_TRIM) -
 def _ties(task_vectors: TaskVectors, trim: float, *, average: bool) -> dict[str, torch.Tensor]:
     check_range("trim", trim, 0, 1, closed="[)")
     cut = {expert: trimmed(vector, trim) for expert, vector in task_vectors.items()} if trim else task_vectors
-    merged = elect({name: stack(cut, name) for name in names_of(task_vectors)}, average=average)
-    return {name: delta.float() for name, delta in merged.items()}
+    stacks = OnDemand({name: partial(stack, cut, name) for name in names_of(task_vectors)})
+    return {name: delta.float() for name, delta in elect(stacks, average=average)}
 
 
-def elect(stacks: Mapping[str, torch.Tensor], *, average: bool) -> dict[str, torch.Tensor]:
+def elect(stacks: Mapping[str, torch.Tensor], *, average: bool) -> Iterator[tuple[str, torch.Tensor]]:
     """Elect the sign of each entry, and sum or average the deltas that agree with it and are not zero.
 
-    `stacks` are the experts' deltas, shape (experts, *shape), by name; the result is of `shape`, float64.
+    `stacks` are the experts' deltas, shape (experts, *shape), by name; the results, by name, are of `shape`, float64.
     """
-    signs = {name: order_free_sum(deltas).sign() for name, deltas in stacks.items()}
-    majority = 1.0 if sum(sign.sum().item() for sign in signs.values()) >= 0 else -1.0
-    merged = {}
+    majority = 1.0 if sum(order_free_sum(deltas).sign().sum().item() for deltas in stacks.values()) >= 0 else -1.0
     for name, deltas in stacks.items():
-        elected = torch.where(signs[name] == 0, majority, signs[name])
-        agrees = deltas * elected > 0
-        merged[name] = order_free_sum(torch.where(agrees, deltas, 0.0))
-        if average:
-            merged[name] /= agrees.sum(dim=0).clamp(min=1)
-    return merged
+        sign = order_free_sum(deltas).sign()
+        agrees = deltas * torch.where(sign == 0, majority, sign) > 0
+        merged = order_free_sum(torch.where(agrees, deltas, 0.0))
+        yield name, merged / agrees.sum(dim=0).clamp(min=1) if average else merged
 
 
 def dare(task_vectors: TaskVectors, *, drop: float = 0.9, seed: int = 0) -> dict[str, torch.Tensor]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 import torch
 
 from robogauntlet.policies.mergevla.merging.errors import ExpertsDiffer, MergeError
 from robogauntlet.policies.mergevla.merging.recipe import LAMBDA, check_lambda
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, Weights, difference
+from robogauntlet.policies.mergevla.merging.task_vectors import OnDemand, TaskVector, TaskVectors, Weights, difference
 
 Mask = Mapping[str, torch.Tensor]
 """Weight name to a boolean tensor of the weight's shape, True where the merged value is kept."""
@@ -83,8 +84,8 @@ def pack_mask(mask: Mask) -> dict[str, torch.Tensor]:
     return packed
 
 
-def unpack_mask(packed: Weights) -> dict[str, torch.Tensor]:
-    """Return the mask that `pack_mask` packed.
+def unpack_mask(packed: Weights) -> Mask:
+    """Return the mask that `pack_mask` packed; a weight's part is unpacked when it is asked for.
 
     Raises MaskMismatch if a part is missing, has another type or length, or if padding is not zero.
     """
@@ -95,10 +96,11 @@ def unpack_mask(packed: Weights) -> dict[str, torch.Tensor]:
     shapes = {name.removeprefix(_SHAPE): tensor for name, tensor in packed.items() if name.startswith(_SHAPE)}
     if bits.keys() != shapes.keys():
         raise MaskMismatch(f"expected bits and shape for each weight, {sorted(bits.keys() ^ shapes.keys())[0]} has one")
-    return {name: _unpacked(name, bits[name], shapes[name]) for name in bits}
+    sizes = {name: _checked_size(name, bits[name], shapes[name]) for name in bits}
+    return OnDemand({name: partial(_unpacked, bits[name], size) for name, size in sizes.items()})
 
 
-def _unpacked(name: str, bits: torch.Tensor, shape: torch.Tensor) -> torch.Tensor:
+def _checked_size(name: str, bits: torch.Tensor, shape: torch.Tensor) -> tuple[int, ...]:
     if bits.dtype != torch.uint8 or bits.ndim != 1 or shape.dtype != torch.int64 or shape.ndim != 1:
         raise MaskMismatch(f"packed mask of {name}: expected flat uint8 bits and int64 shape, got {bits.dtype} bits")
     size = tuple(shape.tolist())
@@ -107,10 +109,14 @@ def _unpacked(name: str, bits: torch.Tensor, shape: torch.Tensor) -> torch.Tenso
     entries = int(np.prod(size, dtype=np.int64))
     if len(bits) != packed_bytes(entries):
         raise MaskMismatch(f"packed mask of {name}: expected {packed_bytes(entries)} bytes for {size}, got {len(bits)}")
-    flat = np.unpackbits(bits.cpu().numpy())
-    if flat[entries:].any():
+    if len(bits) and np.unpackbits(bits[-1:].cpu().numpy())[entries - 8 * (len(bits) - 1) :].any():
         raise MaskMismatch(f"packed mask of {name}: expected zeros after its {entries} entries, got others")
-    return torch.from_numpy(flat[:entries].astype(bool)).reshape(size)
+    return size
+
+
+def _unpacked(bits: torch.Tensor, size: tuple[int, ...]) -> torch.Tensor:
+    flat = np.unpackbits(bits.cpu().numpy(), count=int(np.prod(size, dtype=np.int64)))
+    return torch.from_numpy(flat.view(bool)).reshape(size)
 
 
 def packed_bytes(entries: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -30,7 +31,7 @@ from robogauntlet.policies.mergevla.merging.spectral import (
     wudi,
     wudi_adam,
 )
-from robogauntlet.policies.mergevla.merging.task_vectors import TaskVector, TaskVectors, check_task_vectors
+from robogauntlet.policies.mergevla.merging.task_vectors import OnDemand, TaskVector, TaskVectors, check_task_vectors
 from robogauntlet.suites.plugins import did_you_mean
 
 Operator = Callable[..., dict[str, torch.Tensor]]
@@ -90,7 +91,7 @@ def merge_task_vectors(
     check_range("alpha", alpha, 0, float("inf"))
     check_task_vectors(task_vectors)
     merged = OPERATORS[operator](task_vectors, **(options or {}))
-    return {name: delta * alpha for name, delta in merged.items()}
+    return {name: delta * alpha for name, delta in merged.items()} if alpha != 1 else merged
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ class MergedTaskVectors:
     recipe: Recipe
     """The recipe of the merge; with `MaskRule.NONE` if there was nothing to merge."""
     vector: TaskVector
-    """tau_merge, alpha included; under `MaskRule.SIGNS` rounded to bf16."""
+    """tau_merge, alpha included; in the base's types, under `MaskRule.SIGNS` rounded to bf16."""
     masks: Mapping[str, Mask] = field(default_factory=dict)
     """Expert name to its mask, under `MaskRule.SIGNS` True where it is positive; empty under `MaskRule.NONE`."""
     rescalers: Mapping[str, float] = field(default_factory=dict)
@@ -111,30 +112,41 @@ class MergedTaskVectors:
     residual: MergedTaskVectors | None = None
     """The experts' residuals, merged in the same way; None after the last round."""
 
-    def of(self, expert: str) -> dict[str, torch.Tensor]:
+    def of(self, expert: str) -> TaskVector:
         """Return the expert's delta to the base: rescaler * S_m * tau_merge, or r_m * s_m * |tau_merge| of all rounds.
 
-        Raises ExpertsDiffer if the expert was not merged.
+        A weight's delta is computed when it is asked for. Raises ExpertsDiffer if the expert was not merged.
         """
         if expert not in self.experts:
             raise ExpertsDiffer(f"expected one of the merged experts {', '.join(self.experts)}, got {expert}")
+        more = self.residual.of(expert) if self.residual else {}
+        return OnDemand({name: partial(self._delta, expert, name, more) for name in self.vector})
+
+    def _delta(self, expert: str, name: str, more: TaskVector) -> torch.Tensor:
+        """One weight's delta; `more` are the residuals."""
+        vector = {name: self.vector[name]}
+        mask = {name: self.masks[expert][name]} if self.masks else {}
         if self.recipe.masks is MaskRule.SIGNS:
-            deltas = apply_signs(self.vector, self.masks[expert], self.row_scales[expert])
-            more = self.residual.of(expert) if self.residual else {}
-            return {name: delta + more[name] if name in more else delta for name, delta in deltas.items()}
-        kept = masked(self.vector, self.masks[expert]) if self.masks else dict(self.vector)
-        rescaler = self.rescalers.get(expert, 1.0)
-        return {name: delta * rescaler for name, delta in kept.items()} if rescaler != 1.0 else kept
+            delta = apply_signs(vector, mask, {name: self.row_scales[expert][name]})[name]
+            return delta + more[name] if name in more else delta
+        kept = (masked(vector, mask) if mask else vector)[name]
+        return kept.float() * self.rescalers[expert] if expert in self.rescalers else kept
 
 
-def merge(task_vectors: TaskVectors, recipe: Recipe) -> MergedTaskVectors:
+def merge(
+    task_vectors: TaskVectors, recipe: Recipe, types: Mapping[str, torch.dtype] | None = None
+) -> MergedTaskVectors:
     """Merge task vectors and mask the result for each task, as the recipe says.
 
-    Raises MergeError for an unknown operator or option, values out of range, or experts that do not fit each other.
+    `types` are those of the base's weights, to which the result is rounded before it is masked; by default fp32. Raises
+    MergeError for an unknown operator or option, values out of range, or experts that do not fit each other.
     """
     rule = recipe.masks
     lambdas = lambdas_of(task_vectors, recipe.lambda_) if rule is MaskRule.TASK else {}
-    vector: TaskVector = merge_task_vectors(recipe.operator, task_vectors, alpha=recipe.alpha, options=recipe.options)
+    vector = merge_task_vectors(recipe.operator, task_vectors, alpha=recipe.alpha, options=recipe.options)
+    if types is not None and rule is not MaskRule.SIGNS:
+        for name in vector:  # one by one, since both together may not fit into memory
+            vector[name] = vector[name].to(types[name])
     masks: Mapping[str, Mask] = {}
     rescalers: Mapping[str, float] = {}
     row_scales: Mapping[str, TaskVector] = {}

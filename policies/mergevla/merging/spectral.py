@@ -27,11 +27,11 @@ def _matrices(task_vectors: TaskVectors) -> dict[str, torch.Tensor]:
 
 def _merged_by(task_vectors: TaskVectors, operator: Callable[[torch.Tensor], torch.Tensor]) -> dict[str, torch.Tensor]:
     """Merge matrices by an operator on (experts, outputs, inputs), and sum all other weights."""
-    matrices = _matrices(task_vectors)
     merged = {}
     for name in names_of(task_vectors):
         deltas = stack(task_vectors, name)
-        result = operator(matrices[name]) if name in matrices else order_free_sum(deltas)
+        is_matrix = deltas.ndim > 2 and deltas.numel()
+        result = operator(deltas.flatten(2)) if is_matrix else order_free_sum(deltas)
         merged[name] = result.float().reshape(deltas.shape[1:])
     return merged
 
@@ -95,7 +95,7 @@ def knots_ties(
     def merge(parts: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         count = len(task_vectors)
         cut = [trimmed({name: part[expert] for name, part in parts.items()}, trim) for expert in range(count)]
-        return elect({name: torch.stack([vector[name] for vector in cut]) for name in parts}, average=True)
+        return dict(elect({name: torch.stack([vector[name] for vector in cut]) for name in parts}, average=True))
 
     return _knots(task_vectors, cutoff, merge)
 

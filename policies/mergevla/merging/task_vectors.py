@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 import torch
 
@@ -15,6 +16,29 @@ TaskVector = Mapping[str, torch.Tensor]
 """Weight name to what fine-tuning added to it, fp32, of the weight's shape."""
 TaskVectors = Mapping[str, TaskVector]
 """Expert name to its task vector; all experts have the same names and shapes."""
+
+
+class OnDemand(Mapping[str, torch.Tensor]):
+    """Tensors by name that are made when they are asked for, so that of large ones only the latest is in memory."""
+
+    def __init__(self, makers: Mapping[str, Callable[[], torch.Tensor]]) -> None:
+        self._makers = makers
+        self._latest: tuple[str, torch.Tensor] | None = None
+
+    def __getitem__(self, name: str) -> torch.Tensor:
+        if self._latest is None or self._latest[0] != name:
+            maker, self._latest = self._makers[name], None
+            self._latest = name, maker()
+        return self._latest[1]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._makers
 
 
 def difference(ours: Weights, theirs: Weights) -> str | None:
@@ -44,15 +68,19 @@ def check_task_vectors(task_vectors: TaskVectors) -> None:
                 raise ExpertsDiffer(f"expert {expert}, weight {name}: expected finite numbers, got NaN or infinity")
 
 
-def task_vector(tuned: Weights, base: Weights) -> dict[str, torch.Tensor]:
-    """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32.
+def task_vector(tuned: Weights, base: Weights) -> TaskVector:
+    """Theta_m - Theta_0 (arXiv 2511.18810 equation 1), in fp32, each when it is asked for.
 
     Raises ExpertsDiffer if names or shapes differ. Differences of weights that were rounded to bf16 lose small deltas:
     use `robogauntlet.policies.mergevla.network.lora.lora_deltas` for weights that were tuned by LoRA.
     """
     if problem := difference(base, tuned):
         raise ExpertsDiffer(f"the fine-tuned weights do not fit the base: {problem}")
-    return {name: tuned[name].to(torch.float32) - weight.to(torch.float32) for name, weight in base.items()}
+    return OnDemand({name: partial(_difference, tuned[name], weight) for name, weight in base.items()})
+
+
+def _difference(tuned: torch.Tensor, base: torch.Tensor) -> torch.Tensor:
+    return tuned.to(torch.float32) - base.to(torch.float32)
 
 
 def check_same_base(hashes: Mapping[str, str]) -> None:

@@ -68,7 +68,7 @@ class DualTowers(nn.Module):
     def __init__(self, config: Towers) -> None:
         super().__init__()
         self.dinov2 = Dinov2WithRegistersModel(_dinov2_config(config.dinov2))
-        self.siglip = SiglipVisionModel(_siglip_config(config.siglip))
+        self.siglip = SiglipVisionModel(_siglip_config(config.siglip, exact_gelu=config.exact_gelu))
 
     def forward(self, images: Tensor) -> Tensor:
         """Images (B, cameras, 3, H, W) in [0, 1] to features (B, patches of all cameras, 1024 + 1152)."""
@@ -200,8 +200,9 @@ def _dinov2_config(config: Tower) -> Dinov2WithRegistersConfig:
     )
 
 
-def _siglip_config(config: Tower) -> SiglipVisionConfig:
+def _siglip_config(config: Tower, *, exact_gelu: bool) -> SiglipVisionConfig:
     return SiglipVisionConfig(
+        hidden_act="gelu" if exact_gelu else "gelu_pytorch_tanh",
         hidden_size=config.width,
         num_hidden_layers=config.layers,
         num_attention_heads=config.heads,

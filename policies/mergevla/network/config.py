@@ -69,6 +69,8 @@ class Towers:
 
     dinov2: Tower = Tower(width=1024, layers=24, heads=16, feed_forward=4096, patch_size=14, image_size=518)
     siglip: Tower = Tower(width=1152, layers=27, heads=16, feed_forward=4304, patch_size=14, image_size=224)
+    exact_gelu: bool = False
+    """SigLIP's GELU without the approximation by tanh that Hugging Face's has, as in timm and thus in Prismatic."""
     kind: Literal["Towers"] = "Towers"
 
     @property

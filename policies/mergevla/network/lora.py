@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.policies.mergevla.network.config import LoraSettings
-from robogauntlet.policies.mergevla.network.model import MergeVLA
+from robogauntlet.policies.mergevla.network.model import MergeVLA, assembled
 
 ADAPTER = "default"
 BACKBONE = "backbone."
@@ -91,12 +91,12 @@ def plain_name(name: str) -> str:
 
 
 def folded(model: MergeVLA) -> MergeVLA:
-    """Return a copy without adapters that computes the same: each weight is W + scale * B A, summed in fp32."""
+    """Return a copy without adapters that computes the same: each weight is W + scale * B A, summed in fp32.
+
+    It shares all other weights, and is of the backbone's type.
+    """
     weights = {plain_name(name): tensor for name, tensor in model.state_dict().items() if ".lora_" not in name}
     for name, delta in lora_deltas(model).items():
         weights[name] = (weights[name].float() + delta).to(weights[name].dtype)
-    with torch.random.fork_rng(devices=[]):
-        plain = MergeVLA(model.architecture)
-    reference = next(model.parameters())
-    plain.to(device=reference.device, dtype=reference.dtype).load_state_dict(weights)
-    return plain.train(model.training)
+    with torch.no_grad():
+        return assembled(model.architecture, weights).train(model.training)

@@ -49,12 +49,19 @@ class ModelCache(Generic[Key, Network]):
     def __call__(self, key: Key) -> Network:
         """Return the network of a key."""
         if key not in self._networks:
+            self._make_room()
             network = self._build(key)
             self._networks[key] = network, self._size(network)
-            while len(self._networks) > 1 and sum(size for _, size in self._networks.values()) > self._limit:
-                self._networks.popitem(last=False)
         self._networks.move_to_end(key)
         return self._networks[key][0]
+
+    def _make_room(self) -> None:
+        """Drop networks until one more fits that is as large as the largest."""
+        while self._networks:
+            sizes = [size for _, size in self._networks.values()]
+            if sum(sizes) + max(sizes) <= self._limit:
+                return
+            self._networks.popitem(last=False)
 
     def _size(self, network: Network) -> int:
         own = (tensor for tensor in self._tensors_of(network) if tensor.data_ptr() not in self._shared)

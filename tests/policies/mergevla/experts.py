@@ -16,9 +16,9 @@ INSTRUCTIONS = {"null/Reach": "reach", "null/Slow": "wait", "null/Raise": "look"
 RANK = 2
 
 
-def save_base(folder, seed=0, architecture=SMALL):
+def save_base(folder, seed=0, architecture=SMALL, dtype=torch.float32):
     metadata = CheckpointMetadata(architecture, task_statistics(task="null/All"))
-    save_checkpoint(folder, build(architecture, seed), metadata)
+    save_checkpoint(folder, build(architecture, seed).to(dtype), metadata)
     return folder
 
 

@@ -11,10 +11,11 @@ from safetensors.torch import load_file
 
 from robogauntlet.orchestrator.cli.policies.training_progress import line
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors
+from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_checkpoint, load_tensors, save_checkpoint
 from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, WEIGHTS, CheckpointMetadata
 from robogauntlet.policies.mergevla.network.config import LoraSettings, PaperCodeQuirks
 from robogauntlet.policies.mergevla.network.normalisation import Statistics
+from robogauntlet.policies.mergevla.policies.single_policy import load_network
 from robogauntlet.policies.training.batch_loss import masked_l1
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture, shift
@@ -250,6 +251,17 @@ def test_an_expert_differs_from_its_base_in_adapters_and_action_expert_only(data
     assert {name.split(".")[0] for name in after.keys() - before.keys()} == {"backbone"}
     assert not torch.equal(before["action_expert.output.weight"], after["action_expert.output.weight"])
     assert load_checkpoint(tmp_path).metadata.statistics != CheckpointMetadata.read(base).statistics
+
+
+def test_an_expert_of_a_base_in_half_precision_stores_the_same_parts_and_acts_in_it(data, base, tmp_path):
+    start = load_checkpoint(base)
+    save_checkpoint(tmp_path / "base", start.model.bfloat16(), start.metadata)
+    finetune(DatasetMixture.open(data[:1]), tmp_path / "base", tmp_path / "expert", QUICK, lora=LORA)
+    stored = load_file(tmp_path / "expert" / "model.safetensors")
+    assert all(".lora_" in name or not name.startswith("backbone.") for name in stored)
+    assert {tensor.dtype for tensor in stored.values()} == {torch.float32}
+    acting = load_network(tmp_path / "expert", torch.device("cpu")).model
+    assert {tensor.dtype for tensor in acting.state_dict().values()} == {torch.bfloat16}
 
 
 def test_the_loss_leaves_out_masked_steps():

@@ -1,0 +1,1 @@
+"""Checkpoints that others released, read into ours."""
