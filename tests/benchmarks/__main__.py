@@ -23,7 +23,7 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("coverage", "crowd", "dashboard", "mergevla", "million", "opening", "operators", "readers"),
+    *("coverage", "crowd", "dashboard", "mergevla", "million", "opening", "operators", "paper_size", "readers"),
     *("resume", "scale", "shifted_routing", "simplified_meshes"),
 )
 INSTALLS = ("first_use", "vla_eval")
