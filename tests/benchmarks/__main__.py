@@ -24,7 +24,8 @@ BENCHMARKS = (
 )
 LONG = (
     *("ablations", "coverage", "crowd", "dashboard", "mergevla", "million", "more_experts"),
-    *("opening", "operators", "readers", "resume", "scale", "shifted_routing", "simplified_meshes"),
+    *("opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
+    "simplified_meshes",
 )
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "training_controls")

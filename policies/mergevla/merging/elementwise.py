@@ -7,7 +7,7 @@ depend on the order of the experts. Options out of range raise OutOfRange.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 import torch
@@ -22,6 +22,8 @@ from robogauntlet.policies.mergevla.merging.task_vectors import (
     stack,
 )
 
+BLOCK = 2**16
+"""Entries of each expert that are elected at once."""
 PUBLISHED_TRIM = 0.8
 """Share of an expert's entries that TIES as published sets to zero: the greatest 20 % are kept."""
 
@@ -63,20 +65,42 @@ def _ties(task_vectors: TaskVectors, trim: float, *, average: bool) -> dict[str,
     check_range("trim", trim, 0, 1, closed="[)")
     cut = {expert: trimmed(vector, trim) for expert, vector in task_vectors.items()} if trim else task_vectors
     stacks = OnDemand({name: partial(stack, cut, name) for name in names_of(task_vectors)})
-    return {name: delta.float() for name, delta in elect(stacks, average=average)}
+    return elect(stacks, average=average, dtype=torch.float32)
 
 
-def elect(stacks: Mapping[str, torch.Tensor], *, average: bool) -> Iterator[tuple[str, torch.Tensor]]:
+def elect(
+    stacks: Mapping[str, torch.Tensor], *, average: bool, dtype: torch.dtype = torch.float64
+) -> dict[str, torch.Tensor]:
     """Elect the sign of each entry, and sum or average the deltas that agree with it and are not zero.
 
-    `stacks` are the experts' deltas, shape (experts, *shape), by name; the results, by name, are of `shape`, float64.
+    `stacks` are the experts' deltas, shape (experts, *shape), by name; the result is of `shape`, computed in float64.
     """
-    majority = 1.0 if sum(order_free_sum(deltas).sign().sum().item() for deltas in stacks.values()) >= 0 else -1.0
+    merged: dict[str, torch.Tensor] = {}
+    balance, undecided = 0.0, []
     for name, deltas in stacks.items():
-        sign = order_free_sum(deltas).sign()
-        agrees = deltas * torch.where(sign == 0, majority, sign) > 0
-        merged = order_free_sum(torch.where(agrees, deltas, 0.0))
-        yield name, merged / agrees.sum(dim=0).clamp(min=1) if average else merged
+        elections = [_elected(block, 1.0, average=average) for block in _blocks(deltas)]
+        merged[name] = torch.cat([sums for sums, _ in elections]).to(dtype).reshape(deltas.shape[1:])
+        balance += sum(signs.sum().item() for _, signs in elections)
+        if not all(signs.all() for _, signs in elections):
+            undecided.append(name)
+    for name in undecided if balance < 0 else ():
+        blocks = _blocks(deltas := stacks[name])
+        sums = [_elected(block, -1.0, average=average)[0] for block in blocks]
+        merged[name] = torch.cat(sums).to(dtype).reshape(deltas.shape[1:])
+    return merged
+
+
+def _blocks(deltas: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Parts that fit into a processor's cache, (experts, n)."""
+    return deltas.unsqueeze(1).flatten(1).split(BLOCK, dim=1)
+
+
+def _elected(deltas: torch.Tensor, majority: float, *, average: bool) -> tuple[torch.Tensor, torch.Tensor]:
+    """The sums or means of the deltas that agree, and the signs of all sums, where 0 counts as `majority`."""
+    signs = order_free_sum(deltas).sign()
+    agrees = deltas * torch.where(signs == 0, majority, signs).to(deltas.dtype) > 0
+    merged = order_free_sum(torch.where(agrees, deltas, 0.0))
+    return merged / agrees.sum(dim=0).clamp(min=1) if average else merged, signs
 
 
 def dare(task_vectors: TaskVectors, *, drop: float = 0.9, seed: int = 0) -> dict[str, torch.Tensor]:

@@ -95,7 +95,7 @@ def knots_ties(
     def merge(parts: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         count = len(task_vectors)
         cut = [trimmed({name: part[expert] for name, part in parts.items()}, trim) for expert in range(count)]
-        return dict(elect({name: torch.stack([vector[name] for vector in cut]) for name in parts}, average=True))
+        return elect({name: torch.stack([vector[name] for vector in cut]) for name in parts}, average=True)
 
     return _knots(task_vectors, cutoff, merge)
 

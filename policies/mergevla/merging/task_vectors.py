@@ -10,6 +10,8 @@ import torch
 
 from robogauntlet.policies.mergevla.merging.errors import DifferentBases, ExpertsDiffer
 
+FEW = 5
+"""Experts that are sorted by comparing neighbours."""
 Weights = Mapping[str, torch.Tensor]
 """Weight name to tensor."""
 TaskVector = Mapping[str, torch.Tensor]
@@ -109,9 +111,17 @@ def as_rows(weight: torch.Tensor) -> torch.Tensor:
 def order_free_sum(values: torch.Tensor) -> torch.Tensor:
     """Sum over the first axis in float64, bit-identical for any order of the experts.
 
-    Sorting first costs little and makes sign elections, which depend on the last bit, repeatable.
+    Sorting first costs little and makes sign elections, which depend on the last bit, repeatable. A few experts are
+    sorted by comparing neighbours, several times faster than by torch's sort.
     """
-    return values.sort(dim=0).values.to(torch.float64).sum(dim=0)
+    if not 1 < len(values) <= FEW:
+        return values.sort(dim=0).values.to(torch.float64).sum(dim=0)
+    rows = list(values)
+    for last in range(len(rows) - 1, 0, -1):
+        for place in range(last):
+            lower, upper = rows[place : place + 2]
+            rows[place], rows[place + 1] = torch.minimum(lower, upper), torch.maximum(lower, upper)
+    return torch.stack(rows).to(torch.float64).sum(dim=0)
 
 
 def rms(vector: TaskVector) -> float:

@@ -2,11 +2,12 @@
 
 from functools import partial
 
+import pytest
 import torch
 
 from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged, save_merged
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-from robogauntlet.policies.mergevla.merging import diagnostics
+from robogauntlet.policies.mergevla.merging import diagnostics, elementwise
 from robogauntlet.policies.mergevla.merging.task_vectors import OnDemand
 from tests.policies.mergevla.experts import TASKS, merging, save_base, save_expert
 
@@ -55,3 +56,14 @@ def test_the_null_of_many_weights_is_computed_from_some_of_them(tmp_path, monkey
     assert drawn.observed == whole.observed
     assert drawn.null != whole.null
     assert abs(drawn.null.selfish - whole.null.selfish) < 0.05
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_signs_are_elected_the_same_in_blocks_of_any_size(monkeypatch, sign):
+    generator = torch.Generator().manual_seed(0)
+    experts = {name: {"w": torch.randn(5, 7, generator=generator) + sign} for name in "abc"}
+    experts["b"]["w"][0], experts["c"]["w"][0] = -experts["a"]["w"][0], 0.0
+    whole = elementwise.ties(experts)["w"]
+    assert torch.equal(whole[0].sign(), torch.full((7,), sign))
+    monkeypatch.setattr(elementwise, "BLOCK", 3)
+    assert torch.equal(elementwise.ties(experts)["w"], whole)
