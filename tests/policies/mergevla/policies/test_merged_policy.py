@@ -192,7 +192,7 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     routing = policy.act([of_task(0)])[0].routing
     assert set(routing.scores) == set(TASKS)
     assert routing.choice in TASKS
-    assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written"))
+    assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written", "delta-energy"))
 
 
 @pytest.mark.parametrize("kind_and_options", ["single", "experts", "oracle-routed"], indirect=True)
