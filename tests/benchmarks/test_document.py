@@ -5,6 +5,7 @@ import json
 import pytest
 
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
+from tests.benchmarks.routers import SEEDS, interval
 from tests.chaos.__main__ import table
 
 
@@ -23,3 +24,12 @@ def test_every_committed_measurement_is_shown():
 def test_tables_of_runs_under_faults_count_the_committed_runs(name):
     measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
     assert table(measured["campaigns"]) == measured["rows"]
+
+
+@pytest.mark.parametrize("instruction", ["read", "hidden"])
+def test_rates_of_routers_are_those_of_the_committed_decisions(instruction):
+    measured = json.loads((MEASUREMENTS / "routers.json").read_text(encoding="utf-8"))
+    for row in measured["rows"]:
+        right = [int(choice) == place // len(SEEDS) for place, choice in enumerate(row[f"decisions, {instruction}"])]
+        assert len(right) == 9 * len(SEEDS)
+        assert row[instruction] == interval(right)
