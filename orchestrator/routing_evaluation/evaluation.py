@@ -47,6 +47,8 @@ class RoutingStudyRequest:
     """Folder in which first observations are cached."""
     demonstrations: tuple[Path, ...] = ()
     """Datasets, or folders of them, for the evaluation on tasks that are left out of the fit."""
+    routers: tuple[str, ...] = ()
+    """Routers to evaluate, with their options; by default all."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
     """
     torch.set_num_threads(1)
     checkpoint = load_merged(request.checkpoint)
-    metadata, routers, training_set = checkpoint.metadata, all_routers(checkpoint.fitted), None
+    metadata, routers, training_set = checkpoint.metadata, all_routers(checkpoint.fitted, request.routers), None
     if request.demonstrations:  # first, because it finds mistakes early
         datasets = datasets_of(request.demonstrations, metadata.experts)
         training_set = first_observations(datasets, checkpoint.parts.architecture.cameras)

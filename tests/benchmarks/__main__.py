@@ -28,7 +28,7 @@ LONG = (
     "simplified_meshes",
 )
 INSTALLS = ("first_use", "vla_eval")
-NEED_DEMONSTRATIONS = ("merges", "training_controls")
+NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
 CODE = """

@@ -7,6 +7,7 @@ import pytest
 
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.operators import rows_of
+from tests.benchmarks.routers import SEEDS, interval
 from tests.chaos.__main__ import table
 
 
@@ -32,3 +33,12 @@ def test_tables_of_merges_count_the_committed_episodes(name):
     measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
     sizes = {row["policy"]: row["kilobytes"] for row in measured["rows"]}
     assert rows_of(pd.read_parquet(MEASUREMENTS / f"{name}.parquet"), sizes) == measured["rows"]
+
+
+@pytest.mark.parametrize("instruction", ["read", "hidden"])
+def test_rates_of_routers_are_those_of_the_committed_decisions(instruction):
+    measured = json.loads((MEASUREMENTS / "routers.json").read_text(encoding="utf-8"))
+    for row in measured["rows"]:
+        right = [int(choice) == place // len(SEEDS) for place, choice in enumerate(row[f"decisions, {instruction}"])]
+        assert len(right) == 9 * len(SEEDS)
+        assert row[instruction] == interval(right)

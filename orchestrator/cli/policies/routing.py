@@ -58,11 +58,19 @@ def routing(
             help="Datasets, or folders of them: each task is left out in turn and treated as unknown. Repeatable."
         ),
     ] = None,
+    routers: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--router",
+            metavar="NAME",
+            help="Only this router, with options such as paper-coded:projections=kv,rank=16,block=2. Repeatable.",
+        ),
+    ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="PATH", help="File for all results as JSON.")
     ] = None,
 ) -> None:
-    """Evaluate every router on first observations: accuracy, calibration, latency and unknown tasks."""
+    """Evaluate routers on first observations: accuracy, calibration, latency and unknown tasks."""
     _check(keep, json_file)
     with needs_training_packages():
         import sklearn  # noqa: F401  imported late by the routers
@@ -70,7 +78,7 @@ def routing(
         from robogauntlet.orchestrator.routing_evaluation.evaluation import RoutingStudyRequest, study_routing
         from robogauntlet.orchestrator.routing_evaluation.first_observations import FirstObservationError
     seeds = range(first_seed, first_seed + seed_count)
-    request = RoutingStudyRequest(checkpoint, seeds, keep, tuple(demonstrations or ()))
+    request = RoutingStudyRequest(checkpoint, seeds, keep, tuple(demonstrations or ()), tuple(routers or ()))
     try:
         with StudyProgress(out) as progress:
             study = study_routing(request, progress.show)

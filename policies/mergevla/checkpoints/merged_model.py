@@ -134,10 +134,13 @@ class MergedModel:
         prompts = self.tokenizer(instructions).to(self.device)
         return self.model(expert).hidden_states(images.to(self.device), prompts)
 
-    def value_weights(self, expert: str) -> tuple[tuple[Tensor, Tensor], ...]:
-        """Return (v_adapter, v_task) of each block of an expert's network after merging, each (width, width)."""
-        blocks = self.model(self._check(expert)).action_expert.blocks
-        return tuple((block.v_adapter.weight, block.v_task.weight) for block in blocks)
+    def projections(self, expert: str, block: int) -> dict[str, Tensor]:
+        """Return k_adapter, k_task, v_adapter and v_task, each (width, width), of a block of an expert's network.
+
+        The block, from 0, is as it is after merging: the expert's own if the block is kept.
+        """
+        layer = self.model(self._check(expert)).action_expert.blocks[block]
+        return {name: getattr(layer, name).weight for name in ("k_adapter", "k_task", "v_adapter", "v_task")}
 
     def own_value_weights(self, expert: str) -> tuple[Tensor, Tensor]:
         """Return (v_adapter, v_task) of the expert's last merged block, L - k - 1 from 0, before it was merged.

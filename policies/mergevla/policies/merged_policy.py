@@ -31,7 +31,7 @@ from robogauntlet.policies.mergevla.policies.single_policy import (
     policy_spec,
     stack_images,
 )
-from robogauntlet.policies.mergevla.routing.catalog import FITTED
+from robogauntlet.policies.mergevla.routing.catalog import READ
 from robogauntlet.policies.mergevla.routing.catalog import router as router_named
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, named_for
 from robogauntlet.suites.episode import Episode
@@ -158,7 +158,7 @@ def _check_recipe(recipe: Recipe, folders: Mapping[str, Path], router: str, chec
     if recipe.masks is MaskRule.TASK:
         lambdas_of({CheckpointMetadata.read(folder).expert: {} for folder in folders.values()}, recipe.lambda_)
     expected = checkpoint.metadata.base_hash
-    for task, folder in folders.items() if router in FITTED else ():
+    for task, folder in folders.items() if router in READ else ():
         base_hash = CheckpointMetadata.read(folder).base_hash or "none"
         if base_hash != expected:
             raise PolicyMismatch(

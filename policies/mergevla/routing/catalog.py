@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from torch import Tensor
 
@@ -13,15 +14,20 @@ from robogauntlet.policies.mergevla.routing import gaussian
 from robogauntlet.policies.mergevla.routing.augmentation import augmented
 from robogauntlet.policies.mergevla.routing.baselines import InstructionMatchRouter, OracleRouter, RandomRouter
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError
+from robogauntlet.policies.mergevla.routing.deltas import DeltaEnergyRouter
 from robogauntlet.policies.mergevla.routing.features import FeatureSpec, LabelledFeatures, labelled_features
 from robogauntlet.policies.mergevla.routing.fitted_router import FittedRouter, RouterFit, fit_centroids
 from robogauntlet.policies.mergevla.routing.gaussian import GaussianRouterFit
-from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter
+from robogauntlet.policies.mergevla.routing.self_training import NAME as SELF_TRAINED
+from robogauntlet.policies.mergevla.routing.self_training import fit_self_trained
+from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
 from robogauntlet.suites.plugins import did_you_mean
 
+SUBSPACES = {router.kind: router for router in (PaperCodedRouter, PaperWrittenRouter)}
+"""Routers with options, which follow the name and a colon: `paper-coded:projections=kv,rank=16`."""
 UNFITTED: Mapping[str, Callable[..., Router]] = {
-    router.name: router
-    for router in (PaperCodedRouter, PaperWrittenRouter, RandomRouter, InstructionMatchRouter, OracleRouter)
+    **SUBSPACES,
+    **{router.name: router for router in (DeltaEnergyRouter, RandomRouter, InstructionMatchRouter, OracleRouter)},
 }
 """Routers that need no fitting."""
 
@@ -42,27 +48,40 @@ FITTED: Mapping[str, FitMethod] = {
     "calibrated": FitMethod(gaussian.fit, GaussianRouterFit.from_tensors, augments=True),
     "nearest-centroid": FitMethod(fit_centroids, RouterFit.from_tensors, augments=False),
 }
-"""Routers that are fitted to first observations."""
-NAMES = tuple(sorted([*UNFITTED, *FITTED]))
+"""Routers that are fitted to first observations with their tasks."""
+READ: Mapping[str, Callable[[Mapping[str, Tensor]], RouterFit]] = {
+    **{name: method.read for name, method in FITTED.items()},
+    SELF_TRAINED: GaussianRouterFit.from_tensors,
+}
+"""All that are fitted, also the one that needs no tasks, to the inverse of `RouterFit.as_tensors`."""
+NAMES = tuple(sorted([*UNFITTED, *READ]))
 """All routers."""
 
 
 def router(name: str, *, sees_instruction: bool = True, stored: Mapping[str, Tensor] | None = None) -> Router:
     """Return the router of that name, which needs the result of `fit_routers` (`stored`) if it is a fitted one.
 
-    Without `sees_instruction`, the instruction is blanked while routing. Raises RoutingError for an unknown name, or a
-    router that was not fitted or whose tensors are malformed.
+    Without `sees_instruction`, the instruction is blanked while routing. Options follow the name and a colon. Raises
+    RoutingError for an unknown name or option, or a router that was not fitted or whose tensors are malformed.
     """
+    plain, colon, options = name.partition(":")
+    if plain in SUBSPACES:
+        try:
+            return SUBSPACES[plain](SubspaceOptions.read(options), sees_instruction=sees_instruction)
+        except RoutingError as error:
+            raise RoutingError(f"router '{name}': {error}") from None
+    if colon and plain in NAMES:
+        raise RoutingError(f"router '{name}': expected a router with options, {' or '.join(SUBSPACES)}, got '{plain}'")
     if name in UNFITTED:
         return UNFITTED[name](sees_instruction=sees_instruction)
-    if name not in FITTED:
+    if name not in READ:
         raise RoutingError(f"unknown router '{name}'{did_you_mean(name, NAMES)}")
     prefix = _prefix(name, sees_instruction=sees_instruction)
     tensors = {key.removeprefix(prefix): tensor for key, tensor in (stored or {}).items() if key.startswith(prefix)}
     if not tensors:
         raise RoutingError(f"router '{name}': expected tensors {prefix}* fitted to first observations, got none")
     try:
-        return FittedRouter(name, FITTED[name].read(tensors))
+        return FittedRouter(name, READ[name](tensors))
     except RoutingError as error:
         raise RoutingError(f"router '{name}': {error}; merge again with --demonstrations") from None
 
@@ -72,7 +91,7 @@ def fit_routers(
     frames: Mapping[str, Sequence[FirstObservation]],
     held_out: Mapping[str, Sequence[FirstObservation]],
 ) -> dict[str, Tensor]:
-    """Fit every router of `FITTED`, with the instruction and without.
+    """Fit every router of `READ`, with the instruction and without.
 
     Args:
         model: Merged model, of which only the base is run.
@@ -85,15 +104,19 @@ def fit_routers(
     Raises:
         RoutingError: A task without observations, or observations that are all the same.
     """
-    tensors: dict[str, Tensor] = {}
-    for sees_instruction in (True, False):
-        feature_spec = feature_spec_of(model.architecture, sees_instruction=sees_instruction)
+    specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]
+    fits: list[tuple[str, RouterFit]] = []
+    for spec in specs:
         for name, fitting in FITTED.items():
-            prefix = _prefix(name, sees_instruction=sees_instruction)
-            parts = fitting_features(fitting, model, frames, held_out, feature_spec)
-            fitted = fitting.fit(*parts, feature_spec=feature_spec).as_tensors()
-            tensors |= {prefix + key: tensor.contiguous() for key, tensor in fitted.items()}
-    return tensors
+            parts = fitting_features(fitting, model, frames, held_out, spec)
+            fits.append((name, fitting.fit(*parts, feature_spec=spec)))
+    pool, others = (list(chain.from_iterable(part.values())) for part in (frames, held_out))
+    fits += [(SELF_TRAINED, fitted) for fitted in fit_self_trained(model, pool, others, specs)]
+    return {
+        _prefix(name, sees_instruction=fitted.feature_spec.sees_instruction) + key: tensor.contiguous()
+        for name, fitted in fits
+        for key, tensor in fitted.as_tensors().items()
+    }
 
 
 def feature_spec_of(architecture: Architecture, *, sees_instruction: bool) -> FeatureSpec:

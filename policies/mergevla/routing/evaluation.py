@@ -13,7 +13,14 @@ from torch import Tensor
 
 from robogauntlet.policies.contract import Routing
 from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-from robogauntlet.policies.mergevla.routing.catalog import FITTED, NAMES, feature_spec_of, fitting_features, router
+from robogauntlet.policies.mergevla.routing.catalog import (
+    FITTED,
+    NAMES,
+    READ,
+    feature_spec_of,
+    fitting_features,
+    router,
+)
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation, Router, RoutingError, named_for
 from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
 from robogauntlet.policies.mergevla.routing.features import LabelledFeatures, labelled_features
@@ -73,10 +80,13 @@ class UnknownTaskScores:
     by_task: Mapping[str, LeaveOneOutScores]
 
 
-def all_routers(stored: Mapping[str, Tensor]) -> list[Router]:
-    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors."""
+def all_routers(stored: Mapping[str, Tensor], wanted: Sequence[str] = ()) -> list[Router]:
+    """Return every router, with the instruction and without; fitted ones only if `stored` holds their tensors.
+
+    `wanted` names others than all, with their options. Raises RoutingError for one that does not exist.
+    """
     fitted = {key.partition("/")[0] for key in stored}
-    names = [name for name in NAMES if name not in FITTED or name in fitted]
+    names = wanted or [name for name in NAMES if name not in READ or name in fitted]
     return [router(name, sees_instruction=sees, stored=stored) for name in names for sees in (True, False)]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Self
 
 import numpy as np
@@ -34,7 +35,7 @@ class RouterFit:
     """
 
     experts: tuple[str, ...]
-    """Sorted names of the classes, the experts' tasks."""
+    """Sorted names of the classes: the experts' tasks, or the experts if it was fitted without tasks."""
     centres: Tensor
     """Class means, shape (experts, c)."""
     feature_spec: FeatureSpec
@@ -118,14 +119,17 @@ class FittedRouter:
         Raises PolicyError for images of another shape, or other experts than those that the router was fitted to.
         """
         fitted = self._fitted
-        check_experts(self.name, fitted.experts, tuple(model.expert_of))
+        of_expert = dict(model.tasks)
+        if set(fitted.experts) == set(model.experts):
+            of_expert = {expert: (expert,) for expert in model.experts}
+        check_experts(self.name, fitted.experts, tuple(chain.from_iterable(of_expert.values())))
         if not observations:
             return []
         features = features_of(model, observations, fitted.feature_spec)
         scores, unknown = fitted.scores(features), fitted.unknown(features).tolist()
         by_expert = {
-            expert: fitted.joined(scores[:, [fitted.experts.index(task) for task in tasks]]).tolist()
-            for expert, tasks in model.tasks.items()
+            expert: fitted.joined(scores[:, [fitted.experts.index(name) for name in classes]]).tolist()
+            for expert, classes in of_expert.items()
         }
         return [
             answer({expert: values[row] for expert, values in by_expert.items()}, distance, fitted.threshold)

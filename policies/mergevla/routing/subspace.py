@@ -1,20 +1,60 @@
-"""The paper's router (arXiv 2511.18810): energy of an expert's hidden states in subspaces of its value projections."""
+"""The paper's router (arXiv 2511.18810): energy of an expert's hidden states in subspaces of its projections."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
+from typing import Self
 
 import torch
 from torch import Tensor
 
 from robogauntlet.policies.contract import Routing
-from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+from robogauntlet.policies.mergevla.checkpoints.merged_model import SUBSPACE, MergedModel
 from robogauntlet.policies.mergevla.network.backbone import HiddenStates
-from robogauntlet.policies.mergevla.routing.contract import FirstObservation, answer, hidden_states
+from robogauntlet.policies.mergevla.routing.contract import FirstObservation, RoutingError, answer, hidden_states
 
 RANK = 8
 """k_r, the number of right singular vectors that span a subspace."""
+PROJECTIONS: Mapping[str, tuple[str, ...]] = {"v": ("v",), "k": ("k",), "kv": ("k", "v")}
+"""Value of the option `projections` to the projections of a block: values, keys or both (the paper's Table 5)."""
+
+
+@dataclass(frozen=True)
+class SubspaceOptions:
+    """Which subspaces the router projects onto."""
+
+    projections: str = "v"
+    """A key of `PROJECTIONS`. Of both, the score is the mean of the two, which the paper does not say."""
+    rank: int = RANK
+    block: int | None = None
+    """Block of the action expert, from 0. By default the last that is merged (as coded), or the last (as written)."""
+
+    @classmethod
+    def read(cls, text: str) -> Self:
+        """Read `projections=kv,rank=16,block=2`, in any order and number. Raises RoutingError for anything else."""
+        values: dict[str, str | int] = {}
+        for part in filter(None, text.split(",")):
+            name, _, value = part.partition("=")
+            if name == "projections" and value in PROJECTIONS:
+                values[name] = value
+            elif name in ("rank", "block") and value.isascii() and value.isdigit() and int(value) >= (name == "rank"):
+                values[name] = int(value)
+            else:
+                known = "|".join(PROJECTIONS)
+                raise RoutingError(
+                    f"expected options projections={known}, rank=1 or more, block=0 or more, got '{part}'"
+                )
+        return cls(**values)  # type: ignore[arg-type]
+
+    def check(self, model: MergedModel) -> None:
+        """Raise RoutingError if the model has no such block, or fewer numbers than the rank."""
+        blocks, width = model.architecture.language.layers, model.architecture.width
+        if self.block is not None and self.block >= blocks:
+            raise RoutingError(f"expected block=0 to {blocks - 1}, got {self.block}")
+        if self.rank > width:
+            raise RoutingError(f"expected rank=1 to {width}, got {self.rank}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +62,14 @@ class Subspaces:
     """Subspaces onto which one expert's hidden states are projected."""
 
     action: Tensor
-    """P_A, leading right singular vectors of v_adapter, shape (8, width)."""
+    """P_A, leading right singular vectors of v_adapter or k_adapter, shape (rank, width)."""
     task: Tensor
-    """P_T, those of v_task, shape (8, width)."""
+    """P_T, those of v_task or k_task, shape (rank, width)."""
 
     @classmethod
-    def of(cls, v_adapter: Tensor, v_task: Tensor) -> Subspaces:
-        """Compute the subspaces of a block's value projections."""
-        return cls(leading_right_vectors(v_adapter), leading_right_vectors(v_task))
+    def of(cls, adapter: Tensor, task: Tensor, rank: int = RANK) -> Subspaces:
+        """Compute the subspaces of a block's projections."""
+        return cls(leading_right_vectors(adapter, rank), leading_right_vectors(task, rank))
 
 
 def leading_right_vectors(weight: Tensor, rank: int = RANK) -> Tensor:
@@ -49,20 +89,32 @@ def energy(states: Tensor, subspace: Tensor) -> Tensor:
 class _SubspaceRouter:
     """Runs the backbone of every expert. The subspaces are computed once per model."""
 
-    name: str
+    kind: str
 
-    def __init__(self, *, sees_instruction: bool = True) -> None:
+    def __init__(self, options: SubspaceOptions = SubspaceOptions(), *, sees_instruction: bool = True) -> None:
         self.sees_instruction = sees_instruction
+        self._options = options
         self._fitted_to: MergedModel | None = None
-        self._subspaces: dict[str, Subspaces] = {}
+        self._subspaces: dict[str, list[Subspaces]] = {}
+
+    @property
+    def name(self) -> str:
+        """The kind, and the options that are not the default ones."""
+        default = SubspaceOptions()
+        given = {name: value for name, value in vars(self._options).items() if value != getattr(default, name)}
+        return ":".join(filter(None, (self.kind, ",".join(f"{name}={value}" for name, value in given.items()))))
 
     def passes(self, experts: int) -> int:
         """Backbone passes for one decision: one per expert."""
         return experts
 
     def route(self, observations: Sequence[FirstObservation], model: MergedModel) -> list[Routing]:
-        """Route by the raw scores r_m. The paper's softmax of them changes no choice and is not a probability."""
+        """Route by the raw scores r_m. The paper's softmax of them changes no choice and is not a probability.
+
+        Raises RoutingError for options that the model does not have.
+        """
         if self._fitted_to is not model:
+            self._options.check(model)
             self._subspaces = {expert: self._subspaces_of(model, expert) for expert in model.experts}
             self._fitted_to = model
         scores = {expert: self._scores(observations, model, expert) for expert in model.experts}
@@ -71,13 +123,26 @@ class _SubspaceRouter:
     def _scores(self, observations: Sequence[FirstObservation], model: MergedModel, expert: str) -> list[float]:
         scores: list[float] = []
         for hidden in hidden_states(model, expert, observations, sees_instruction=self.sees_instruction):
-            scores += self._score(hidden, self._subspaces[expert], model.kept_blocks).tolist()
+            each = [self._score(hidden, own, self._layer(model)).tolist() for own in self._subspaces[expert]]
+            scores += [fmean(values) for values in zip(*each, strict=True)]
         return scores
 
-    def _subspaces_of(self, model: MergedModel, expert: str) -> Subspaces:
+    def _subspaces_of(self, model: MergedModel, expert: str) -> list[Subspaces]:
+        weights = model.projections(expert, self._block(model))
+        return [
+            Subspaces.of(weights[f"{kind}_adapter"], weights[f"{kind}_task"], self._options.rank)
+            for kind in PROJECTIONS[self._options.projections]
+        ]
+
+    def _block(self, model: MergedModel) -> int:
+        """The block whose projections span the subspaces, from 0."""
         raise NotImplementedError
 
-    def _score(self, hidden: HiddenStates, subspaces: Subspaces, kept_blocks: int) -> Tensor:
+    def _layer(self, model: MergedModel) -> int:
+        """Index of the hidden states that are projected."""
+        raise NotImplementedError
+
+    def _score(self, hidden: HiddenStates, subspaces: Subspaces, layer: int) -> Tensor:
         raise NotImplementedError
 
 
@@ -86,16 +151,29 @@ class PaperCodedRouter(_SubspaceRouter):
 
     Expert m: r_m = (mean_tokens ||P_A,m h_A|| + mean_tokens ||P_T,m h_T||) / 2, with P of the expert's own, unmerged
     block of index b = L - k - 1 (from 0), and the hidden states of index b + 2 of that expert's backbone, one layer
-    past those that this block reads. Like is projected onto like.
+    past those that this block reads. Like is projected onto like. A checkpoint stores the leading parts of the value
+    projections of this block alone; other subspaces are those of the expert's network after merging.
     """
 
-    name = "paper-coded"
+    kind = "paper-coded"
 
-    def _subspaces_of(self, model: MergedModel, expert: str) -> Subspaces:
-        return Subspaces.of(*model.own_value_weights(expert))
+    def _block(self, model: MergedModel) -> int:
+        last = max(model.architecture.language.layers - model.kept_blocks - 1, 0)
+        return last if self._options.block is None else self._options.block
 
-    def _score(self, hidden: HiddenStates, subspaces: Subspaces, kept_blocks: int) -> Tensor:
-        layer = hidden_index(len(hidden.task) - 1, kept_blocks)
+    def _layer(self, model: MergedModel) -> int:
+        layers = model.architecture.language.layers
+        if self._options.block is None:
+            return hidden_index(layers, model.kept_blocks)
+        return min(self._options.block + 2, layers)
+
+    def _subspaces_of(self, model: MergedModel, expert: str) -> list[Subspaces]:
+        options = self._options
+        if (options.projections, options.block) == ("v", None) and options.rank <= SUBSPACE:
+            return [Subspaces.of(*model.own_value_weights(expert), options.rank)]
+        return super()._subspaces_of(model, expert)
+
+    def _score(self, hidden: HiddenStates, subspaces: Subspaces, layer: int) -> Tensor:
         return (energy(hidden.action[layer], subspaces.action) + energy(hidden.task[layer], subspaces.task)) / 2
 
 
@@ -106,13 +184,16 @@ class PaperWrittenRouter(_SubspaceRouter):
     merged action expert as expert m runs it. The text does not say how tokens become one norm: their mean, as coded.
     """
 
-    name = "paper-written"
+    kind = "paper-written"
 
-    def _subspaces_of(self, model: MergedModel, expert: str) -> Subspaces:
-        return Subspaces.of(*model.value_weights(expert)[-1])
+    def _block(self, model: MergedModel) -> int:
+        return model.architecture.language.layers - 1 if self._options.block is None else self._options.block
 
-    def _score(self, hidden: HiddenStates, subspaces: Subspaces, kept_blocks: int) -> Tensor:
-        return (energy(hidden.action[-1], subspaces.task) + energy(hidden.task[-1], subspaces.action)) / 2
+    def _layer(self, model: MergedModel) -> int:
+        return self._block(model) + 1
+
+    def _score(self, hidden: HiddenStates, subspaces: Subspaces, layer: int) -> Tensor:
+        return (energy(hidden.action[layer], subspaces.task) + energy(hidden.task[layer], subspaces.action)) / 2
 
 
 def hidden_index(layers: int, kept_blocks: int) -> int:

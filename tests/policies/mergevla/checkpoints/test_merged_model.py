@@ -130,15 +130,18 @@ def test_leading_keeps_singular_values():
     assert torch.allclose(torch.linalg.svdvals(leading(matrix)), torch.linalg.svdvals(matrix)[:SUBSPACE], atol=1e-5)
 
 
-def test_value_weights_are_those_that_run(folders):
+def test_projections_are_those_that_run(folders):
     model = MergedModel(merging(folders).parts)
-    values, weights = model.value_weights(TASKS[0]), model.weights(TASKS[0])
-    assert len(values) == BLOCKS
-    assert torch.equal(values[0][1], weights["action_expert.blocks.0.v_task.weight"])
+    weights = model.weights(TASKS[0])
+    for block in range(BLOCKS):
+        found = model.projections(TASKS[0], block)
+        assert found.keys() == {"k_adapter", "k_task", "v_adapter", "v_task"}
+        for name, weight in found.items():
+            assert torch.equal(weight, weights[f"action_expert.blocks.{block}.{name}.weight"])
 
 
 def test_an_unknown_expert_is_refused(folders):
     model = MergedModel(merging(folders).parts)
-    for ask in (model.model, model.weights, model.value_weights, model.own_value_weights):
+    for ask in (model.model, model.weights, model.own_value_weights, lambda expert: model.projections(expert, 0)):
         with pytest.raises(ExpertsDiffer, match="expected one of the merged experts"):
             ask("unknown")

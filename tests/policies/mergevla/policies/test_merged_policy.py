@@ -192,7 +192,17 @@ def test_every_router_drives_the_merged_policy(merged, router, sees):
     routing = policy.act([of_task(0)])[0].routing
     assert set(routing.scores) == set(TASKS)
     assert routing.choice in TASKS
-    assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written"))
+    assert (routing.unknown is None) == (router in ("random", "oracle", "paper-coded", "paper-written", "delta-energy"))
+
+
+def test_options_of_a_router_are_part_of_the_policy(merged):
+    options = {"checkpoint": str(merged), "router": "paper-coded:projections=kv,rank=4"}
+    routing = MERGED.load(options).act([of_task(0)])[0].routing
+    plain = MERGED.load({**options, "router": "paper-coded"}).act([of_task(0)])[0].routing
+    assert routing.scores != plain.scores
+    assert MERGED.digest(options) != MERGED.digest({**options, "router": "paper-coded"})
+    with pytest.raises(PolicyError, match=r"router 'paper-coded:rank=x': expected options .* got 'rank=x'"):
+        MERGED.spec({**options, "router": "paper-coded:rank=x"})
 
 
 @pytest.mark.parametrize("kind_and_options", ["single", "experts", "oracle-routed"], indirect=True)

@@ -1,12 +1,15 @@
 """A merged model of small random networks, and first observations without a simulator."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import torch
 
+from robogauntlet.policies.mergevla.network.normalisation import TaskStatistics
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
 from robogauntlet.policies.mergevla.routing.contract import FirstObservation
 from robogauntlet.policies.mergevla.routing.features import LabelledFeatures
-from tests.policies.mergevla.shared import INSTRUCTIONS, SMALL, small_model
+from tests.policies.mergevla.shared import INSTRUCTIONS, SMALL, small_model, some_statistics
 
 EXPERTS = ("null/Push", "null/Open", "null/Reach")
 
@@ -23,6 +26,8 @@ class SmallMergedModel:
         self.instructions = {e: INSTRUCTIONS[EXPERTS.index(e)] for e in experts}
         self.models = {None: small_model(0)} | {e: small_model(1 + EXPERTS.index(e)) for e in experts}
         self.own = {e: small_model(11 + EXPERTS.index(e)) for e in experts}
+        self.parts = SimpleNamespace(statistics=TaskStatistics({e: some_statistics() for e in experts}))
+        self.device = torch.device("cpu")
         self.passes = []
         self.factorised = 0
 
@@ -30,9 +35,16 @@ class SmallMergedModel:
         self.passes.append(expert)
         return self.models[expert].hidden_states(images, tokenizer_for(SMALL)(instructions))
 
-    def value_weights(self, expert):
+    def model(self, expert):
+        return self.models[expert]
+
+    def weights(self, expert):
+        return self.models[expert].state_dict()
+
+    def projections(self, expert, block):
         self.factorised += 1
-        return tuple(values(block) for block in self.models[expert].action_expert.blocks)
+        layer = self.models[expert].action_expert.blocks[block]
+        return {name: getattr(layer, name).weight for name in ("k_adapter", "k_task", "v_adapter", "v_task")}
 
     def own_value_weights(self, expert):
         self.factorised += 1

@@ -17,7 +17,38 @@ FITTED = ("calibrated", "nearest-centroid")
 
 
 def test_the_catalog_has_every_router():
-    assert set(NAMES) == {"paper-coded", "paper-written", "random", "instruction-match", "oracle", *FITTED}
+    unfitted = {"delta-energy", "paper-coded", "paper-written", "random", "instruction-match", "oracle"}
+    assert set(NAMES) == {*unfitted, "self-trained", *FITTED}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (
+            "paper-coded:projections=q",
+            r"router 'paper-coded:projections=q': expected options projections=v\|k\|kv, rank=",
+        ),
+        ("paper-coded:rank=0", "rank=1 or more, block=0 or more, got 'rank=0'"),
+        ("paper-written:block=-1", "got 'block=-1'"),
+        ("paper-written:depth=1", "got 'depth=1'"),
+        ("oracle:rank=2", "expected a router with options, paper-coded or paper-written, got 'oracle'"),
+        ("paper-code:rank=2", "unknown router 'paper-code:rank=2'"),
+    ],
+)
+def test_options_that_a_router_does_not_have_are_refused(name, message):
+    with pytest.raises(PolicyError, match=message):
+        router(name)
+
+
+@pytest.mark.parametrize(("options", "message"), [("block=2", "block=0 to 1, got 2"), ("rank=17", "rank=1 to 16, got")])
+def test_options_that_the_model_does_not_have_are_refused(options, message, model):
+    with pytest.raises(PolicyError, match=message):
+        router(f"paper-coded:{options}").route(observations(1), model)
+
+
+def test_a_router_is_named_by_its_options():
+    assert router("paper-coded:rank=16,projections=kv").name == "paper-coded:projections=kv,rank=16"
+    assert router("paper-coded:projections=v,rank=8").name == "paper-coded"
 
 
 @pytest.mark.parametrize("name", FITTED)

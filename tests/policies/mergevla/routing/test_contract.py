@@ -10,7 +10,10 @@ from robogauntlet.policies.mergevla.routing.catalog import NAMES, router
 from robogauntlet.policies.mergevla.routing.contract import RoutingError, answer
 from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observation, observations
 
-PASSES = {"paper-coded": 3, "paper-written": 3, "calibrated": 1, "nearest-centroid": 1}
+PASSES = {
+    **{"paper-coded": 3, "paper-written": 3},
+    **{"calibrated": 1, "nearest-centroid": 1, "delta-energy": 1, "self-trained": 1},
+}
 
 
 def close(a, b):

@@ -51,15 +51,18 @@ def test_routers_are_evaluated_by_their_choices(model, stored, new):
             assert right(by_name[name, sees_instruction]) == len(new)
     assert right(by_name["instruction-match", True]) == len(new)
     assert right(by_name["instruction-match", False]) == len(new) / len(EXPERTS)
-    assert [one.passes for one in found if one.sees_instruction] == [1, 0, 1, 0, 3, 3, 0]
+    assert [one.passes for one in found if one.sees_instruction] == [1, 1, 0, 1, 0, 3, 3, 0, 1]
 
 
-def test_only_the_calibrated_router_answers_with_probabilities(model, stored, new):
+def test_only_gaussian_classes_answer_with_probabilities(model, stored, new):
     sums = {
         one.router: np.exp([list(trial.routing.scores.values()) for trial in one.answers]).sum(axis=1)
         for one in evaluate_routers(all_routers(stored), model, new).routers
     }
-    assert [name for name, values in sums.items() if np.allclose(values, 1.0, atol=1e-3)] == ["calibrated"]
+    assert [name for name, values in sums.items() if np.allclose(values, 1.0, atol=1e-3)] == [
+        "calibrated",
+        "self-trained",
+    ]
 
 
 def test_a_decision_and_a_pass_are_timed_separately(model, stored, new):
@@ -112,3 +115,10 @@ def test_a_left_out_task_whose_features_are_those_of_another_is_not_detected():
     near = (gaussians(seed, apart=0.0) for seed in range(3))
     found = leave_one_out(partial(fit, feature_spec=FeatureSpec()), *near)
     assert 0.4 < np.mean([auroc(one) for one in found.values()]) < 0.6
+
+
+def test_routers_can_be_named_with_their_options(stored):
+    wanted = ["paper-coded:projections=k", "calibrated"]
+    assert [one.name for one in all_routers(stored, wanted)] == [wanted[0], wanted[0], wanted[1], wanted[1]]
+    with pytest.raises(RoutingError, match="unknown router 'nearest'"):
+        all_routers(stored, ["nearest"])

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robogauntlet.policies.mergevla.routing.subspace import (
     PaperCodedRouter,
     PaperWrittenRouter,
+    SubspaceOptions,
     energy,
     hidden_index,
     leading_right_vectors,
@@ -14,8 +17,8 @@ from robogauntlet.policies.mergevla.routing.subspace import (
 from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observations, values
 
 
-def naive_energy(tokens, weight):
-    basis = np.linalg.svd(weight.detach().numpy().astype(np.float64))[2][:8]
+def naive_energy(tokens, weight, rank=8):
+    basis = np.linalg.svd(weight.detach().numpy().astype(np.float64))[2][:rank]
     return np.mean([np.sqrt(sum((row @ token) ** 2 for row in basis)) for token in tokens.detach().numpy()])
 
 
@@ -44,6 +47,40 @@ def test_the_written_router_crosses_the_pairs_at_the_last_layer():
             adapter, task = values(model.models[expert].action_expert.blocks[-1])
             expected = (naive_energy(states.action[-1][0], task) + naive_energy(states.task[-1][0], adapter)) / 2
             assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["k", "v", "kv"])
+@pytest.mark.parametrize("block", [0, 1])
+def test_options_choose_projections_rank_and_block(kind, block):
+    model, batch = SmallMergedModel(), observations(3)
+    chosen = PaperWrittenRouter(SubspaceOptions(kind, rank=3, block=block))
+    for one, routed in zip(batch, chosen.route(batch, model), strict=True):
+        for expert in EXPERTS:
+            states, layer = hidden(model, expert, one), model.models[expert].action_expert.blocks[block]
+            expected = np.mean(
+                [
+                    naive_energy(states.action[block + 1][0], getattr(layer, f"{name}_task").weight, 3) / 2
+                    + naive_energy(states.task[block + 1][0], getattr(layer, f"{name}_adapter").weight, 3) / 2
+                    for name in kind
+                ]
+            )
+            assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_energy_of_a_case_by_hand():
+    """Of diag(3, 2, 1) the first right singular vectors are the first axes: |1| and |(1, -2)| of the one token."""
+    weight, token = torch.diag(torch.tensor([3.0, 2.0, 1.0])), torch.tensor([[[1.0, -2.0, 2.0]]])
+    lengths = [energy(token, leading_right_vectors(weight, rank)).item() for rank in (1, 2, 3)]
+    assert lengths == pytest.approx([1.0, 5.0**0.5, 3.0])
+
+
+@given(seed=st.integers(0, 1000), rank=st.integers(1, 7))
+def test_more_directions_have_more_energy_and_all_have_the_whole(seed, rank):
+    generator = torch.Generator().manual_seed(seed)
+    weight, states = torch.randn(8, 8, generator=generator), torch.randn(2, 5, 8, generator=generator)
+    some, more, all_ = (energy(states, leading_right_vectors(weight, r)) for r in (rank, rank + 1, 8))
+    assert (some <= more + 1e-5).all()
+    assert torch.allclose(all_, states.norm(dim=-1).mean(dim=-1), atol=1e-4)
 
 
 @pytest.mark.parametrize(("layers", "kept", "index"), [(24, 1, 24), (24, 2, 23), (24, 3, 22), (24, 0, 24), (4, 3, 2)])

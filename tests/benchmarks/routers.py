@@ -1,0 +1,252 @@
+"""Accuracy of routers on first observations of the nine tasks, with the instruction read and hidden.
+
+Those without labels are beside the calibrated one: the paper's with values, keys and both (its Table 5), and the ideas
+that lost. `self-trained` is fitted to three in four first observations of the demonstrations, whose tasks it does not
+read. A row has its 900 decisions, as the experts' numbers in the order of their names, task by task.
+`DEMONSTRATIONS=FOLDER python -m tests.benchmarks routers`
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robogauntlet.results.statistics.rates import wilson_interval
+from robogauntlet.suites.episode import RenderProfile, View
+from tests.benchmarks.document import WRITTEN
+from tests.benchmarks.shared import open_task, table_of
+from tests.benchmarks.unknown_scenes import INSTRUCTIONS, open_scene
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.routing.contract import FirstObservation
+    from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
+
+    Scores = Callable[[Sequence[FirstObservation], bool], Tensor]
+    """Scores (n, experts) of observations, with the instruction read or hidden."""
+
+SEEDS = range(100)
+PAIR = ("pybullet/PandaPush-v3", "pybullet/PandaPickAndPlace-v3")
+"""Tasks with one scene, which differ in where the goal may be."""
+SHIPPED, AVERAGED = "shipped", "TA+S, averaged trunk"
+SUBSPACES = (
+    *("projections=v", "projections=k", "projections=kv", "rank=1", "rank=64", "block=0", "block=1", "block=3"),
+    *("projections=k,block=3", "projections=kv,block=3"),
+)
+
+
+def measure() -> list[dict[str, object]]:
+    """Route first observations of all nine tasks by every router and idea, on the shipped merge and the paper's."""
+    import torch
+
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_parts, read_experts
+    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.merging.recipe import Recipe, TrunkRule
+    from robogauntlet.policies.mergevla.options import expert_folders
+    from robogauntlet.policies.zoo import shipped
+
+    torch.set_num_threads(1)
+    checkpoint = load_merged("zoo:merged")
+    model = MergedModel(checkpoint.parts)
+    averaged = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
+    paper = MergedModel(merge_parts(read_experts(expert_folders(shipped("zoo:experts")).values()), averaged))
+    first = first_of_demonstrations(model)
+    seen = list(chain(*observed(model.experts, model.architecture.cameras).values()))
+    ways: dict[str, tuple[str, Scores]] = {}
+    for name in ("calibrated", "nearest-centroid", "delta-energy", "instruction-match", "random"):
+        ways[name] = SHIPPED, by_router(name, model, checkpoint.fitted)
+    ways |= {name: (SHIPPED, scores) for name, scores in unlabelled(model, first).items()}
+    for name, merged in ((SHIPPED, model), (AVERAGED, paper)):
+        ways |= {f"{way} ({name})": (name, scores) for way, scores in paper_routers(merged).items()}
+    rows = []
+    for way, (merged_as, scores) in ways.items():
+        row = {"router": way.partition(" (")[0], "model": merged_as}
+        for sees, instruction in ((True, "read"), (False, "hidden")):
+            row |= row_of(instruction, scores(seen, sees), seen, model.experts)
+        print({name: text for name, text in row.items() if not name.startswith("decisions")}, flush=True)
+        rows.append(row)
+    names = {"model": "model", "instruction read": "read", "hidden": "hidden", "hidden, one scene": "one scene, hidden"}
+    table_of(rows, {"router": "{router}"} | {heading: f"{{{name}}}" for heading, name in names.items()})
+    return rows
+
+
+def row_of(
+    instruction: str, scores: Tensor, seen: Sequence[FirstObservation], experts: Sequence[str]
+) -> dict[str, object]:
+    """Accuracy with its 95 % Wilson interval, that on the pair of tasks with one scene, and the decisions."""
+    chosen = scores.argmax(dim=1).tolist()
+    right: dict[str, list[bool]] = {task: [] for task in experts}
+    for one, choice in zip(seen, chosen, strict=True):
+        right[one.task].append(experts[choice] == one.task)
+    return {
+        instruction: interval(list(chain(*right.values()))),
+        f"one scene, {instruction}": interval([*right[PAIR[0]], *right[PAIR[1]]]),
+        f"decisions, {instruction}": "".join(map(str, chosen)),
+    }
+
+
+def interval(right: Sequence[bool]) -> str:
+    """A rate in percent with its 95 % Wilson interval."""
+    ends = wilson_interval(sum(right), len(right))
+    assert ends is not None
+    return f"{100 * sum(right) / len(right):.1f} % [{100 * ends.low:.0f}, {100 * ends.high:.0f}]"
+
+
+def by_router(name: str, model: MergedModel, stored: Mapping[str, Tensor]) -> Scores:
+    """The scores of a router of the catalogue."""
+    import torch
+
+    from robogauntlet.policies.mergevla.routing.catalog import router
+
+    def scores(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+        routed = router(name, sees_instruction=sees, stored=stored).route(seen, model)
+        return torch.tensor([[one.scores[expert] for expert in model.experts] for one in routed])
+
+    return scores
+
+
+def unlabelled(model: MergedModel, first: RouterTrainingSet) -> dict[str, Scores]:
+    """`self-trained`, and what lost to it: its parts, for one observation and standardised over unlabelled ones."""
+    import torch
+
+    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
+    from robogauntlet.policies.mergevla.routing.deltas import agreement, directions, energies
+    from robogauntlet.policies.mergevla.routing.fitted_router import FittedRouter
+    from robogauntlet.policies.mergevla.routing.self_training import RANK, fit_self_trained
+
+    pool, held_out = (list(chain(*part.values())) for part in (first.frames, first.held_out))
+    specs = [feature_spec_of(model.architecture, sees_instruction=sees) for sees in (True, False)]
+    fits = dict(zip((True, False), fit_self_trained(model, pool, held_out, specs), strict=True))
+    whole, rows = directions(model), directions(model, RANK)
+    images = [place for place, name in enumerate(rows) if not name.startswith("language.")]
+
+    def energy(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+        return -energies(model, rows, seen, sees_instruction=sees).sum(dim=1)
+
+    def seen_energy(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+        return -energies(model, rows, seen, sees_instruction=sees)[:, images].sum(dim=1)
+
+    def agreed(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+        return agreement(model, seen)
+
+    def standardised(*parts: Scores) -> Scores:
+        def scores(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+            total = torch.zeros(1)
+            for part in parts:
+                known = part(pool[::3], sees)
+                total = total + (part(seen, sees) - known.mean(dim=0)) / known.std(dim=0)
+            return total
+
+        return scores
+
+    def self_trained(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+        routed = FittedRouter("self-trained", fits[sees]).route(seen, model)
+        return torch.tensor([[one.scores[expert] for expert in model.experts] for one in routed])
+
+    return {
+        "self-trained": self_trained,
+        "most energy of the delta": lambda seen, sees: energies(model, whole, seen, sees_instruction=sees).sum(dim=1),
+        "least energy in the delta's row space": energy,
+        "the same, standardised": standardised(energy),
+        "the same, of layers that read images, standardised": standardised(seen_energy),
+        "agreement of actions with the base": agreed,
+        "the same agreement, standardised": standardised(agreed),
+        "these three, standardised": standardised(energy, seen_energy, agreed),
+    }
+
+
+def paper_routers(model: MergedModel) -> dict[str, Scores]:
+    """The paper's router as coded, by the experts' own projections, and as written; hidden states computed once."""
+    import torch
+
+    from robogauntlet.policies.mergevla.checkpoints.expert_checkpoint import load_tensors
+    from robogauntlet.policies.mergevla.options import expert_folders
+    from robogauntlet.policies.mergevla.routing.contract import hidden_states
+    from robogauntlet.policies.mergevla.routing.subspace import PaperCodedRouter, PaperWrittenRouter, SubspaceOptions
+    from robogauntlet.policies.zoo import shipped
+
+    own = {task: load_tensors(folder)[0] for task, folder in expert_folders(shipped("zoo:experts")).items()}
+
+    class Own:
+        """The model with the experts' own, unmerged projections."""
+
+        architecture, kept_blocks = model.architecture, model.kept_blocks
+        own_value_weights = staticmethod(model.own_value_weights)
+
+        @staticmethod
+        def projections(expert: str, block: int) -> dict[str, Tensor]:
+            names = ("k_adapter", "k_task", "v_adapter", "v_task")
+            return {name: own[expert][f"action_expert.blocks.{block}.{name}.weight"] for name in names}
+
+    routers = {}
+    for options in map(SubspaceOptions.read, SUBSPACES):
+        for router, merged in ((PaperCodedRouter(options), Own), (PaperWrittenRouter(options), model)):
+            if not (merged is model and options.block == model.architecture.language.layers - 1):  # the default there
+                routers[router.name] = router, merged
+    found: dict[bool, dict[str, Tensor]] = {}
+
+    def all_scores(seen: Sequence[FirstObservation], sees: bool) -> dict[str, Tensor]:
+        scores: dict[str, list[Tensor]] = {name: [] for name in routers}
+        for expert in model.experts:
+            spaces = {name: router._subspaces_of(merged, expert) for name, (router, merged) in routers.items()}
+            columns: dict[str, list[Tensor]] = {name: [] for name in routers}
+            for hidden in hidden_states(model, expert, seen, sees_instruction=sees):
+                for name, (router, merged) in routers.items():
+                    each = [router._score(hidden, space, router._layer(merged)) for space in spaces[name]]
+                    columns[name].append(torch.stack(each).mean(dim=0))
+            for name, parts in columns.items():
+                scores[name].append(torch.cat(parts))
+        return {name: torch.stack(columns, dim=1) for name, columns in scores.items()}
+
+    def of(name: str) -> Scores:
+        def scores(seen: Sequence[FirstObservation], sees: bool) -> Tensor:
+            if sees not in found:
+                found[sees] = all_scores(seen, sees)
+            return found[sees][name]
+
+        return scores
+
+    return {name: of(name) for name in sorted(routers)}
+
+
+def first_of_demonstrations(model: MergedModel) -> RouterTrainingSet:
+    """First observations of the demonstrations in the folder that `DEMONSTRATIONS` names."""
+    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
+    from robogauntlet.policies.training.dataset import datasets_of
+
+    folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
+    return first_observations(datasets_of([folder], model.experts), model.architecture.cameras)
+
+
+def observed(tasks: Sequence[str], cameras: tuple[str, ...]) -> dict[str, list[FirstObservation]]:
+    """First observations of `SEEDS`, clean, rendered once and cached beside the measurements."""
+    from robogauntlet.policies.mergevla.routing.observation_cache import (
+        ObservationCache,
+        file_of,
+        load_observations,
+        save_observations,
+    )
+
+    view = View(cameras, render_profile=RenderProfile.FAST)
+    folder = WRITTEN / "first_observations"
+    folder.mkdir(parents=True, exist_ok=True)
+    found = {}
+    for task in tasks:
+        path = file_of(folder, task)
+        if not path.exists():
+            simulation = open_scene(task, view) if task in INSTRUCTIONS else open_task(task, view)
+            images = []
+            for seed in SEEDS:
+                simulation.reset(seed)
+                images.append(simulation.observe())
+            simulation.close()
+            save_observations(ObservationCache.of(task, view, SEEDS, images), path)
+            print(f"{task}: observed", flush=True)
+        found[task] = load_observations(path).observations(SEEDS)
+    return found
