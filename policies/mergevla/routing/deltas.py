@@ -76,17 +76,20 @@ def energies(
 def agreement(model: MergedModel, observations: Sequence[FirstObservation]) -> Tensor:
     """How far the actions of each expert's network and of the base agree, shape (n, experts), on the CPU: from -1 to 0.
 
-    Both are given the instruction that the expert was trained with, never the observation's: minus the L1 distance of
-    the two normalised chunks over the sum of their L1 norms.
+    Both are given an instruction that the expert was trained with, never the observation's: minus the L1 distance of
+    the two normalised chunks over the sum of their L1 norms. Of an expert of several tasks, the best agreement counts.
     """
     states = np.stack([observation.proprioception for observation in observations])
     columns = []
     for expert in model.experts:
-        asked = [replace(observation, instruction=model.instructions[expert]) for observation in observations]
-        normalised = model.parts.statistics.normalise_proprioception([expert] * len(asked), states)
-        own, base = (_chunks(model, network, asked, normalised) for network in (expert, None))
-        difference = (own - base).abs().mean(dim=(1, 2))
-        columns.append(-difference / (own.abs() + base.abs()).mean(dim=(1, 2)).clamp(min=SMALLEST))
+        normalised = model.parts.statistics.normalise_proprioception([expert] * len(states), states)
+        by_task = []
+        for task in model.tasks[expert]:
+            asked = [replace(observation, instruction=model.instructions[task]) for observation in observations]
+            own, base = (_chunks(model, network, asked, normalised) for network in (expert, None))
+            difference = (own - base).abs().mean(dim=(1, 2))
+            by_task.append(-difference / (own.abs() + base.abs()).mean(dim=(1, 2)).clamp(min=SMALLEST))
+        columns.append(torch.stack(by_task).amax(dim=0))
     return torch.stack(columns, dim=1).cpu()
 
 
