@@ -9,11 +9,13 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from tests import ROOT
 
@@ -38,6 +40,12 @@ def write(name: str, measured: Mapping[str, Any]) -> None:
     result = {"date": str(date.today()), "machine": machine(), "versions": versions, **measured}
     WRITTEN.mkdir(parents=True, exist_ok=True)
     (WRITTEN / f"{name}.json").write_text(json.dumps(result, indent=1) + "\n")
+
+
+def write_episodes(name: str, frame: pd.DataFrame, order: Sequence[str]) -> None:
+    """Write the episodes behind a measurement beside it, ordered by these columns."""
+    WRITTEN.mkdir(parents=True, exist_ok=True)
+    frame.sort_values(list(order)).to_parquet(WRITTEN / f"{name}.parquet", index=False)
 
 
 def markdown(name: str) -> Iterator[str]:

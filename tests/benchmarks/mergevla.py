@@ -8,7 +8,7 @@ from robogauntlet.results.report.merging_cost import comparison_table, overall_t
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import read_run
-from tests.benchmarks.document import WRITTEN
+from tests.benchmarks.document import write_episodes
 from tests.benchmarks.shared import run_suite, table_of
 
 LOSSES = {"loss by merging": "loss by merging, points", "loss by routing": "loss by routing, points"}
@@ -26,7 +26,7 @@ def measure() -> list[dict[str, object]]:
         frame = read_frame(ReportPaths.in_folder(folder).episodes, (*merging_cost.COLUMNS, "policy", "seed"))
         merging = merging_cost.build_merging(read_run(folder), frame)
     assert merging is not None
-    frame[EPISODE].sort_values(EPISODE[:3]).to_parquet(WRITTEN / "mergevla.parquet", index=False)
+    write_episodes("mergevla", frame[EPISODE], EPISODE[:3])
     policies = [comparison.policy for comparison in merging.routed]
     names = ["task", merging.expert, merging.oracle_routed]
     for policy in policies:

@@ -15,7 +15,7 @@ import yaml
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.rates import wilson_interval
-from tests.benchmarks.document import WRITTEN
+from tests.benchmarks.document import write_episodes
 from tests.benchmarks.shared import kilobytes, run_suite, table_of
 
 ORDER = (
@@ -63,7 +63,7 @@ def measure() -> list[dict[str, object]]:
         rows += [{"way": way, "experts": number, **found} for way, found in merged.items()]
         print(f"{number} experts", flush=True)
     frame = pd.concat(played)
-    frame.sort_values(["experts", "policy", "task", "seed"]).to_parquet(WRITTEN / "more_experts.parquet", index=False)
+    write_episodes("more_experts", frame, ("experts", "policy", "task", "seed"))
     rows = with_success(rows, frame)
     table_of(rows, COLUMNS)
     return rows

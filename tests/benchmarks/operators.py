@@ -18,7 +18,7 @@ from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
 from robogauntlet.results.statistics.rates import Interval, wilson_interval
 from tests.benchmarks import bytes_plot
 from tests.benchmarks.bytes_plot import Point
-from tests.benchmarks.document import WRITTEN
+from tests.benchmarks.document import WRITTEN, write_episodes
 from tests.benchmarks.shared import kilobytes, run_suite, table_of
 
 EXPERTS, JOINT = "experts", "joint"
@@ -56,7 +56,7 @@ def measured(suite: str) -> list[dict[str, object]]:
         plan = {policy.name: policy for policy in runs[0].document.suite.policies}
         sizes = {name: kilobytes_per_task(policy.kind, policy.options) for name, policy in plan.items()}
     rows = rows_of(frame, sizes)
-    frame.sort_values(["policy", "task", "seed"]).to_parquet(WRITTEN / f"{suite}.parquet", index=False)
+    write_episodes(suite, frame, ("policy", "task", "seed"))
     table_of(rows, COLUMNS)
     return rows
 
