@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
+from tests.benchmarks.more_experts import with_success
 from tests.benchmarks.operators import rows_of
 from tests.benchmarks.routers import SEEDS, interval
 from tests.chaos.__main__ import table
@@ -33,6 +34,11 @@ def test_tables_of_merges_count_the_committed_episodes(name):
     measured = json.loads((MEASUREMENTS / f"{name}.json").read_text(encoding="utf-8"))
     sizes = {row["policy"]: row["kilobytes"] for row in measured["rows"]}
     assert rows_of(pd.read_parquet(MEASUREMENTS / f"{name}.parquet"), sizes) == measured["rows"]
+
+
+def test_the_table_of_more_experts_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "more_experts.json").read_text(encoding="utf-8"))["rows"]
+    assert with_success(rows, pd.read_parquet(MEASUREMENTS / "more_experts.parquet")) == rows
 
 
 @pytest.mark.parametrize("instruction", ["read", "hidden"])
