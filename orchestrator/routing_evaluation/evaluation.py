@@ -106,13 +106,14 @@ def study_routing(request: RoutingStudyRequest, listener: Listener) -> RoutingSt
     torch.set_num_threads(1)
     checkpoint = load_merged(request.checkpoint)
     metadata, routers, training_set = checkpoint.metadata, all_routers(checkpoint.fitted, request.routers), None
+    tasks = tuple(chain.from_iterable(metadata.tasks.values()))
     if request.demonstrations:  # first, because it finds mistakes early
-        datasets = datasets_of(request.demonstrations, metadata.experts)
+        datasets = datasets_of(request.demonstrations, tasks)
         training_set = first_observations(datasets, checkpoint.parts.architecture.cameras)
     view = View(metadata.architecture.cameras, metadata.architecture.image_size, RenderProfile.FAST)
     with ExitStack() as stack:
         folder = request.keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        collected = collect_first_observations(metadata.experts, view, request.seeds, folder, listener)
+        collected = collect_first_observations(tasks, view, request.seeds, folder, listener)
     observations = {task: cache.observations(request.seeds) for task, cache in collected.by_task.items()}
     model = MergedModel(checkpoint.parts, device=device_here())
     evaluation = evaluate_routers(

@@ -19,6 +19,8 @@ from robogauntlet.support.errors import first_line
 from robogauntlet.support.json_text import parse_json
 
 SAFETENSORS, TORCH, STATISTICS = ".safetensors", ".pt", "dataset_statistics.json"
+MOST_DICTIONARIES = 100
+"""Dictionaries in a file, the whole and parts of the model by name; less deep than Python's recursion."""
 
 
 class ReleasedError(StoredError):
@@ -89,19 +91,25 @@ def _read_torch(path: Path) -> dict[str, Tensor]:
         raise ReleasedError(f"expected a file of torch.save in '{path}', got: {first_line(error)}") from None
     if isinstance(content, dict) and isinstance(content.get("model"), dict):  # Prismatic's, beside the optimiser's
         content = content["model"]
-    tensors = dict(_flat(content, ""))
+    tensors = dict(_flat(path, content, "", set()))
     if not tensors:
         raise ReleasedError(f"expected tensors by name in '{path}', got {type(content).__name__}")
     return tensors
 
 
-def _flat(content: Any, prefix: str) -> Iterator[tuple[str, Tensor]]:
-    """Tensors in dictionaries of dictionaries, their names joined by points."""
+def _flat(path: Path, content: Any, prefix: str, seen: set[int]) -> Iterator[tuple[str, Tensor]]:
+    """Tensors in dictionaries of dictionaries, their names joined by points.
+
+    Raises ReleasedError for a dictionary that occurs twice, or within itself: a small file could stand for any number.
+    """
     if isinstance(content, Tensor):
         yield prefix.removesuffix("."), content
     elif isinstance(content, dict):
+        if id(content) in seen or len(seen) >= MOST_DICTIONARIES:
+            raise ReleasedError(f"expected tensors by name in '{path}', got dictionaries that refer to each other")
+        seen.add(id(content))
         for name, value in content.items():
-            yield from _flat(value, f"{prefix}{name}.")
+            yield from _flat(path, value, f"{prefix}{name}.", seen)
 
 
 def read_statistics(path: Path) -> TaskStatistics:
@@ -119,7 +127,7 @@ def read_statistics(path: Path) -> TaskStatistics:
         raise ReleasedError(f"expected to read '{path}', got: {error.strerror}") from None
     except StatisticsError as error:
         raise ReleasedError(f"'{path}': {error}") from None
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         problem = f"no {error}" if isinstance(error, KeyError) else first_line(error)
         raise ReleasedError(f"expected the statistics of a data set in '{path}', got: {problem}") from None
     if len(by_task) != 1:

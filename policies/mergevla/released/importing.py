@@ -31,6 +31,8 @@ from robogauntlet.support.text import counted
 
 SHOWN = 3
 """Names in a message."""
+DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+"""Types of weights; smaller ones are quantised."""
 UNIT = TaskStatistics({"prismatic": Statistics(*(Quantiles((-1.0,) * n, (1.0,) * n) for n in (7, 8)))})
 """Statistics of a base that no data were seen with: nothing is normalised."""
 
@@ -77,7 +79,7 @@ def import_released(
             raise ReleasedError(
                 f"expected {source.name} of shape {tuple(expected)}, as in '{architecture.name}', got {given}"
             )
-    if (other := next((name for name, t in used.items() if not t.is_floating_point()), None)) is not None:
+    if (other := next((name for name, t in used.items() if not _is_plain(t)), None)) is not None:
         raise ReleasedError(f"expected numbers with a fraction in {other}, got {used[other].dtype}; quantised?")
     if files.statistics is None and kind is not Kind.PRISMATIC:
         raise ReleasedError(f"expected {STATISTICS} of the data that the policy was trained on, got none; add the file")
@@ -90,6 +92,11 @@ def import_released(
         tensors |= {name: weight.to(dtype) for name, weight in trunk(architecture, seed).items()}
     metrics = {"seed": seed} if kind is Kind.PRISMATIC else {}
     return Imported(tensors, CheckpointMetadata(architecture, files.statistics or UNIT, metrics=metrics))
+
+
+def _is_plain(tensor: Tensor) -> bool:
+    """Whether it holds numbers that can be computed with, in memory and not sparse."""
+    return tensor.dtype in DTYPES and tensor.layout is torch.strided and tensor.device.type == "cpu"
 
 
 def save_imported(imported: Imported, folder: Path) -> CheckpointMetadata:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 
@@ -91,7 +92,7 @@ def fit_routers(
     frames: Mapping[str, Sequence[FirstObservation]],
     held_out: Mapping[str, Sequence[FirstObservation]],
 ) -> dict[str, Tensor]:
-    """Fit every router of `READ`, with the instruction and without.
+    """Fit every router of `READ`, with the instruction and without; `self-trained` only if it can be.
 
     Args:
         model: Merged model, of which only the base is run.
@@ -111,7 +112,8 @@ def fit_routers(
             parts = fitting_features(fitting, model, frames, held_out, spec)
             fits.append((name, fitting.fit(*parts, feature_spec=spec)))
     pool, others = (list(chain.from_iterable(part.values())) for part in (frames, held_out))
-    fits += [(SELF_TRAINED, fitted) for fitted in fit_self_trained(model, pool, others, specs)]
+    with suppress(RoutingError):  # too few observations to label by themselves
+        fits += [(SELF_TRAINED, fitted) for fitted in fit_self_trained(model, pool, others, specs)]
     return {
         _prefix(name, sees_instruction=fitted.feature_spec.sees_instruction) + key: tensor.contiguous()
         for name, fitted in fits

@@ -63,12 +63,14 @@ def energies(
     """
     batches = []
     with _inputs(model.model(None).backbone, rows) as inputs:
-        for _ in hidden_states(model, None, observations, sees_instruction=sees_instruction):
-            layers = []
+        for hidden in hidden_states(model, None, observations, sees_instruction=sees_instruction):
+            layers, count = [], len(hidden.task[0])
             for name, matrices in rows.items():
                 x = torch.nn.functional.normalize(inputs[name].float(), dim=-1)
                 projected = torch.einsum("bti,eri->bter", x, matrices)
-                layers.append(projected.square().sum(dim=-1).mean(dim=1).clamp(min=SMALLEST).log())
+                found = projected.square().sum(dim=-1)
+                # Towers see each camera's image as an observation of its own.
+                layers.append(found.reshape(count, -1, found.shape[-1]).mean(dim=1).clamp(min=SMALLEST).log())
             batches.append(torch.stack(layers, dim=1).cpu())
     return torch.cat(batches)
 
@@ -98,6 +100,7 @@ class DeltaEnergyRouter:
 
     r_m = - sum over layers of log mean_tokens ||D_m x||^2 / (||D_m||_F^2 ||x||^2), with D_m the weights of expert m's
     network less the base's. No labels, no other observations, and one pass of the base for any number of experts.
+    Keeps each D_m of every linear layer in memory, in fp32.
     """
 
     name = "delta-energy"

@@ -58,7 +58,9 @@ def fit_self_trained(
         RoutingError: Fewer observations than experts, or no layer differs from the base's.
     """
     observations = observations[:: max(1, math.ceil(len(observations) / MOST))]
-    if len(observations) < len(model.experts) or not held_out:
+    if not held_out:
+        raise RoutingError("expected held-out first observations for a rejection threshold, got none")
+    if len(observations) < len(model.experts):
         raise RoutingError(f"expected {len(model.experts)} first observations or more, got {len(observations)}")
     agreed, rows = standardised(agreement(model, observations)), directions(model, RANK)
     fits = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
@@ -35,11 +36,13 @@ class SubspaceOptions:
     def read(cls, text: str) -> Self:
         """Read `projections=kv,rank=16,block=2`, in any order and number. Raises RoutingError for anything else."""
         values: dict[str, str | int] = {}
-        for part in filter(None, text.split(",")):
+        for part in text.split(",") if text else ():
             name, _, value = part.partition("=")
+            if name in values:
+                raise RoutingError(f"expected each option once, got {name} twice")
             if name == "projections" and value in PROJECTIONS:
                 values[name] = value
-            elif name in ("rank", "block") and value.isascii() and value.isdigit() and int(value) >= (name == "rank"):
+            elif name in ("rank", "block") and re.fullmatch("[0-9]{1,6}", value) and int(value) >= (name == "rank"):
                 values[name] = int(value)
             else:
                 known = "|".join(PROJECTIONS)

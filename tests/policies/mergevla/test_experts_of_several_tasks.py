@@ -210,6 +210,9 @@ def test_an_expert_is_trained_on_several_tasks_and_merged_by_commands(tmp_path, 
     output = policies("merge", "experts", "--out", "merged", "--demonstrations", "data", "--lambda", "auto")
     assert f"{NAME}: lambda" in output
     assert load_merged(tmp_path / "merged").metadata.recipe.lambda_.keys() == {NAME, TASKS[2]}
+    policies("merge", f"experts/{NAME}", "--out", "alone")
+    output = policies("routing", "alone", "--seeds", "2", "--demonstrations", "data", "--router", "oracle")
+    assert "2 tasks, 2 seeds from 0" in output
 
 
 def test_a_base_has_no_name_of_an_expert(experts):

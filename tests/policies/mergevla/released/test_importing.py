@@ -216,6 +216,10 @@ WRONG = {
         with_tensor(HEAD, "module.model.fc2.bias", torch.ones(7, dtype=torch.int8)),
         "expected numbers with a fraction in action_head.model.fc2.bias, got torch.int8; quantised",
     ),
+    "eight bits": (
+        with_tensor("model.safetensors", "projector.fc1.bias", torch.ones(32).to(torch.float8_e4m3fn)),
+        "expected numbers with a fraction in projector.fc1.bias, got torch.float8_e4m3fn; quantised",
+    ),
     "adapters": (
         with_tensor("model.safetensors", "base_model.model.projector.fc1.lora_A.weight", torch.ones(2, 2)),
         "with their LoRA adapters merged, got projector.fc1.lora_A.weight; merge them first",
@@ -255,6 +259,10 @@ STATISTICS = {
         "of one data set in .*, b$",
     ),
     "no range": ({"a": {"action": {}}}, "got: no 'q01'$"),
+    "a number beyond any": (
+        {"a": {part: {"q01": [0] * n, "q99": [10**400] * n} for part, n in (("action", 7), ("proprio", 8))}},
+        "expected the statistics of a data set",
+    ),
     "a list": ([], "expected the statistics of a data set"),
     "fourteen numbers": (
         {"a": {part: {"q01": [0.0] * 14, "q99": [1.0] * 14} for part in ("action", "proprio")}},
@@ -281,3 +289,14 @@ def test_a_file_that_would_run_code_is_refused_before_it_does(tmp_path, capsys):
     with one_line_error(ReleasedError, "expected tensors alone in .*: refused, since loading them runs code"):
         import_released(Kind.MERGEVLA, [folder], size=LITTLE)
     assert capsys.readouterr().out == ""
+
+
+def test_dictionaries_that_refer_to_each_other_are_refused(tmp_path):
+    endless, doubled = {}, {"weight": torch.ones(1)}
+    endless["again"] = endless
+    for _ in range(60):
+        doubled = {"a": doubled, "b": doubled}
+    for content in (endless, doubled):
+        torch.save(content, tmp_path / "model.pt")
+        with one_line_error(ReleasedError, "got dictionaries that refer to each other"):
+            import_released(Kind.PRISMATIC, [tmp_path / "model.pt"], size=LITTLE)

@@ -1,11 +1,16 @@
 """What experts' deltas say about an observation: projection algebra, and the router that needs no label."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from robogauntlet.policies.mergevla.network.model import build
+from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
 from robogauntlet.policies.mergevla.routing.contract import RoutingError
 from robogauntlet.policies.mergevla.routing.deltas import DeltaEnergyRouter, agreement, directions, energies
+from tests.policies.mergevla.network.test_pretrained import LITTLE
 from tests.policies.mergevla.routing.synthetic import EXPERTS, SmallMergedModel, observations
 
 
@@ -46,6 +51,21 @@ def test_the_expert_whose_delta_acts_least_is_chosen(model):
     routed = DeltaEnergyRouter().route(batch, model)
     assert [one.choice for one in routed] == [EXPERTS[i] for i in found.argmin(dim=1)]
     assert all(one.unknown is None for one in routed)
+
+
+def test_towers_that_see_each_camera_by_itself_count_once_for_an_observation():
+    architecture = replace(LITTLE, cameras=("third_person", "wrist"))
+    model = SmallMergedModel()
+    model.architecture = architecture
+    model.models = {name: build(architecture, seed).eval() for seed, name in enumerate((None, *EXPERTS))}
+    model.hidden_states = lambda expert, images, texts: model.models[expert].hidden_states(
+        images, tokenizer_for(architecture)(texts)
+    )
+    size = architecture.image_size
+    batch = [replace(one, images=torch.rand(2, 3, size, size)) for one in observations(2)]
+    together = energies(model, directions(model), batch, sees_instruction=True)
+    alone = torch.cat([energies(model, directions(model), [one], sees_instruction=True) for one in batch])
+    assert torch.allclose(together, alone, atol=1e-4)
 
 
 def test_no_hook_stays_in_the_base(model):
