@@ -5,7 +5,7 @@
 # five tasks, 150 demonstrations each.
 #   cross-sigmoid  MergeVLA's blocks, a base of the five tasks; cross-tanh, self-sigmoid, self-tanh: other blocks
 #   other          a base of four other tasks
-#   KIND-fresh     the same base, each expert's trunk initialised anew, as in arXiv 2511.18810
+#   KIND-fresh     the same base, each expert's trunk from a seed of its own, as in arXiv 2511.18810
 #   joint          one network on all five tasks, with as many frames as a base and its experts
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
 # Usage: scripts/training_controls.sh [FOLDER] [SEED...]   (default runs/training-controls 0 1 2). Takes hours.

@@ -1,7 +1,7 @@
 """The router `self-trained`: the calibrated router's classifier, fitted to first observations without labels.
 
 The labels are the model's own. Evidence from the experts' weights and actions, standardised for each expert over all
-observations, gives the first; then a classifier is fitted and labels the observations anew, until the labels stay
+observations, gives the first; then a classifier is fitted and labels the observations again, until the labels stay
 (self-training: H. Scudder, "Probability of error of some adaptive pattern-recognition machines", 1965).
 """
 
@@ -33,7 +33,7 @@ RANK = 24
 """Right singular vectors of a delta that count as its row space."""
 ROUNDS = 10
 COMPONENTS = 64
-"""Principal components of the classifiers that label the observations anew."""
+"""Principal components of the classifiers that label the observations again."""
 MOST = 360
 """Most observations that are used; others are left out evenly."""
 LANGUAGE = "language."
