@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.schema import Suite
 from robogauntlet.support.files import write_whole
 
@@ -66,6 +67,11 @@ class PlannedCell(_Model):
     severity: Count
     planned: Count
     """Episodes (seeds) planned."""
+
+    @property
+    def condition(self) -> Condition:
+        """The cell's condition."""
+        return Condition(self.axis, self.severity)
 
 
 class Unsupported(_Model):

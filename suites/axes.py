@@ -7,12 +7,13 @@ perturbed by exactly the value of its severity, not by up to it: otherwise sever
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import CONTROLS, Condition
 from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 SEVERITIES = 5
@@ -63,20 +64,50 @@ class Axis:
     too short to measure it."""
     secondary_levels: tuple[float, ...] = ()
     """A second quantity that changes with the severity, explained in the summary."""
+    unchanged: float | None = 0.0
+    """The value in the clean episode, from which severities below 1 are interpolated. None for an axis whose levels are
+    kinds or counts, which has whole severities only."""
 
-    def value(self, severity: int) -> float:
-        """Return the level of a severity from 1 to 5.
+    def value(self, severity: float) -> float:
+        """Return the level of a severity above 0 and up to 5, in the axis' unit.
+
+        Between whole severities the level is interpolated: linearly, and for a signal-to-noise ratio (whose clean value
+        is infinite) linearly in the deviation of the noise.
 
         Raises:
             ValueError: The axis has no such severity.
         """
-        if not 1 <= severity <= len(self.levels):
-            raise ValueError(f"expected a severity from 1 to {len(self.levels)} on axis '{self.name}', got {severity}")
-        return self.levels[severity - 1]
+        return self._interpolated(self.levels, self.unchanged, severity)
 
-    def describe(self, severity: int) -> str:
+    def secondary_value(self, severity: float) -> float:
+        """Return the secondary level of a severity, 0 without one."""
+        if not self.secondary_levels:
+            return 0.0
+        return self._interpolated(self.secondary_levels, None if self.unchanged is None else self.neutral, severity)
+
+    @property
+    def neutral(self) -> float:
+        """The secondary level of the clean episode: 1 for a factor, else 0."""
+        return 1.0 if self.unchanged == 1.0 else 0.0
+
+    def _interpolated(self, levels: tuple[float, ...], unchanged: float | None, severity: float) -> float:
+        if not 0 < severity <= len(levels):
+            raise ValueError(f"expected a severity from 1 to {len(levels)} on axis '{self.name}', got {severity:g}")
+        if severity == int(severity):
+            return levels[int(severity) - 1]
+        if unchanged is None:
+            raise ValueError(f"axis '{self.name}' has whole severities only, got {severity:g}")
+        points = (unchanged, *levels)
+        below, above = points[int(severity)], points[int(severity) + 1]
+        share = severity - int(severity)
+        if math.isinf(unchanged):  # dB: its amplitude is interpolated
+            low, high = (10 ** (-point / 20) for point in (below, above))
+            return -20 * math.log10(low + share * (high - low))
+        return below + share * (above - below)
+
+    def describe(self, severity: float) -> str:
         """Return the level of a severity with its unit, `18.4 dB PSNR` or `rewording type 2`."""
-        level = f"{self.value(severity):g}"
+        level = f"{self.value(severity):.4g}"
         return f"{self.unit} {level}" if self.changes is Changes.INSTRUCTION else f"{level} {self.unit}"
 
 
@@ -97,6 +128,7 @@ _ALL = (
         unit="times",
         levels=(1.05, 1.1, 1.25, 1.5, 2.0),
         tolerance=0.005,
+        unchanged=1.0,
         summary="The third-person camera is moved to this multiple of its distance from its target.",
         references="LIBERO-Plus reaches 2 (2510.13626)",
     ),
@@ -146,6 +178,7 @@ _ALL = (
         unit="K",
         levels=(5500.0, 4500.0, 3500.0, 2700.0, 2000.0),
         tolerance=300.0,
+        unchanged=6500.0,
         summary="All lights have the colour of a black body of this temperature instead of 6500 K (daylight), at the "
         "same luminance.",
         references="from daylight to incandescent lamp and candle",
@@ -166,6 +199,7 @@ _ALL = (
         unit="objects",
         levels=(1.0, 2.0, 4.0, 6.0, 10.0),
         tolerance=0.0,
+        unchanged=None,
         summary="Boxes, balls and cylinders of 3 to 5 cm stand on the table, half of them red, green or blue like the "
         "tasks' objects, at least 5 cm away from these and from the straight line between them. They are rendered but "
         "cannot be touched, so the axis tests perception alone.",
@@ -197,6 +231,7 @@ _ALL = (
         unit="times the mass",
         levels=(1.25, 1.5, 2.0, 3.0, 5.0),
         tolerance=0.01,
+        unchanged=1.0,
         summary="The mass of the task's objects is multiplied by this; their friction is multiplied or divided, at "
         "random, by 1.1, 1.25, 1.5, 2, 3.",
         references="robosuite's randomisation has 10 % of friction, Colosseum more by task (2402.08191)",
@@ -208,6 +243,7 @@ _ALL = (
         unit="dB PSNR",
         levels=(34.0, 28.0, 22.0, 18.4, 14.9),
         tolerance=0.2,
+        unchanged=float("inf"),
         summary="Independent Gaussian noise in every frame and camera. Its deviation is set for each episode and "
         "camera so that the first image has this peak signal-to-noise ratio, however much of it is saturated.",
         references="deviations .02 .04 .08 .12 .18 where nothing saturates; 3 to 5 are ImageNet-C's first three "
@@ -258,6 +294,7 @@ _ALL = (
         unit="rewording type",
         levels=(1.0, 2.0, 3.0, 4.0, 5.0),
         tolerance=0.0,
+        unchanged=None,
         summary="The instruction is paraphrased: 1 adds a filler, 2 uses synonyms, 3 changes the syntax, 4 refers to "
         "objects by kind or place, 5 adds an irrelevant clause.",
         references="types as in LIBERO-Plus (2510.13626) and VLABench's fourth track (2412.18194)",
@@ -265,18 +302,21 @@ _ALL = (
     Axis(
         name="blind",
         changes=Changes.IMAGES,
+        unchanged=None,
         summary="All images are black. Success that remains does not depend on vision.",
         references="this success rate is the lower limit for every axis that changes images",
     ),
     Axis(
         name="blank-instruction",
         changes=Changes.INSTRUCTION,
+        unchanged=None,
         summary="The instruction is empty. Success that remains does not depend on the instruction.",
         references="LIBERO-Plus reports that it changes little (2510.13626)",
     ),
     Axis(
         name="wrong-goal",
         changes=Changes.INSTRUCTION,
+        unchanged=None,
         summary="The instruction asks for another goal that is possible in the same scene. A policy that still reaches "
         "the task's goal ignores the instruction.",
         references="LIBERO-Plus reports that instruction following collapses (2510.13626)",
@@ -284,6 +324,7 @@ _ALL = (
     Axis(
         name="again",
         changes=Changes.NOTHING,
+        unchanged=None,
         summary="The clean episode is repeated. If a repetition is not bit-identical, the numbers of this run contain "
         "nondeterminism.",
         references="users of LIBERO-Plus report that repeated runs agree on 91 % of the episodes (its issue 61)",
@@ -293,19 +334,46 @@ AXES: Mapping[str, Axis] = MappingProxyType({axis.name: axis for axis in _ALL})
 """All axes by name, the controls last."""
 
 
-def axis_of(condition: Condition) -> Axis | None:
-    """Return the axis of a condition, or None for clean.
+EXCLUSIVE = (
+    ("camera-bump", "camera-orbit", "both move the third-person camera, so neither value would be the delivered one"),
+    (
+        "camera-bump",
+        "camera-distance",
+        "both move the third-person camera, so neither value would be the delivered one",
+    ),
+)
+"""Pairs of axes that do not combine, with the reason. Controls combine with nothing."""
+
+
+def axes_of(condition: Condition) -> dict[Axis, float]:
+    """Return the axes of a condition with their severities; none for clean.
 
     Raises:
-        ValueError: The condition names an unknown axis or severity.
+        ValueError: The condition names an unknown axis or severity, or axes that do not combine.
     """
-    if condition == Condition():
+    found = {}
+    for part in condition.perturbations:
+        if part.axis not in AXES:
+            raise ValueError(f"expected one of the axes {', '.join(AXES)}; got '{part.axis}'")
+        AXES[part.axis].value(part.severity)
+        found[AXES[part.axis]] = part.severity
+    if reason := why_exclusive([axis.name for axis in found]):
+        raise ValueError(reason)
+    return found
+
+
+def why_exclusive(names: Iterable[str]) -> str | None:
+    """Return the reason why these axes do not combine, or None if they do."""
+    names = list(names)
+    if len(names) < 2:
         return None
-    if condition.axis not in AXES:
-        raise ValueError(f"expected one of the axes {', '.join(AXES)}; got '{condition.axis}'")
-    axis = AXES[condition.axis]
-    axis.value(condition.severity)
-    return axis
+    for name in names:
+        if name in CONTROLS:
+            return f"the control '{name}' does not combine with others"
+    for one, other, reason in EXCLUSIVE:
+        if one in names and other in names:
+            return f"'{one}' and '{other}' do not combine: {reason}"
+    return None
 
 
 def why_unsupported(axis: Axis, instruction: str) -> str | None:

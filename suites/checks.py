@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import chain
 
-from robogauntlet.suites.episode import CAMERAS, CLEAN, Condition
+from robogauntlet.suites.axes import AXES, why_exclusive
+from robogauntlet.suites.episode import CAMERAS, CLEAN, CONTROLS, Condition
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.schema import Mistake, Suite, expand_tasks
@@ -19,6 +20,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
         *_check_policies(suite, names),
         *_check_tasks(suite, names),
         *_check_conditions(suite, names),
+        *_check_design(suite, names),
         *_check_cameras(suite),
         *_check_simulators(suite, names),
         *_check_programs(suite, names),
@@ -73,21 +75,56 @@ def _unknown_task(pattern: str, names: Registry) -> str:
 def _check_conditions(suite: Suite, names: Registry) -> Iterator[Mistake]:
     seen: set[Condition] = set()
     for i, entry in enumerate(suite.conditions):
-        place, axis = ("conditions", i), entry.axis
-        if axis != CLEAN and axis not in names.axes:
-            yield place, f"unknown condition '{axis}'{did_you_mean(axis, [CLEAN, *names.axes])}"
+        place = ("conditions", i)
         for condition in entry.conditions():
-            if axis == CLEAN and condition.severity:
-                yield place, "clean has severity 0 only"
-            if condition.severity > names.axes.get(axis, MOST_SEVERE):
-                yield place, f"'{axis}' has severity {names.axes[axis]} at most, got {condition.severity}"
-            if axis in names.axes and not condition.severity:
-                yield place, f"expected severities from 1 for '{axis}', as {{axis: {axis}, severities: [2, 4]}}"
+            yield from ((place, mistake) for mistake in _mistakes_in(condition, names))
             if condition in seen:
                 yield place, f"duplicate condition '{condition}'"
             seen.add(condition)
     if Condition() not in seen:
         yield ("conditions",), "no clean condition to compare the perturbed ones with; add clean"
+
+
+def _mistakes_in(condition: Condition, names: Registry) -> Iterator[str]:
+    """What is wrong with a condition: unknown axes, severities that they lack, axes that do not combine."""
+    if condition.axis == CLEAN and condition.severity:
+        yield "clean has severity 0 only"
+        return
+    if condition.axis != CLEAN and not condition.severity:
+        axis = condition.axis
+        known = axis in names.axes
+        yield (
+            f"expected severities from 1 for '{axis}', as {{axis: {axis}, severities: [2, 4]}}"
+            if known
+            else (f"unknown condition '{axis}'{did_you_mean(axis, [CLEAN, *names.axes])}")
+        )
+        return
+    try:
+        parts = condition.perturbations
+    except ValueError as error:
+        yield str(error)
+        return
+    for part in parts:
+        highest = names.axes.get(part.axis, MOST_SEVERE)
+        if part.axis not in names.axes:
+            yield f"unknown condition '{part.axis}'{did_you_mean(part.axis, [CLEAN, *names.axes])}"
+        elif part.severity > highest:
+            yield f"'{part.axis}' has severity {highest} at most, got {part.severity:g}"
+        elif not float(part.severity).is_integer() and AXES[part.axis].unchanged is None:
+            yield f"'{part.axis}' has whole severities only, got {part.severity:g}"
+    if reason := why_exclusive(part.axis for part in parts):
+        yield reason
+
+
+def _check_design(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    if suite.design is None:
+        return
+    axes = [axis for axis in names.axes if axis not in CONTROLS]
+    for i, axis in enumerate(suite.design.axes):
+        if axis not in axes:
+            yield ("design", "axes", i), f"unknown axis '{axis}'{did_you_mean(axis, axes)}"
+    if suite.adaptive is not None:
+        yield ("design",), "adaptive stops conditions one by one, a design needs all seeds of each; remove one of both"
 
 
 def _check_cameras(suite: Suite) -> Iterator[Mistake]:

@@ -1,20 +1,20 @@
 """Conditions as text, wherever one is given: in suites, on the command line and in Python.
 
-A condition is shown as `noise@2`; `noise:2` says the same.
+A condition is shown as `noise@2`, and a combination as `noise@2+table@3.5`; `noise:2` says the same.
 """
 
 from __future__ import annotations
 
 import re
 
-from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
+from robogauntlet.suites.axes import AXES, axes_of
+from robogauntlet.suites.episode import AND, CLEAN, CONTROLS, Condition, Perturbation
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
-EXPECTED = "clean, AXIS or AXIS@SEVERITY[,SEVERITY], such as noise@2,4"
+EXPECTED = "clean, AXIS or AXIS@SEVERITY[,SEVERITY], such as noise@2,4 or noise@2+table@3.5"
 _PARTS = re.compile(r"(?P<axis>[^@:]*)(?P<sign>[@:]?)(?P<severities>.*)", re.DOTALL)
-_SEVERITY = re.compile(r"[0-9]{1,9}")
+_SEVERITY = re.compile(r"[0-9]{1,9}([.][0-9]{1,9})?")
 
 
 def split_condition(text: str) -> tuple[str, str | None]:
@@ -23,60 +23,93 @@ def split_condition(text: str) -> tuple[str, str | None]:
     return axis, severities if sign else None
 
 
-def read_severities(text: str) -> tuple[str, tuple[int, ...] | None]:
+def read_severities(text: str) -> tuple[str, tuple[float, ...] | None]:
     """Return the axis and the severities that a text names, None for an axis alone. Names are not checked.
 
+    A combination is an axis with the severity 1, see `Condition`.
+
     Raises:
-        ValueError: The text after the sign is no list of severities.
+        ValueError: The text after the sign is no list of severities, or an axis is named twice.
     """
+    if AND in text:
+        parts = [read_severities(part) for part in text.split(AND)]
+        given = [Perturbation(axis, severities[0]) for axis, severities in parts if severities and len(severities) == 1]
+        if len(given) < len(parts) or not all(one.severity for one in given):
+            raise ValueError(f"expected {EXPECTED}, got '{text}'")
+        combined = Condition.of(*given)
+        return combined.axis, (combined.severity,)
     axis, listed = split_condition(text)
     if listed is None:
         return axis, None
     severities = listed.split(",")
     if not axis or not all(map(_SEVERITY.fullmatch, severities)):
         raise ValueError(f"expected {EXPECTED}, got '{text}'")
-    return axis, tuple(map(int, severities))
+    return axis, tuple(map(read_number, severities))
+
+
+def read_number(text: str) -> float:
+    """Return a number, as an integer if it is whole, so that equal severities are written alike."""
+    return int(text) if "." not in text else int(float(text)) if float(text).is_integer() else float(text)
 
 
 def read_condition(text: str) -> Condition:
-    """Return the one condition that a text names: `clean`, a control such as `again`, or `AXIS@SEVERITY`.
+    """Return the one condition that a text names.
+
+    This is `clean`, a control such as `again`, `AXIS@SEVERITY`, or a combination of these joined by `+`.
 
     Raises:
-        BadInput: There is no such axis or severity, or the text names several.
+        BadInput: There is no such axis or severity, the axes do not combine, or the text names several conditions.
     """
     if text == CLEAN:
         return Condition()
     axis, severities = read_axis(text)
-    if axis not in AXES:
-        raise BadInput(f"condition '{text}': unknown axis '{axis}'{did_you_mean(axis, [CLEAN, *AXES])}")
-    if len(severities) != 1:
+    if len(severities) != 1 and axis in AXES:
         raise BadInput(f"condition '{text}': expected one severity, such as {axis}@2, got {len(severities)}")
-    if not 1 <= severities[0] <= _levels(axis):
-        raise BadInput(f"condition '{text}': expected a severity from 1 to {_levels(axis)}, got {severities[0]}")
-    return Condition(axis, severities[0])
+    condition = condition_of(axis, severities[0])
+    for part in condition.perturbations or (Perturbation(axis, severities[0]),):
+        if part.axis not in AXES:
+            raise BadInput(f"condition '{text}': unknown axis '{part.axis}'{did_you_mean(part.axis, [CLEAN, *AXES])}")
+        if not 0 < part.severity <= _levels(part.axis):
+            highest = f"expected a severity from 1 to {_levels(part.axis)}"
+            raise BadInput(f"condition '{text}': {highest}, got {part.severity:g}")
+    try:
+        axes_of(condition)
+    except ValueError as error:
+        raise BadInput(f"condition '{text}': {error}") from None
+    return condition
 
 
-def read_axis(text: str) -> tuple[str, tuple[int, ...]]:
+def condition_of(axis: str, severity: float) -> Condition:
+    """Return the condition of an axis, or of a combination's spelling, at a severity, whole or not."""
+    whole = float(severity).is_integer()
+    return Condition(axis, int(severity)) if whole else Condition.of(Perturbation(axis, severity))
+
+
+def read_axis(text: str) -> tuple[str, tuple[float, ...]]:
     """Return an axis and its severities: those that the text names, or all. An unknown axis has one.
 
     Raises:
-        BadInput: The text names no severities after the sign.
+        BadInput: The text names no severities after the sign, or an axis twice.
     """
     try:
         axis, severities = read_severities(text)
-    except ValueError:
-        raise BadInput(f"condition '{text}': expected {EXPECTED}") from None
+    except ValueError as error:
+        twice = str(error) if "twice" in str(error) else f"expected {EXPECTED}"
+        raise BadInput(f"condition '{text}': {twice}") from None
     return axis, tuple(range(1, _levels(axis) + 1)) if severities is None else severities
 
 
 def condition_patterns(text: str) -> list[str]:
     """Return patterns of what `str(Condition)` gives: `noise:2,4` as `noise@2` and `noise@4`, `noise` as `noise@*`."""
-    axis, severities = split_condition(text)
+    if AND in text:
+        axis, severities = read_axis(text)
+        return [str(condition_of(axis, severities[0]))]
+    axis, listed = split_condition(text)
     if axis in CONTROLS:
         return [axis]
-    if severities is None:
+    if listed is None:
         return [f"{axis}@*"] if axis in AXES else [axis]
-    return [f"{axis}@{severity}" for severity in severities.split(",")]
+    return [f"{axis}@{severity}" for severity in listed.split(",")]
 
 
 def _levels(axis: str) -> int:

@@ -12,6 +12,8 @@ CLEAN = "clean"
 CONTROLS = ("blind", "blank-instruction", "wrong-goal", "again")
 """Control conditions, which have one severity."""
 CAMERAS = ("third_person", "wrist")
+AT, AND = "@", "+"
+"""Signs in the text of a combination."""
 FIRST_TRAINING_SEED = 1_000_000
 """Seeds from here on are for training and development; those of suites begin at 0, and never share a starting state."""
 SUCCESS_HOLD = 5
@@ -30,16 +32,82 @@ class RenderProfile(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Condition:
-    """Clean, one perturbation axis at one severity, or a control."""
+class Perturbation:
+    """One perturbation axis, or control, at one severity."""
 
-    axis: str = CLEAN
-    """Name of the perturbation axis or control, or `clean`."""
-    severity: int = 0
-    """0 for clean, 1 for a control, else 1 (mild) to 5 (extreme but solvable)."""
+    axis: str
+    severity: float
+    """Above 0 (clean) and up to 5, in hundredths; the axis' scale is interpolated between whole severities."""
 
     def __str__(self) -> str:
-        return self.axis if self.axis in (CLEAN, *CONTROLS) else f"{self.axis}@{self.severity}"
+        return f"{self.axis}{AT}{self.severity:g}"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Condition:
+    """Clean, one perturbation axis at one severity, a control, or a combination of axes.
+
+    A combination, or one axis at a fractional severity, is named by its perturbations: its `axis` is
+    `camera-orbit@2+illuminance@3.5` (sorted by name) and its `severity` 1. See `Condition.of`.
+    """
+
+    axis: str = CLEAN
+    """Name of the perturbation axis or control, `clean`, or the perturbations of a combination."""
+    severity: int = 0
+    """0 for clean, 1 for a control or combination, else 1 (mild) to 5 (extreme but solvable)."""
+
+    def __str__(self) -> str:
+        named = self.axis in (CLEAN, *CONTROLS) or self.is_combination
+        return self.axis if named else f"{self.axis}@{self.severity}"
+
+    @classmethod
+    def of(cls, *perturbations: Perturbation) -> Condition:
+        """Return the condition with these perturbations; equal ones have one spelling.
+
+        Severities are rounded to hundredths, and those of 0 are left out.
+
+        Raises:
+            ValueError: An axis is given twice.
+        """
+        rounded = (Perturbation(one.axis, round(one.severity, 2)) for one in perturbations)
+        parts = sorted(one for one in rounded if one.severity)
+        axes = [part.axis for part in parts]
+        if repeated := next((axis for axis in axes if axes.count(axis) > 1), None):
+            raise ValueError(f"expected each axis once, got '{repeated}' twice")
+        if not parts:
+            return cls()
+        if len(parts) == 1 and parts[0].severity == int(parts[0].severity):
+            return cls(parts[0].axis, int(parts[0].severity))
+        return cls(AND.join(map(str, parts)), 1)
+
+    @property
+    def is_on_scale(self) -> bool:
+        """Whether this is one axis at one of its whole severities."""
+        return self.axis not in (CLEAN, *CONTROLS) and not self.is_combination
+
+    @property
+    def is_combination(self) -> bool:
+        """Whether `axis` spells out perturbations: several, or one at a fractional severity."""
+        return AT in self.axis
+
+    @property
+    def perturbations(self) -> tuple[Perturbation, ...]:
+        """What is perturbed, and how much; nothing if clean.
+
+        Raises:
+            ValueError: The axis is no spelling of a combination.
+        """
+        if self == Condition():
+            return ()
+        if not self.is_combination:
+            return (Perturbation(self.axis, self.severity),)
+        parts = []
+        for text in self.axis.split(AND):
+            axis, _, severity = text.rpartition(AT)
+            parts.append(Perturbation(axis, float(severity)))
+        if Condition.of(*parts) != self:
+            raise ValueError(f"expected a combination such as camera-orbit@2+illuminance@3.5, got '{self}'")
+        return tuple(parts)
 
 
 @dataclass(frozen=True, slots=True)

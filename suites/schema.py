@@ -20,7 +20,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
-from robogauntlet.suites.conditions import read_severities
+from robogauntlet.suites.conditions import condition_of, read_severities
+from robogauntlet.suites.designs import DesignEntry, Severity
 from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import (
     CAMERAS,
@@ -104,14 +105,20 @@ class PolicyEntry(_Model):
 
 
 class ConditionEntry(_Model):
-    """A perturbation axis with the severities to run, `clean`, or a control."""
+    """A perturbation axis with the severities to run, `clean`, a control, or a combination.
+
+    A combination is written `{camera-orbit: 2, illuminance: 3.5}` or `camera-orbit@2+illuminance@3.5`, which is its
+    `axis`, see `Condition`.
+    """
 
     axis: Text
-    severities: tuple[Annotated[int, Field(strict=True, ge=0, le=5)], ...] = Field(min_length=1)
+    severities: tuple[Annotated[Severity, Field(ge=0, le=5)], ...] = Field(min_length=1)
 
     @model_validator(mode="before")
     @classmethod
     def _shorthand(cls, value: Any) -> Any:
+        if isinstance(value, dict) and value and "axis" not in value and "severities" not in value:
+            value = _combination(value)
         if not isinstance(value, str):
             return value
         axis, severities = read_severities(value)
@@ -120,7 +127,15 @@ class ConditionEntry(_Model):
 
     def conditions(self) -> list[Condition]:
         """One condition per severity."""
-        return [Condition(self.axis, severity) for severity in self.severities]
+        return [condition_of(self.axis, severity) for severity in self.severities]
+
+
+def _combination(value: dict[Any, Any]) -> str:
+    """The text of a combination that is given as a mapping of axes to severities."""
+    for axis, severity in value.items():
+        if isinstance(severity, bool) or not isinstance(severity, int | float) or not 0 < severity <= 5:
+            raise ValueError(f"expected a severity above 0 and up to 5 for '{axis}', got {severity!r}")
+    return "+".join(f"{axis}@{severity:f}" for axis, severity in value.items())
 
 
 class Seeds(_Model):
@@ -201,6 +216,8 @@ class Suite(_Model):
     tasks: tuple[Text, ...] = Field(min_length=1, max_length=MAX_ENTRIES)
     """`simulator/task`, or a pattern such as `maniskill/*`."""
     conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
+    design: DesignEntry | None = None
+    """Combinations of axes, besides `conditions`."""
     seeds: Seeds
 
     replan_every: Steps = 8
@@ -278,8 +295,9 @@ class Suite(_Model):
         return self.model_copy(update={"tasks": tuple(expand_tasks(self.tasks, names.tasks))})
 
     def all_conditions(self) -> list[Condition]:
-        """Return every condition, in the order of the file."""
-        return [condition for entry in self.conditions for condition in entry.conditions()]
+        """Return every condition once, in the order of the file; those of the design come last."""
+        listed = [condition for entry in self.conditions for condition in entry.conditions()]
+        return list(dict.fromkeys([*listed, *(self.design.conditions() if self.design else ())]))
 
     def cells(self, names: Registry, digests: Mapping[str, str]) -> list[Cell]:
         """Return every (policy, task, condition), by task so that neighbours share an open simulation.

@@ -19,7 +19,7 @@ from robogauntlet.adapters.contract import (
     TaskDescription,
 )
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
 from robogauntlet.suites.episode import SUCCESS_HOLD, Cell
 
 MAX_INSTRUCTION = 200
@@ -85,7 +85,7 @@ class TaskEnvironment(gymnasium.Env[dict[str, Any], FloatArray]):
         chosen = int(self.np_random.integers(2**31)) if seed is None else seed
         self.simulation = perturbed(self._clean, self._cell.episode(chosen), self._references)
         self.simulation.reset(chosen)
-        if isinstance(self.simulation, Perturbed):
+        if isinstance(self.simulation, PerturbedSimulation):
             self.simulation.check_start()
         self._steps = self._held = 0
         return self._observe(), {"seed": chosen}

@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.cli.common import NewestRunArgument, StoreUrl, ne
 from robogauntlet.orchestrator.cli.console_tables import print_summary
 from robogauntlet.results.report.figures import FOLDER, FigureFormat, check_matplotlib, write_figures
 from robogauntlet.results.report.success_table import TableFormat, render_table, success_table
-from robogauntlet.suites.conditions import split_condition
+from robogauntlet.suites.conditions import condition_patterns, split_condition
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
@@ -80,7 +80,8 @@ def _find(wanted: str | None, conditions: Sequence[Condition]) -> Condition:
     if wanted is None:
         return conditions[0] if conditions else Condition()
     axis, severity = split_condition(wanted)
-    found = [one for one in conditions if one.axis == axis and severity in (None, str(one.severity))]
+    spelled = condition_patterns(wanted)
+    found = [one for one in conditions if str(one) in spelled or (severity is None and one.axis == axis)]
     if len(found) == 1:
         return found[0]
     names = [str(one) for one in found or conditions]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from robogauntlet.adapters.contract import Observation, Simulation
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation
 from robogauntlet.suites.episode import Condition, Episode, Protocol, View
 
 
@@ -36,6 +36,6 @@ def first_observation(simulation: Simulation, snapshot: Snapshot) -> Observation
     simulation = perturbed(simulation, episode)
     simulation.reset(snapshot.seed)
     observation = simulation.observe()
-    if isinstance(simulation, Perturbed):
+    if isinstance(simulation, PerturbedSimulation):
         simulation.delivered()  # raises if the severity was not delivered
     return observation

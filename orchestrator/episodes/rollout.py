@@ -15,7 +15,7 @@ import numpy as np
 from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.orchestrator.perturbations import perturbed
-from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages
+from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
 from robogauntlet.policies.contract import (
     Decision,
     Policy,
@@ -92,7 +92,7 @@ def rollout(
         simulation.reset(episode.seed)
     with timed("inference_s"):
         policy.reset([episode])
-    if isinstance(simulation, Perturbed):
+    if isinstance(simulation, PerturbedSimulation):
         simulation.check_start()
     state_hash = simulation.state_hash()
     spec, protocol = simulation.action_spec, episode.protocol
@@ -109,7 +109,7 @@ def rollout(
         watcher(simulation, steps)
     while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
         query = _observe(simulation, policy, episode, steps, timed)
-        if isinstance(simulation, Perturbed) and query.observation is not None:
+        if isinstance(simulation, PerturbedSimulation) and query.observation is not None:
             simulation.check_instruction(query.observation.instruction)
         asked = clock()
         with timed("inference_s"):
@@ -141,7 +141,7 @@ def rollout(
                 with timed("render_s"):
                     clean_simulation.observe()
     policy.finish([episode])
-    delivered = simulation.delivered() if isinstance(simulation, Perturbed) else Delivered(None)
+    delivered = simulation.delivered() if isinstance(simulation, PerturbedSimulation) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     return EpisodeResult.from_episode(

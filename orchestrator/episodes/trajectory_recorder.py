@@ -8,8 +8,7 @@ import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Observation, Simulation, StepOutcome
 from robogauntlet.adapters.wrapper import SimulationWrapper
-from robogauntlet.orchestrator.perturbations.actions import PerturbedActions
-from robogauntlet.orchestrator.perturbations.base import Perturbed
+from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation
 from robogauntlet.policies.training.lerobot_format import Recording
 
 
@@ -42,8 +41,10 @@ class TrajectoryRecorder(SimulationWrapper):
     def step(self, action: FloatArray) -> StepOutcome:
         """Observe, execute and record."""
         outer = self._outer
-        self._observations.append(outer.preview() if isinstance(outer, Perturbed) else self.simulation.observe())
-        commanded = outer.commanded if isinstance(outer, PerturbedActions) else None
+        self._observations.append(
+            outer.preview() if isinstance(outer, PerturbedSimulation) else self.simulation.observe()
+        )
+        commanded = outer.commanded if isinstance(outer, PerturbedSimulation) else None
         outcome = self.simulation.step(self._executed(action))
         self._actions.append(np.array(action if commanded is None else commanded))
         self._success.append(outcome.success)

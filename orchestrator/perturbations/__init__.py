@@ -3,34 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from robogauntlet.adapters.contract import Simulation, UnsupportedCondition
 from robogauntlet.orchestrator.perturbations.actions import ActionDelay, ActionNoise
 from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceImages, Unperturbed
 from robogauntlet.orchestrator.perturbations.cameras import CameraBump, CameraDistance, CameraOrbit, FieldOfView
+from robogauntlet.orchestrator.perturbations.combination import Combination
 from robogauntlet.orchestrator.perturbations.images import Blind, Blur, FrozenFrames, SensorNoise
 from robogauntlet.orchestrator.perturbations.instructions import BlankInstruction, Instruction, WrongGoal
 from robogauntlet.orchestrator.perturbations.lights import ColourTemperature, Illuminance, LightDirection
 from robogauntlet.orchestrator.perturbations.physics import Dynamics, ObjectPosition, RobotStart
 from robogauntlet.orchestrator.perturbations.table_and_distractors import Distractors, Table
-from robogauntlet.suites.axes import axis_of
-from robogauntlet.suites.episode import Episode
+from robogauntlet.suites.axes import axes_of
+from robogauntlet.suites.episode import Condition, Episode, Perturbation
 
 _PERTURBED: Mapping[str, type[Perturbed]] = {
+    "object-position": ObjectPosition,
+    "robot-start": RobotStart,
+    "dynamics": Dynamics,
+    "distractors": Distractors,
     "camera-orbit": CameraOrbit,
     "camera-distance": CameraDistance,
     "field-of-view": FieldOfView,
     "camera-bump": CameraBump,
-    "illuminance": Illuminance,
-    "light-direction": LightDirection,
-    "colour-temperature": ColourTemperature,
     "table": Table,
-    "distractors": Distractors,
-    "object-position": ObjectPosition,
-    "robot-start": RobotStart,
-    "dynamics": Dynamics,
-    "noise": SensorNoise,
+    "light-direction": LightDirection,
+    "illuminance": Illuminance,
+    "colour-temperature": ColourTemperature,
     "blur": Blur,
+    "noise": SensorNoise,
     "frozen-frames": FrozenFrames,
     "action-noise": ActionNoise,
     "action-delay": ActionDelay,
@@ -40,12 +42,16 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "wrong-goal": WrongGoal,
     "again": Unperturbed,
 }
+"""Axis to its wrapper. In a combination they wrap the simulation in this order: physics, what stands on the table,
+cameras, the table's paint, light, lens, sensor, transport; then actions and instruction."""
+_ORDER = list(_PERTURBED)
 
 
 def perturbed(simulation: Simulation, episode: Episode, references: ReferenceImages | None = None) -> Simulation:
-    """The simulation under the episode's condition: itself if clean, else in a wrapper.
+    """The simulation under the episode's condition: itself if clean, else in a wrapper per axis.
 
-    Random draws depend on the pair alone, so two policies meet the same disturbance.
+    Random draws depend on the pair alone, so two policies meet the same disturbance. In a combination each axis draws
+    what it draws alone.
 
     Args:
         simulation: The clean simulation.
@@ -53,12 +59,18 @@ def perturbed(simulation: Simulation, episode: Episode, references: ReferenceIma
         references: Cached images of this simulation's task.
 
     Raises:
-        UnsupportedCondition: There is no such axis or severity.
+        UnsupportedCondition: There is no such axis or severity, or the axes do not combine.
     """
     try:
-        axis = axis_of(episode.condition)
+        axes = axes_of(episode.condition)
     except ValueError as error:
         raise UnsupportedCondition(str(error)) from None
-    if axis is None:
+    if not axes:
         return simulation
-    return _PERTURBED[axis.name](simulation, axis, episode, references)
+    if len(axes) > 1:
+        references = None  # they are of the clean scene
+    layers: list[Perturbed] = []
+    for axis, severity in sorted(axes.items(), key=lambda item: _ORDER.index(item[0].name)):
+        alone = replace(episode, condition=Condition.of(Perturbation(axis.name, severity)))
+        layers.append(_PERTURBED[axis.name](layers[-1] if layers else simulation, axis, alone, references))
+    return layers[0] if len(layers) == 1 else Combination(layers)

@@ -20,8 +20,7 @@ class PerturbedActions(Perturbed):
         super().reset(seed)
         self._steps = 0
         """Steps since the reset."""
-        self.commanded: FloatArray | None = None
-        """The policy's last action."""
+        self.commanded = None
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Execute the changed action."""
@@ -68,7 +67,7 @@ class ActionDelay(PerturbedActions):
         super().reset(seed)
         still = np.zeros(len(ACTION_NAMES))
         still[ACTION_NAMES.index("gripper")] = 0.0 if "gripper" in self.action_spec.ignored else OPEN_GRIPPER
-        self._delayed = [still] * delay_steps(self.level, self.action_spec.control_hz)
+        self._delayed = [still] * delay_steps(self.level, self.action_spec.control_hz, least=int(self.severity >= 1))
 
     def _executed(self, action: FloatArray) -> FloatArray:
         self._delayed.append(action)
@@ -79,9 +78,9 @@ class ActionDelay(PerturbedActions):
         return Delivered(self._checked(1000 * len(self._delayed) / self.action_spec.control_hz))
 
 
-def delay_steps(delay_ms: float, control_hz: float) -> int:
-    """The delay in control steps, rounded, at least one."""
-    return max(1, round(delay_ms / 1000 * control_hz))
+def delay_steps(delay_ms: float, control_hz: float, least: int = 1) -> int:
+    """The delay in control steps, rounded, at least `least`."""
+    return max(least, round(delay_ms / 1000 * control_hz))
 
 
 def step_deviation(spread: float, control_hz: float) -> float:

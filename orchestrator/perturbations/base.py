@@ -9,7 +9,15 @@ from typing import TypeVar
 import numpy as np
 
 from robogauntlet.adapters.catalog import task_descriptions
-from robogauntlet.adapters.contract import Delivered, Image, NotDelivered, Observation, Simulation, UnsupportedCondition
+from robogauntlet.adapters.contract import (
+    Delivered,
+    FloatArray,
+    Image,
+    NotDelivered,
+    Observation,
+    Simulation,
+    UnsupportedCondition,
+)
 from robogauntlet.adapters.wrapper import SimulationWrapper
 from robogauntlet.suites.axes import Axis, Changes
 from robogauntlet.suites.episode import CLEAN, Episode
@@ -49,43 +57,23 @@ class ReferenceImages:
         return images
 
 
-class Perturbed(SimulationWrapper):
-    """A wrapper of the clean simulation that applies one condition."""
+class PerturbedSimulation(SimulationWrapper):
+    """A simulation under a condition other than clean, which is checked and measured."""
 
-    def __init__(
-        self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceImages | None = None
-    ) -> None:
-        super().__init__(simulation)
-        self.axis, self.episode = axis, episode
-        self.references = references or ReferenceImages()
-        self.level = axis.value(episode.condition.severity)
-        self.secondary_level = axis.secondary_levels[episode.condition.severity - 1] if axis.secondary_levels else 0.0
-
-    def reset(self, seed: int) -> None:
-        """Start the clean episode of the seed; subclasses then perturb it."""
-        self.simulation.reset(seed)
-        self._clean_start = self.simulation.state_hash()
-        self.generator = generator_for(self.episode.pair_id, 0)
+    commanded: FloatArray | None = None
+    """The policy's last action, if the condition changes actions."""
 
     def preview(self) -> Observation:
         """The observation that the policy would get now. Later observations are the same as without this call."""
-        twin = copy.copy(self)
-        for name, value in vars(self).items():
-            if isinstance(value, dict | set):
-                setattr(twin, name, value.copy())
-        return twin.observe()
+        raise NotImplementedError
 
     def check_start(self) -> None:
-        """Check that the physical state differs from that of the clean episode only if the axis changes it.
+        """Check that the physical state differs from that of the clean episode only if the condition changes it.
 
         Raises:
             NotDelivered: It differs and must not, or the other way round.
         """
-        same = self.simulation.state_hash() == self._clean_start
-        if same and not self.axis.changes.starts_clean:
-            raise self._not_delivered("expected a physical state other than the clean one, got the clean one")
-        if not same and self.axis.changes.starts_clean:
-            raise self._not_delivered("expected the clean episode's physical state, got another")
+        raise NotImplementedError
 
     def check_instruction(self, instruction: str) -> None:
         """Check that only an axis of the instruction changes the instruction.
@@ -93,17 +81,66 @@ class Perturbed(SimulationWrapper):
         Raises:
             NotDelivered: Another axis has changed it.
         """
-        own = task_descriptions()[self.episode.task].instruction
-        if self.axis.changes is not Changes.INSTRUCTION and instruction != own:
-            raise self._not_delivered(f"expected the task's own instruction, got '{instruction}'")
+        raise NotImplementedError
 
     def delivered(self) -> Delivered:
         """What was measured in this episode.
 
         Raises:
-            NotDelivered: The axis' tolerance is exceeded.
+            NotDelivered: An axis' tolerance is exceeded.
         """
         raise NotImplementedError
+
+
+class Perturbed(PerturbedSimulation):
+    """A wrapper that applies one axis to a simulation: the clean one, or one that another axis perturbs already."""
+
+    def __init__(
+        self, simulation: Simulation, axis: Axis, episode: Episode, references: ReferenceImages | None = None
+    ) -> None:
+        """Args: `episode` is under the condition of this axis alone."""
+        super().__init__(simulation)
+        self.axis, self.episode = axis, episode
+        self.references = references or ReferenceImages()
+        (perturbation,) = episode.condition.perturbations
+        self.severity = perturbation.severity
+        self.level, self.secondary_level = axis.value(self.severity), axis.secondary_value(self.severity)
+
+    def reset(self, seed: int) -> None:
+        """Start the episode of the seed without this axis; subclasses then perturb it."""
+        self.simulation.reset(seed)
+        if isinstance(self.simulation, Perturbed):
+            self.simulation.check_start()
+        self._clean_start = self.simulation.state_hash()
+        self.generator = generator_for(self.episode.pair_id, 0)
+
+    def preview(self) -> Observation:
+        """The observation of a copy."""
+        return self._twin().observe()
+
+    def _twin(self) -> Perturbed:
+        """A copy whose observations change nothing in this wrapper, nor in those below it."""
+        twin = copy.copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, dict | set):
+                setattr(twin, name, value.copy())
+        if isinstance(self.simulation, Perturbed):
+            twin.simulation = self.simulation._twin()
+        return twin
+
+    def check_start(self) -> None:
+        """Check the physical state against the one before this axis was applied."""
+        same = self.simulation.state_hash() == self._clean_start
+        if same and not self.axis.changes.starts_clean:
+            raise self._not_delivered("expected a physical state other than the clean one, got the clean one")
+        if not same and self.axis.changes.starts_clean:
+            raise self._not_delivered("expected the clean episode's physical state, got another")
+
+    def check_instruction(self, instruction: str) -> None:
+        """Check that the instruction is the task's own, unless the axis changes it."""
+        own = task_descriptions()[self.episode.task].instruction
+        if self.axis.changes is not Changes.INSTRUCTION and instruction != own:
+            raise self._not_delivered(f"expected the task's own instruction, got '{instruction}'")
 
     def _not_delivered(self, message: str) -> NotDelivered:
         return NotDelivered(f"{self.episode.condition}: {message}")
@@ -152,7 +189,7 @@ class PerturbedScene(Perturbed):
         clean = self.references.get(self.episode.seed, CLEAN, self.clean_images)
         observation = self._first_observation(clean)
         pairs = {camera: (clean[camera], image) for camera, image in observation.images.items()}
-        if not self._changed_share(pairs):
+        if self.severity >= 1 and not self._changed_share(pairs):
             raise self._not_delivered("expected other images than in the clean episode, got the same")
         self._delivered = Delivered(*self._measured(pairs))
         return observation
@@ -174,8 +211,12 @@ class PerturbedScene(Perturbed):
     def _first_observation(self, clean: Images) -> Observation:
         return self.simulation.observe()
 
-    def _measured(self, pairs: ImagePairs) -> tuple[float, dict[str, float]]:
-        """The delivered value in the unit of the axis, and statistics; raises NotDelivered."""
+    def _measured(self, pairs: ImagePairs) -> tuple[float | None, dict[str, float]]:
+        """The delivered value in the unit of the axis, None if images cannot show it, and statistics.
+
+        Raises:
+            NotDelivered: The axis' tolerance is exceeded.
+        """
         raise NotImplementedError
 
     def _changed_share(self, pairs: ImagePairs) -> float:

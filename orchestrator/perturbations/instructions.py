@@ -39,7 +39,7 @@ class Instruction(Perturbed):
         return Delivered(self.level if self._given else None)
 
     def _changed(self, instruction: str) -> str:
-        return PARAPHRASES[instruction][self.episode.condition.severity - 1]
+        return PARAPHRASES[instruction][int(self.severity) - 1]
 
 
 class BlankInstruction(Instruction):

@@ -52,7 +52,7 @@ BLOTCH = 2.5
 CONTRAST = 0.7
 """Contrast of a pattern, as a share of the largest that its mean colour allows."""
 PATTERNS = ("plain", "plain", "gradient", "chequered", "blotches")
-"""The pattern at severity 1 to 5."""
+"""The pattern at severity 1 to 5; between them, that of the nearest."""
 
 
 class PerturbedTable(PerturbedScene):
@@ -140,7 +140,7 @@ class Table(PerturbedTable):
             raise self._not_delivered("expected a table in the third-person image, found none")
         self._own = self._mean(own)
         dark, light = self._mean(black), self._mean(white)
-        values = pattern(PATTERNS[self.episode.condition.severity - 1], self.generator)
+        values = pattern(PATTERNS[max(0, round(self.severity) - 1)], self.generator)
         target = wanted = self._target(dark, light)
         for _ in range(self.max_paintings):
             self._paint(painted(np.clip((target - dark) / (light - dark), 0.0, 1.0), values))

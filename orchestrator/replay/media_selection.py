@@ -68,7 +68,7 @@ def condition_snapshots(cells: Iterable[Cell], seed: int) -> list[Snapshot]:
     snapshots: dict[Snapshot, None] = {}
     for cell in cells:
         axis = cell.condition.axis
-        if axis not in NO_AXIS and tasks.setdefault((cell.simulator, axis), cell.task) == cell.task:
+        if cell.condition.is_on_scale and tasks.setdefault((cell.simulator, axis), cell.task) == cell.task:
             for condition in (Condition(), cell.condition):
                 snapshots[Snapshot(cell.task, condition, seed, cell.protocol.view)] = None
     return list(snapshots)

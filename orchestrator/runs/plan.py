@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progressi
 from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy
 from robogauntlet.policies import catalog as policies
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
-from robogauntlet.suites.axes import AXES, Axis, axis_of, why_unsupported
+from robogauntlet.suites.axes import AXES, Axis, axes_of, why_unsupported
 from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell
 from robogauntlet.suites.loading import Problem, SuiteError, load_suite, problem_at
@@ -172,7 +172,7 @@ def make_plan(
     problems = [
         f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
         for gap in unsupported
-        if unsupported_tasks[gap.axis] == len(suite.tasks)
+        if unsupported_tasks[gap.axis] == len(suite.tasks) or (suite.design and gap.axis in suite.design.axes)
     ]
     problems += _missing_cameras(suite)
     if problems or found.mistakes:
@@ -180,7 +180,11 @@ def make_plan(
         raise SuiteError([*found.problems(path, _text(path, text)), *whole_file])
     digests = {name: str(source.digest) for name, source in sources.items()}
     without = {(gap.axis, gap.task) for gap in unsupported}
-    cells = tuple(cell for cell in suite.cells(names, digests) if (cell.condition.axis, cell.task) not in without)
+    cells = tuple(
+        cell
+        for cell in suite.cells(names, digests)
+        if not any((part.axis, cell.task) in without for part in cell.condition.perturbations)
+    )
     suite_hash = NO_POLICY if not digests else UNKNOWN
     if digests and all(source.digest for source in sources.values()):
         suite_hash = suite.content_hash(digests, names)
@@ -208,7 +212,7 @@ def _text(path: Path, text: str | None) -> str:
 def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
     """Pairs of an axis of the suite and a task that does not support it."""
     cards = simulators.task_descriptions()
-    axes = dict.fromkeys(filter(None, map(axis_of, suite.all_conditions())))
+    axes = dict.fromkeys(axis for condition in suite.all_conditions() for axis in axes_of(condition))
     return tuple(
         Unsupported(axis=axis.name, task=task, reason=reason)
         for axis in axes

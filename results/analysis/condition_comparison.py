@@ -17,7 +17,7 @@ from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochbe
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
 from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
 from robogauntlet.results.statistics.sequential import paired_evidence
-from robogauntlet.suites.episode import CLEAN, CONTROLS, content_hash
+from robogauntlet.suites.episode import CLEAN, content_hash
 from robogauntlet.suites.schema import AdaptiveEntry
 
 
@@ -96,7 +96,7 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
     sides = document.suite.comparison
     if sides is None:
         return None
-    axes = tuple(dict.fromkeys(c.axis for c in document.plan if c.axis not in (CLEAN, *CONTROLS)))
+    axes = tuple(dict.fromkeys(c.axis for c in document.plan if c.condition.is_on_scale))
     losses, interactions = [], []
     for policy in sides.others:
         rows: list[LossRow] = []

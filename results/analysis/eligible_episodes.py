@@ -92,7 +92,7 @@ class EligibleEpisodes:
         by_task = {}
         for task in dict.fromkeys(cell.task for cell in cells):
             columns = {
-                Condition(cell.axis, cell.severity): self._successes(cell, self.rejected.get((task, cell.axis), set()))
+                cell.condition: self._successes(cell, self.rejected.get((task, cell.axis), set()))
                 for cell in cells
                 if cell.task == task and not self._is_capped(cell)
             }

@@ -102,7 +102,7 @@ def build_merging(document: RunDocument, frame: pd.DataFrame) -> Merging | None:
     roles = document.suite.merging
     if roles is None or not document.plan:
         return None
-    conditions = dict.fromkeys(Condition(cell.axis, cell.severity) for cell in document.plan)
+    conditions = dict.fromkeys(cell.condition for cell in document.plan)
     condition = Condition() if Condition() in conditions else next(iter(conditions))
     rows = frame.loc[(frame["axis"].astype(str) == condition.axis) & (frame["severity"] == condition.severity)]
     digests = {cell.policy: cell.policy_digest for cell in document.plan}
@@ -113,7 +113,7 @@ def build_merging(document: RunDocument, frame: pd.DataFrame) -> Merging | None:
     tasks = {
         cell.task: (cell.simulator, cell.planned)
         for cell in document.plan
-        if cell.policy == roles.expert and Condition(cell.axis, cell.severity) == condition
+        if cell.policy == roles.expert and cell.condition == condition
     }
     expert, oracle_routed = side(roles.expert), side(roles.oracle_routed)
     routed = tuple(_compare(name, tasks, (expert, oracle_routed, side(name))) for name in roles.routed)

@@ -143,7 +143,8 @@ def is_perturbed(document: RunDocument) -> bool:
 
 def build_robustness(document: RunDocument, frame: pd.DataFrame) -> Robustness:
     """Compute the robustness results of a run from its rows with the columns `COLUMNS`."""
-    named = dict.fromkeys(cell.axis for cell in document.plan if cell.axis != CLEAN)
+    perturbed = [cell for cell in document.plan if cell.axis != CLEAN and not cell.condition.is_combination]
+    named = dict.fromkeys(cell.axis for cell in perturbed)
     axes = tuple(name for name in named if name not in CONTROLS)
     eligible = select_eligible(document, frame)
     baselines = {name: [c for c in document.plan if c.policy == name] for name in document.suite.no_skill_baselines}

@@ -22,7 +22,7 @@ from robogauntlet.results.statistics.aggregate import (
 )
 from robogauntlet.results.statistics.rank_agreement import kendall, rank_violation
 from robogauntlet.results.statistics.rates import CONFIDENCE, Estimate, Interval
-from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition, content_hash
+from robogauntlet.suites.episode import CLEAN, Condition, content_hash
 
 DRAWS, AGREEMENT_DRAWS = 1000, 200
 ENDS = ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
@@ -92,7 +92,11 @@ def build_robustness_summary(document: RunDocument, eligible: EligibleEpisodes) 
     rows: list[SummaryRow] = []
     agreement: list[AgreementRow] = []
     for policy in dict.fromkeys(cell.policy for cell in document.plan if cell.policy not in excluded):
-        cells = [cell for cell in document.plan if cell.policy == policy and cell.axis not in CONTROLS]
+        cells = [
+            cell
+            for cell in document.plan
+            if cell.policy == policy and (cell.axis == CLEAN or cell.condition.is_on_scale)
+        ]
         outcomes = _PolicyOutcomes.select(policy, cells, eligible)
         if outcomes.levels and outcomes.tasks:
             rows += _rows(policy, outcomes)
@@ -117,7 +121,7 @@ class _PolicyOutcomes:
 
     @classmethod
     def select(cls, policy: str, cells: Sequence[PlannedCell], eligible: EligibleEpisodes) -> _PolicyOutcomes:
-        levels = tuple(dict.fromkeys(Condition(cell.axis, cell.severity) for cell in cells if cell.axis != CLEAN))
+        levels = tuple(dict.fromkeys(cell.condition for cell in cells if cell.axis != CLEAN))
         found = eligible.by_condition(cells, (Condition(), *levels))
         generator = np.random.default_rng(int(content_hash(["overall", policy]), 16))
         return cls(levels, tuple(found), tuple(found.values()), generator)

@@ -23,7 +23,7 @@ from robogauntlet.results.report.parquet import write_parquet
 from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.store.episode_store import Store
-from robogauntlet.suites.episode import CLEAN
+from robogauntlet.suites.episode import AND, AT, CLEAN
 from robogauntlet.support.errors import BadInput
 
 CARD = "README.md"
@@ -139,4 +139,6 @@ def _result(document: RunDocument, cell: CellRow) -> dict[str, Any]:
 
 
 def _condition(cell: CellRow) -> str:
+    if cell.condition.is_combination:
+        return str(cell.condition).replace(AT, "-").replace(AND, "-")
     return CLEAN if cell.axis == CLEAN else f"{cell.axis}-{cell.severity}"

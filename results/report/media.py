@@ -139,7 +139,7 @@ def _new_failures(recorded: pd.DataFrame, frame: pd.DataFrame, excluded: Collect
 def _strips(folder: Path, document: RunDocument) -> dict[str, tuple[Strip, ...]]:
     planned: dict[str, dict[str, set[int]]] = {}
     for cell in document.plan:
-        if cell.axis not in (CLEAN, *CONTROLS):
+        if cell.condition.is_on_scale:
             planned.setdefault(cell.axis, {}).setdefault(cell.task, set()).add(cell.severity)
     strips = {}
     for axis, tasks in planned.items():

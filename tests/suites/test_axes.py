@@ -1,9 +1,11 @@
 """Perturbation axes and their frozen severities."""
 
+from itertools import combinations, pairwise
+
 import pytest
 
-from robogauntlet.suites.axes import AXES, SEVERITIES, axis_of
-from robogauntlet.suites.episode import CONTROLS, Condition, content_hash
+from robogauntlet.suites.axes import AXES, EXCLUSIVE, SEVERITIES, axes_of, why_exclusive
+from robogauntlet.suites.episode import CONTROLS, Condition, Perturbation, content_hash
 
 SCALES = {name: axis for name, axis in AXES.items() if name not in CONTROLS}
 every_scale = pytest.mark.parametrize("axis", SCALES.values(), ids=SCALES)
@@ -27,7 +29,7 @@ def test_controls_have_no_scale_and_are_named_as_conditions_are():
     assert tuple(name for name, axis in AXES.items() if len(axis.levels) == 1) == CONTROLS
     assert [str(Condition(name, 1)) for name in CONTROLS] == list(CONTROLS)
     with pytest.raises(ValueError, match="from 1 to 1 on axis 'blind', got 2"):
-        axis_of(Condition("blind", 2))
+        axes_of(Condition("blind", 2))
 
 
 def test_levels_are_described_with_their_unit():
@@ -35,9 +37,56 @@ def test_levels_are_described_with_their_unit():
     assert AXES["instruction"].describe(2) == "rewording type 2"
 
 
-def test_the_axis_of_a_condition_is_found_and_clean_has_none():
-    assert axis_of(Condition("blur", 2)) is AXES["blur"]
-    assert axis_of(Condition()) is None
+def test_the_axes_of_a_condition_are_found_with_their_severities_and_clean_has_none():
+    assert axes_of(Condition("blur", 2)) == {AXES["blur"]: 2}
+    assert axes_of(Condition.of(Perturbation("table", 1.5), Perturbation("blur", 2))) == {
+        AXES["blur"]: 2,
+        AXES["table"]: 1.5,
+    }
+    assert axes_of(Condition()) == {}
+
+
+@every_scale
+def test_levels_between_whole_severities_are_interpolated(axis):
+    if axis.unchanged is None:
+        with pytest.raises(ValueError, match=r"whole severities only, got 2\.5"):
+            axis.value(2.5)
+        return
+    levels = [axis.value(hundredths / 100) for hundredths in range(1, 100 * SEVERITIES + 1)]
+    assert [levels[100 * severity - 1] for severity in range(1, SEVERITIES + 1)] == list(axis.levels)
+    steps = [b - a for a, b in pairwise(levels)]
+    assert all(step > 0 for step in steps) or all(step < 0 for step in steps)
+    assert min(levels) >= min(axis.unchanged, *axis.levels)
+    assert max(levels) <= max(axis.unchanged, *axis.levels)
+
+
+def test_noise_is_interpolated_in_its_deviation():
+    deviations = [10 ** (-AXES["noise"].value(severity) / 20) for severity in (0.5, 1, 1.5, 2)]
+    assert deviations[0] == pytest.approx(deviations[1] / 2)
+    assert deviations[2] == pytest.approx((deviations[1] + deviations[3]) / 2)
+
+
+def test_secondary_levels_are_interpolated_as_well():
+    assert AXES["camera-orbit"].secondary_value(2.5) == pytest.approx(3.0)
+    assert AXES["dynamics"].secondary_value(0.5) == pytest.approx(1.05)
+    assert AXES["blur"].secondary_value(2) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("names", "reason"),
+    [
+        (["noise", "blind"], "the control 'blind' does not combine with others"),
+        (["camera-orbit", "camera-bump"], "'camera-bump' and 'camera-orbit' do not combine: both move"),
+    ],
+)
+def test_axes_that_touch_the_same_do_not_combine(names, reason):
+    with pytest.raises(ValueError, match=reason):
+        axes_of(Condition.of(*(Perturbation(name, 1) for name in names)))
+
+
+def test_all_other_pairs_combine():
+    allowed = [pair for pair in combinations(SCALES, 2) if why_exclusive(pair) is None]
+    assert len(allowed) == len(list(combinations(SCALES, 2))) - len(EXCLUSIVE)
 
 
 @pytest.mark.parametrize(
@@ -50,4 +99,4 @@ def test_the_axis_of_a_condition_is_found_and_clean_has_none():
 )
 def test_an_unknown_condition_is_refused(condition, message):
     with pytest.raises(ValueError, match=message):
-        axis_of(condition)
+        axes_of(condition)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from robogauntlet.suites.axes import AXES
 from robogauntlet.suites.conditions import condition_patterns, read_axis, read_condition, read_severities
-from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition
+from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition, Episode, Perturbation, Protocol
 from robogauntlet.suites.schema import ConditionEntry
 from robogauntlet.support.errors import BadInput
 from tests.errors import one_line_error
@@ -31,6 +31,54 @@ def test_both_signs_say_the_same(sign):
     assert condition_patterns(f"noise{sign}*") == ["noise@*"]
 
 
+def test_a_combination_has_one_spelling():
+    condition = Condition("camera-orbit@2+illuminance@3.5", 1)
+    assert read_condition("illuminance:3.50+camera-orbit@2.0") == condition
+    assert ConditionEntry.model_validate({"illuminance": 3.5, "camera-orbit": 2}).conditions() == [condition]
+    assert read_condition("noise@2.0") == Condition("noise", 2)
+    assert read_condition("noise@2.5") == Condition("noise@2.5", 1)
+    assert condition_patterns("illuminance@3.5+camera-orbit@2") == [str(condition)]
+
+
+perturbations = st.builds(
+    Perturbation, st.sampled_from(sorted(set(AXES) - set(CONTROLS))), st.integers(1, 500).map(lambda n: n / 100)
+)
+
+
+@given(st.lists(perturbations, max_size=6, unique_by=lambda one: one.axis), st.randoms())
+def test_a_combination_is_read_back_from_its_text_in_any_order(parts, random):
+    condition = Condition.of(*parts)
+    assert condition.perturbations == tuple(sorted(parts))
+    assert Condition.of(*random.sample(parts, len(parts))) == condition
+    (again,) = ConditionEntry.model_validate(str(condition)).conditions()
+    assert again == condition
+
+
+@given(perturbations, st.integers(1, 5))
+def test_conditions_that_differ_have_other_ids(part, severity):
+    whole = Condition(part.axis, severity)
+    ids = {Episode("p", "d", "null/Reach", 0, Protocol(5), one).pair_id for one in (whole, Condition.of(part))}
+    assert len(ids) == 1 + (part.severity != severity)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("noise@2+noise@3", "expected each axis once, got 'noise' twice"),
+        ("noise@2+tabel@3", "unknown axis 'tabel'; did you mean 'table'"),
+        ("noise@2+table@6", "expected a severity from 1 to 5, got 6"),
+        ("noise@0+table@2", "expected clean, AXIS or AXIS@SEVERITY"),
+        ("noise@2+distractors@1.5", "axis 'distractors' has whole severities only, got 1.5"),
+        ("blind@1+table@2", "the control 'blind' does not combine with others"),
+        ("camera-bump@1+camera-orbit@2", "do not combine: both move the third-person camera"),
+        ("noise@2,4+table@2", "expected clean, AXIS or AXIS@SEVERITY"),
+    ],
+)
+def test_combinations_that_cannot_be_are_refused(text, message):
+    with one_line_error(BadInput, message):
+        read_condition(text)
+
+
 def test_an_axis_alone_has_all_its_severities():
     assert read_axis("noise") == ("noise", (1, 2, 3, 4, 5))
     assert condition_patterns("noise") == ["noise@*"]
@@ -39,7 +87,7 @@ def test_an_axis_alone_has_all_its_severities():
 
 
 @pytest.mark.parametrize(
-    "text", ["noise@", "noise@x", "noise@2,", "noise@2@4", "noise:-1", "@2", "noise@2.5", "noise@²"]
+    "text", ["noise@", "noise@x", "noise@2,", "noise@2@4", "noise:-1", "@2", "noise@2.", "noise@²", "noise@1+table"]
 )
 def test_other_texts_are_refused(text):
     with pytest.raises(ValueError, match="AXIS@SEVERITY"):

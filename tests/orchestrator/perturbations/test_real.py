@@ -12,7 +12,7 @@ from robogauntlet.orchestrator.perturbations.base import PerturbedScene
 from robogauntlet.orchestrator.runs.plan import why_unadjusted
 from robogauntlet.results.record import Status, outcome_row
 from robogauntlet.suites.axes import AXES, Changes
-from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
+from robogauntlet.suites.episode import CONTROLS, Condition, Episode, Perturbation, Protocol, RenderProfile, View
 
 pytestmark = pytest.mark.simulator
 TASKS = ("maniskill/PushCube-v1", "pybullet/PandaPush-v3", "robosuite/Lift")
@@ -109,3 +109,26 @@ def test_a_repeated_episode_is_bit_identical(played):
     for policy in ("untrained", "oracle"):
         once, again = played[policy, Condition()], played[policy, Condition("again", 1)]
         assert (once.actions_hash, once.final_state_hash) == (again.actions_hash, again.final_state_hash)
+
+
+@pytest.mark.parametrize("without", [("camera-bump",), ("camera-orbit", "camera-distance")], ids=["orbit", "bump"])
+@pytest.mark.parametrize("task", TASKS)
+def test_all_axes_that_combine_are_delivered_together_and_undone(task, without):
+    """At severities between whole ones; the clean episode is the same before and after."""
+    axes = [a for n, a in AXES.items() if n not in (*CONTROLS, *without) and not why_unadjusted(a, task)]
+    parts = [Perturbation(axis.name, 1 if axis.unchanged is None else 1.5) for axis in axes]
+    condition = Condition.of(*parts)
+    runner = EpisodeRunner({"untrained": PolicySource("untrained")})
+    try:
+        clean, row, again, after = (
+            runner.play_one(episode(task, one, "untrained")) for one in (Condition(), condition, condition, Condition())
+        )
+    finally:
+        runner.close()
+    assert row.status != Status.ERROR, row.error
+    assert outcome_row(row) == outcome_row(again)
+    assert outcome_row(clean) == outcome_row(after)
+    found = json.loads(row.delivered_statistics)
+    for part in parts:
+        axis = AXES[part.axis]
+        assert abs(found[part.axis] - axis.value(part.severity)) <= axis.tolerance + 1e-6, part
