@@ -41,16 +41,21 @@ class MediaResult:
 
 
 def pending_media(
-    folder: Path, rows: Callable[[], Iterable[EpisodeResult]], evaluated: Sequence[str], snapshots: Sequence[Snapshot]
+    folder: Path,
+    rows: Callable[[], Iterable[EpisodeResult]],
+    evaluated: Sequence[str],
+    snapshots: Sequence[Snapshot],
+    others: Sequence[EpisodeResult] = (),
 ) -> list[Snapshot | EpisodeResult]:
     """The snapshots and episodes to record that are not in the run folder yet, the most informative first.
 
     `rows` returns a new iterator over the run's rows at every call. Failures along the axes are recorded of the
-    `evaluated` policies only. Of episodes in which policies acted identically, one is recorded.
+    `evaluated` policies only, `others` after them. Of episodes in which policies acted identically, one is recorded.
     """
     files = {path.stem for path in videos_folder(folder).glob("*.mp4")}
     recorded = {shared_by(row) for row in rows() if row.episode_id in files} if files else set()
-    ordered = [*recording_order(representative_episodes(rows())), *recording_order(new_failures(rows, evaluated))]
+    groups = (representative_episodes(rows()), new_failures(rows, evaluated), others)
+    ordered = [row for group in groups for row in recording_order(group)]
     videos = {shared_by(row): row for row in ordered}
     return [
         *(item for item in snapshots if not snapshot_path(folder, item.task, item.condition).exists()),

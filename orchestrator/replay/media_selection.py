@@ -9,10 +9,7 @@ from itertools import zip_longest
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot
 from robogauntlet.results.media_paths import SHARED_BY
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.suites.episode import CLEAN, CONTROLS, Cell, Condition
-
-NO_AXIS = (CLEAN, *CONTROLS)
-"""Conditions that belong to no axis."""
+from robogauntlet.suites.episode import CLEAN, Cell, Condition
 
 
 def representative_episodes(rows: Iterable[EpisodeResult]) -> list[EpisodeResult]:
@@ -33,7 +30,9 @@ def new_failures(rows: Callable[[], Iterable[EpisodeResult]], policies: Collecti
     failures = (
         row
         for row in rows()
-        if row.axis not in NO_AXIS and row.status == Status.FAILURE and (row.policy, row.task, row.seed) in solved
+        if row.episode.condition.is_on_scale
+        and row.status == Status.FAILURE
+        and (row.policy, row.task, row.seed) in solved
     )
     return _first(failures, lambda row: (row.axis, row.simulator, row.policy))
 

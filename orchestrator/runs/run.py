@@ -273,12 +273,14 @@ class RunSession:
 
     def _pending_media(self) -> list[Snapshot | EpisodeResult]:
         from robogauntlet.orchestrator.replay.media import pending_media
+        from robogauntlet.results.analysis.combinations import cluster_failures
 
         plan, skipped = self._plan, self._observer.skipped_simulators
         baselines = (plan.suite.oracle_gate, *plan.suite.no_skill_baselines)
         evaluated = [name for name in plan.sources if name not in baselines]
         snapshots = condition_snapshots(plan.cells, plan.suite.seeds.start)
-        pending = pending_media(self._folder, self._store.results, evaluated, snapshots)
+        in_clusters = cluster_failures(self._document, self._store.results)
+        pending = pending_media(self._folder, self._store.results, evaluated, snapshots, in_clusters)
         return [item for item in pending if item.simulator not in skipped]
 
     def _record_media(self) -> bool:

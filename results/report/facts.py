@@ -93,11 +93,20 @@ DEFINITIONS = {
     "this task.",
     "delivered": "Mean measured strength of the perturbation, with minimum and maximum over episodes. Spread: range of "
     "the simulators' means relative to the requested value.",
+    "sensitivity index": "Share of the variance of the success rate that an axis causes by itself (first-order Sobol' "
+    "index), and with its interactions with other axes (total index). Noise of single episodes is not counted. "
+    "95 % intervals over points and seeds.",
+    "failure cluster": "Severities of one or two axes from which on a policy fails more often than elsewhere, and for "
+    "two axes also more often than with one of them alone. Found on one half of the seeds and confirmed on the other, "
+    "from which the rates are; p adjusted by Holm's method over all candidates. Lift: failure there divided by failure "
+    "elsewhere.",
+    "agreement on axes": "Kendall's tau-b of the total indices in two simulators, with a one-sided p-value.",
     "skipped": "The simulator cannot run on this machine; its episodes count as missing.",
 }
 """Definition per term, shown where the term first appears."""
 MERGING_TERMS = ("expert", "oracle-routed", "routed", "loss", "pairs", "retention")
 ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
+COMBINATION_TERMS = ("sensitivity index", "failure cluster")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "letters")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")

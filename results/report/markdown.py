@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robogauntlet.results.analysis.combinations import Combinations
 from robogauntlet.results.analysis.condition_comparison import ConditionComparison
 from robogauntlet.results.analysis.merging_cost import Merging
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.analysis.timing import PHASES
+from robogauntlet.results.report import combinations as combinations_text
 from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import merging_cost as merging_text
@@ -37,6 +39,7 @@ def render_markdown(report: Report) -> str:
         parts += [f"### {escape(simulator)}", markdown(formatting.task_table(tables, simulator))]
     parts.append(_define("done", "error", "bounds"))
     parts += _pairwise(report.pairwise) if report.pairwise else []
+    parts += _combinations(report.combinations) if report.combinations else []
     parts += _robustness(report.robustness, report.findings) if report.robustness else []
     parts += _merging(report.merging) if report.merging else []
     parts += _not_run(tables) + _errors(tables) + _timing(tables)
@@ -68,6 +71,23 @@ def _merging(merging: Merging) -> list[str]:
             parts += ["True task and inferred task:", markdown(confusion)]
         bins = merging_text.calibration_table(comparison)
         parts += ["Accuracy by confidence:", markdown(bins)] if bins else []
+    return parts
+
+
+def _combinations(found: Combinations) -> list[str]:
+    parts = ["## Why it fails", _define(*facts.COMBINATION_TERMS)]
+    for one in found.policies:
+        sentences = "\n".join(f"- {escape(sentence)}" for sentence in combinations_text.sentences(one, found.axes))
+        parts += [f"### {escape(one.policy)}, {escape(one.simulator)}", sentences]
+        if combinations_text.by_total(one):
+            parts.append(markdown(combinations_text.index_table(one)))
+        if one.clusters:
+            parts.append(markdown(combinations_text.cluster_table(one)))
+        parts += ["Success by severity of each axis, whatever the others are:"]
+        parts.append(markdown(combinations_text.effect_table(one)))
+    if found.agreement:
+        agreement = markdown(combinations_text.agreement_table(found))
+        parts += ["### Agreement of simulators on axes", _define("agreement on axes"), agreement]
     return parts
 
 

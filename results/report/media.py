@@ -48,6 +48,11 @@ class Video:
     same_as: Video | None = None
     """The video of another policy that acted identically, which the report shows in place of this one."""
 
+    @property
+    def simulator(self) -> str:
+        """Simulator of the task."""
+        return self.task.partition("/")[0]
+
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:

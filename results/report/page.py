@@ -10,6 +10,7 @@ from pathlib import Path
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables
 from robogauntlet.results.analysis.timing import PHASES
 from robogauntlet.results.record import Status
+from robogauntlet.results.report import combinations as combinations_text
 from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import merging_cost as merging_text
@@ -96,6 +97,10 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
             robustness=report.robustness,
             robustness_text=robustness_text,
             condition_texts=condition_texts,
+            combinations=report.combinations,
+            combinations_text=combinations_text,
+            combination_terms=list(facts.COMBINATION_TERMS),
+            combination_failures=[video for video in media.new_failures if video.condition.is_combination],
             findings=report.findings,
             shift_terms=list(facts.SHIFT_TERMS),
             robustness_terms=list(facts.ROBUSTNESS_TERMS),

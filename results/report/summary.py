@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from robogauntlet.results.analysis.combinations import Combinations
 from robogauntlet.results.analysis.merging_cost import Merging
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import Robustness
@@ -73,6 +74,8 @@ class Report:
     """Results under perturbations, if there are any."""
     pairwise: PairwiseComparisons | None = None
     """The policies compared with each other, if there are several."""
+    combinations: Combinations | None = None
+    """Results under combinations of axes, if there are any."""
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -135,6 +138,8 @@ class Summary(BaseModel):
     """Results under perturbations, if there are any. Severities beyond the last level are "Infinity"."""
     pairwise: PairwiseComparisons | None = None
     """The policies compared with each other on clean episodes, if there are several."""
+    combinations: Combinations | None = None
+    """Which axes matter and where failures gather, if axes were combined. An infinite lift is "Infinity"."""
     findings: tuple[str, ...] = ()
     """Sentences derived from the tests of `robustness`."""
 
@@ -160,6 +165,7 @@ def build_summary(report: Report) -> Summary:
         merging=report.merging,
         robustness=report.robustness,
         pairwise=report.pairwise,
+        combinations=report.combinations,
         findings=report.findings,
     )
 

@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 CONFIDENCE = 0.95
 """Default probability with which an interval covers the true rate."""
@@ -58,7 +63,7 @@ def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE)
 
 
 def wilson_intervals(
-    successes: Sequence[int], trials: Sequence[int], confidence: float = CONFIDENCE
+    successes: Sequence[float], trials: Sequence[float], confidence: float = CONFIDENCE
 ) -> list[Interval | None]:
     """`wilson_interval` for many rates at once: two sequences of counts of one length, one interval (or None) each."""
     import numpy as np
@@ -102,3 +107,30 @@ def rate_bounds(successes: int, failures: int, without_verdict: int) -> RateBoun
     if worst_interval is None or best_interval is None:
         return None
     return RateBounds(successes / total, best / total, Interval(worst_interval.low, best_interval.high))
+
+
+def clustered_rate(outcomes: NDArray[np.floating], clusters: NDArray[np.integer]) -> Estimate:
+    """The mean of outcomes whose clusters are alike inside, with Wilson's interval.
+
+    The interval is that of as many independent trials as are equally informative: the number of trials divided by the
+    design effect, the variance of the rate between clusters over that of independent trials, at least 1 (E. L. Korn and
+    B. I. Graubard, Survey Methodology 24 (1998) 193-201).
+
+    Args:
+        outcomes: 0 or 1, shape (trials,), at least one.
+        clusters: Number of each trial's cluster, shape (trials,).
+    """
+    import numpy as np
+
+    values = np.asarray(outcomes, dtype=float)
+    trials, rate = len(values), float(values.mean())
+    numbers = np.unique(clusters, return_inverse=True)[1].reshape(-1)
+    groups = int(numbers.max()) + 1
+    effect = 1.0
+    if groups > 1 and 0 < rate < 1:
+        residuals = np.bincount(numbers, values - rate)
+        effect = max(1.0, float((residuals**2).sum()) * groups / (groups - 1) / (trials * rate * (1 - rate)))
+    elif groups < trials:
+        effect = trials / groups
+    (interval,) = wilson_intervals([values.sum() / effect], [trials / effect])
+    return Estimate(rate, interval)

@@ -1,0 +1,318 @@
+"""Combinations of axes: which axes matter, how much, and where failures gather."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations as pairs_of
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes, select_eligible
+from robogauntlet.results.record import EpisodeResult, Status
+from robogauntlet.results.run_document import PlannedCell, RunDocument
+from robogauntlet.results.statistics.clusters import Cluster, failure_clusters
+from robogauntlet.results.statistics.rank_agreement import kendall
+from robogauntlet.results.statistics.rates import Estimate, clustered_rate
+from robogauntlet.results.statistics.sensitivity import Sensitivity, sobol_indices
+from robogauntlet.suites.axes import AXES, SEVERITIES
+from robogauntlet.suites.designs import DesignEntry
+from robogauntlet.suites.episode import CLEAN, Condition, content_hash
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("simulator", "task", "policy_digest", "axis", "severity", "seed", "status")
+"""Fields of the record that are needed."""
+BINS = SEVERITIES + 1
+"""Groups of severities: absent, above 0 and up to 1, ..., above 4 and up to 5."""
+LEAST_POINTS = 5
+"""Points from which a rate is shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisEffect:
+    """Success by severity of one axis, whatever the others are."""
+
+    axis: str
+    rates: tuple[Estimate | None, ...]
+    """By group of severities, see `BINS`; None with too few points."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairEffect:
+    """Success by severity of two axes, whatever the others are."""
+
+    axes: tuple[str, str]
+    rates: tuple[tuple[float | None, ...], ...]
+    """By group of severities of the first axis, then of the second; None without episodes."""
+    episodes: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyCombinations:
+    """One policy in one simulator under combinations of axes."""
+
+    policy: str
+    simulator: str
+    tasks: int
+    points: int
+    """Different conditions with a verdict."""
+    episodes: int
+    success: Estimate
+    """Over all points; its interval takes the episodes of a point as alike."""
+    clean: Estimate | None
+    effects: tuple[AxisEffect, ...]
+    """In the order of the plan."""
+    pair: PairEffect | None
+    """The axes of the first cluster of two, or else the two that matter most."""
+    sensitivity: Sensitivity | None
+    why_no_sensitivity: str
+    """Empty if there is one."""
+    clusters: tuple[Cluster, ...]
+    """By lift."""
+
+
+@dataclass(frozen=True, slots=True)
+class IndexAgreement:
+    """Whether two simulators agree on which axes matter."""
+
+    policy: str
+    one: str
+    other: str
+    axes: int
+    tau: float
+    """Kendall's tau-b of the total indices."""
+    p_value: float
+    """One-sided, against no agreement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Combinations:
+    """The combinations of a run."""
+
+    design: str | None
+    """Kind of the design; None if the suite lists the combinations."""
+    axes: tuple[str, ...]
+    policies: tuple[PolicyCombinations, ...]
+    agreement: tuple[IndexAgreement, ...]
+
+
+def combined_conditions(document: RunDocument) -> tuple[Condition, ...]:
+    """Return the conditions of a run's design, or else its listed combinations, with repetitions."""
+    design = document.suite.design
+    if design is not None and design.kind != "one-at-a-time":
+        return design.conditions()
+    listed = dict.fromkeys(cell.condition for cell in document.plan)
+    return tuple(condition for condition in listed if condition.is_combination)
+
+
+def build_combinations(document: RunDocument, frame: pd.DataFrame) -> Combinations | None:
+    """Compute the results of combinations from the rows of a run with the columns `COLUMNS`; None without any."""
+    conditions = combined_conditions(document)
+    if not any(condition.is_combination for condition in conditions):
+        return None
+    axes = _axes(document.suite.design, conditions)
+    eligible = select_eligible(document, frame)
+    excluded = {document.suite.oracle_gate, *document.suite.no_skill_baselines}
+    found = []
+    for policy in dict.fromkeys(cell.policy for cell in document.plan if cell.policy not in excluded):
+        own = [cell for cell in document.plan if cell.policy == policy]
+        for simulator in dict.fromkeys(cell.simulator for cell in own):
+            cells = [cell for cell in own if cell.simulator == simulator]
+            found.append(_of_policy(policy, simulator, cells, axes, conditions, eligible, document.suite.design))
+    policies = tuple(one for one in found if one is not None)
+    kind = (
+        document.suite.design.kind if document.suite.design and document.suite.design.kind != "one-at-a-time" else None
+    )
+    return Combinations(kind, axes, policies, tuple(_agreements(policies)))
+
+
+def _axes(design: DesignEntry | None, conditions: Sequence[Condition]) -> tuple[str, ...]:
+    if design is not None and design.kind != "one-at-a-time":
+        return design.axes
+    named = {part.axis for condition in conditions for part in condition.perturbations}
+    return tuple(axis for axis in AXES if axis in named)
+
+
+def _of_policy(
+    policy: str,
+    simulator: str,
+    cells: Sequence[PlannedCell],
+    axes: tuple[str, ...],
+    conditions: Sequence[Condition],
+    eligible: EligibleEpisodes,
+    design: DesignEntry | None,
+) -> PolicyCombinations | None:
+    """None without a verdict."""
+    wanted = set(conditions)
+    played = [cell for cell in cells if cell.condition in wanted]
+    rows = eligible.verdicts(played)
+    if not len(rows):
+        return None
+    levels = {condition: _severities(condition, axes) for condition in wanted}
+    severities = np.array(
+        [levels[Condition(str(a), int(s))] for a, s in zip(rows["axis"], rows["severity"], strict=True)]
+    )
+    won = (rows["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
+    seeds = rows["seed"].to_numpy(dtype=np.int64)
+    generator = np.random.default_rng(int(content_hash(["combinations", policy, simulator]), 16))
+    clusters = failure_clusters(severities, won < 0.5, seeds, axes, generator)
+    sensitivity, reason = _sensitivity(played, axes, conditions, eligible, design)
+    point = np.unique(severities, axis=0, return_inverse=True)[1].reshape(-1)
+    clean = eligible.verdicts([cell for cell in cells if cell.axis == CLEAN])
+    clean_won = (clean["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
+    return PolicyCombinations(
+        policy=policy,
+        simulator=simulator,
+        tasks=len({cell.task for cell in played}),
+        points=int(point.max()) + 1,
+        episodes=len(won),
+        success=clustered_rate(won, point),
+        clean=clustered_rate(clean_won, np.arange(len(clean_won))) if len(clean_won) else None,
+        effects=tuple(AxisEffect(axis, _rates(severities[:, i], won, point)) for i, axis in enumerate(axes)),
+        pair=_pair(axes, severities, won, clusters, sensitivity),
+        sensitivity=sensitivity,
+        why_no_sensitivity=reason,
+        clusters=clusters,
+    )
+
+
+def _severities(condition: Condition, axes: Sequence[str]) -> list[float]:
+    by_axis = {part.axis: part.severity for part in condition.perturbations}
+    return [by_axis.get(axis, 0.0) for axis in axes]
+
+
+def _rates(
+    severities: NDArray[np.float64], won: NDArray[np.float64], point: NDArray[np.intp]
+) -> tuple[Estimate | None, ...]:
+    groups = np.ceil(severities).astype(int)
+    rates: list[Estimate | None] = []
+    for group in range(BINS):
+        inside = groups == group
+        enough = len(np.unique(point[inside])) >= LEAST_POINTS
+        rates.append(clustered_rate(won[inside], point[inside]) if enough else None)
+    return tuple(rates)
+
+
+def _pair(
+    axes: tuple[str, ...],
+    severities: NDArray[np.float64],
+    won: NDArray[np.float64],
+    clusters: Sequence[Cluster],
+    sensitivity: Sensitivity | None,
+) -> PairEffect | None:
+    """None with a single axis, or where nothing says which two matter."""
+    chosen = next((tuple(c.axis for c in one.conditions) for one in clusters if len(one.conditions) == 2), None)
+    if chosen is None and sensitivity is not None and sensitivity.axes and len(axes) > 1:
+        ranked = sorted(sensitivity.axes, key=lambda one: -one.total.value)
+        chosen = tuple(axis for axis in axes if axis in (ranked[0].axis, ranked[1].axis))
+    if chosen is None:
+        return None
+    one, other = (np.ceil(severities[:, axes.index(axis)]).astype(int) for axis in chosen)
+    episodes, successes = np.zeros((BINS, BINS), dtype=int), np.zeros((BINS, BINS))
+    np.add.at(episodes, (one, other), 1)
+    np.add.at(successes, (one, other), won)
+    rates = tuple(
+        tuple(float(w / n) if n else None for w, n in zip(*rows, strict=True))
+        for rows in zip(successes, episodes, strict=True)
+    )
+    return PairEffect((chosen[0], chosen[1]), rates, tuple(map(tuple, episodes.tolist())))
+
+
+def _sensitivity(
+    cells: Sequence[PlannedCell],
+    axes: tuple[str, ...],
+    conditions: Sequence[Condition],
+    eligible: EligibleEpisodes,
+    design: DesignEntry | None,
+) -> tuple[Sensitivity | None, str]:
+    """Sobol' indices over all episodes with a verdict, or the reason why there are none.
+
+    Each task and seed counts as a seed, if it has a verdict at every point. Seeds that an oracle gate rejects count
+    too, since indices need the same seeds at all points.
+    """
+    if design is None or design.kind != "sobol":
+        return None, "indices need a suite with design: {kind: sobol}"
+    places = {condition: i for i, condition in enumerate(dict.fromkeys(conditions))}
+    units: dict[tuple[str, int], NDArray[np.float64]] = {}
+    for cell in cells:
+        rows = eligible.rows.of_cell(cell)
+        for seed, status in zip(rows["seed"], rows["status"], strict=True):
+            column = units.setdefault((cell.task, int(seed)), np.full(len(places), np.nan))
+            column[places[cell.condition]] = str(status) == Status.SUCCESS
+    complete = [column for _, column in sorted(units.items()) if not np.isnan(column).any()]
+    points = len(conditions) // (len(axes) + 2)
+    if len(complete) < 2 or points < 2:
+        return None, (
+            f"indices need two base points, and two seeds with a verdict at each of {len(places)} conditions; "
+            f"there are {points} and {len(complete)}"
+        )
+    stacked = np.stack(complete, axis=1)[[places[condition] for condition in conditions]]
+    found = sobol_indices(stacked.reshape(points, len(axes) + 2, len(complete)), axes)
+    return found, "" if found.axes else "success is not shown to depend on the axes"
+
+
+def _agreements(policies: Sequence[PolicyCombinations]) -> list[IndexAgreement]:
+    totals: dict[str, dict[str, Mapping[str, float]]] = {}
+    for one in policies:
+        if one.sensitivity is not None and one.sensitivity.axes:
+            values = {axis.axis: axis.total.value for axis in one.sensitivity.axes}
+            totals.setdefault(one.policy, {})[one.simulator] = values
+    found = []
+    for policy, by_simulator in totals.items():
+        for first, second in pairs_of(by_simulator, 2):
+            axes = list(by_simulator[first])
+            tau = kendall([by_simulator[first][axis] for axis in axes], [by_simulator[second][axis] for axis in axes])
+            if tau is not None and not math.isnan(tau[0]):
+                found.append(IndexAgreement(policy, first, second, len(axes), *tau))
+    return found
+
+
+def cluster_failures(document: RunDocument, rows: Callable[[], Iterable[EpisodeResult]]) -> list[EpisodeResult]:
+    """Return for each failure cluster of a run the mildest failure in it whose clean episode succeeded.
+
+    `rows` returns a new iterator over the run's rows at every call.
+    """
+    import pandas as pd
+
+    if not any(condition.is_combination for condition in combined_conditions(document)):
+        return []
+    frame = pd.DataFrame([[getattr(row, name) for name in COLUMNS] for row in rows()], columns=list(COLUMNS))
+    found = build_combinations(document, frame)
+    if found is None:
+        return []
+    solved, failures = set(), []
+    for row in rows():
+        if row.axis == CLEAN and row.status == Status.SUCCESS:
+            solved.add((row.policy, row.task, row.seed))
+        if row.axis != CLEAN and row.status == Status.FAILURE:
+            failures.append(row)
+    wanted = set(combined_conditions(document))
+    chosen = []
+    for one in found.policies:
+        own = [
+            row
+            for row in failures
+            if (row.policy, row.simulator) == (one.policy, one.simulator)
+            and (row.policy, row.task, row.seed) in solved
+            and row.episode.condition in wanted
+        ]
+        for cluster in one.clusters:
+            inside = [row for row in own if is_inside(row.episode.condition, cluster)]
+            chosen += sorted(inside, key=lambda row: (severity_sum(row.episode.condition), row.seed, row.task))[:1]
+    return chosen
+
+
+def is_inside(condition: Condition, cluster: Cluster) -> bool:
+    """Whether a condition is of a failure cluster."""
+    by_axis = {part.axis: part.severity for part in condition.perturbations}
+    return all(by_axis.get(one.axis, 0.0) >= one.threshold for one in cluster.conditions)
+
+
+def severity_sum(condition: Condition) -> float:
+    """Sum of the severities of a condition."""
+    return sum(part.severity for part in condition.perturbations)

@@ -1,0 +1,124 @@
+"""Tables and sentences about combinations of axes for `report.md` and `report.html`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from robogauntlet.results.analysis.combinations import BINS, Combinations, IndexAgreement, PolicyCombinations
+from robogauntlet.results.report import formatting
+from robogauntlet.results.report.formatting import TextTable, p_value, percent, rate, span
+from robogauntlet.results.statistics.clusters import AxisCondition, Cluster
+from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.results.statistics.sensitivity import AxisSensitivity
+from robogauntlet.suites.axes import AXES
+
+GROUPS = ("absent", *(f"{low} to {low + 1}" for low in range(BINS - 1)))
+"""Headings of the groups of severities."""
+MOST_NAMED = 3
+
+
+def sentences(found: PolicyCombinations, axes: Sequence[str]) -> tuple[str, str, str]:
+    """Return when a policy fails, why, and how sure that is, a sentence each."""
+    return _when(found, axes), _why(found), _how_sure(found)
+
+
+def _when(found: PolicyCombinations, axes: Sequence[str]) -> str:
+    clean = f" (clean {rate(found.clean)})" if found.clean else ""
+    start = (
+        f"{found.policy} in {found.simulator} succeeds in {rate(found.success)} under combinations of {_listed(axes)}"
+    )
+    if not found.clusters:
+        return f"{start}{clean}; no combination was shown to fail more often than the rest."
+    first = found.clusters[0]
+    where = f"where {condition_text(first)}, {rate(first.within)} of the episodes fail, elsewhere {rate(first.outside)}"
+    return f"{start}{clean}; {where}."
+
+
+def _why(found: PolicyCombinations) -> str:
+    ranked = by_total(found)
+    if not ranked:
+        return f"Why: unknown, {found.why_no_sensitivity}."
+    parts = [f"{one.axis} {_share(one.total)} ({_share(one.first)} alone)" for one in ranked[:MOST_NAMED]]
+    return f"Why: of the differences in success that the axes cause, with their interactions, {_listed(parts)}."
+
+
+def _how_sure(found: PolicyCombinations) -> str:
+    parts = []
+    if found.clusters:
+        episodes = sum(cluster.discovery.episodes for cluster in found.clusters[:1])
+        worst = max(cluster.p_value for cluster in found.clusters)
+        number = formatting.counted(len(found.clusters), "failure cluster")
+        parts.append(
+            f"{number} found on one half of the seeds and confirmed on the other (p at most {p_value(worst)}, all "
+            f"candidates together; the first on {episodes} and {found.clusters[0].confirmation.episodes} episodes)"
+        )
+    if found.sensitivity is not None and found.sensitivity.explained is not None:
+        share = _share(found.sensitivity.explained)
+        parts.append(f"the axes explain {share} of the variance of one episode, the rest is its start state and chance")
+    counts = f"{formatting.counted(found.episodes, 'episode')} at {formatting.counted(found.points, 'point')}"
+    return f"How sure: {'; '.join([*parts, counts])}."
+
+
+def _share(estimate: Estimate) -> str:
+    return f"{percent(estimate.value)} {span(estimate.interval)}" if estimate.interval else percent(estimate.value)
+
+
+def condition_text(cluster: Cluster) -> str:
+    """Return the conditions of a cluster with their levels, `table is 3 or more (35 dE*ab of the mean colour)`."""
+    return " and ".join(map(_threshold, cluster.conditions))
+
+
+def _threshold(condition: AxisCondition) -> str:
+    axis = AXES.get(condition.axis)
+    level = f" ({axis.describe(condition.threshold)})" if axis is not None else ""
+    return f"{condition.axis} is {condition.threshold} or more{level}"
+
+
+def index_table(found: PolicyCombinations) -> TextTable:
+    """Sobol' indices per axis, the largest first."""
+    rows = [(one.axis, _share(one.first), _share(one.total), _share(one.interaction)) for one in by_total(found)]
+    return TextTable(("axis", "alone", "with interactions", "interactions"), tuple(rows), 1)
+
+
+def by_total(found: PolicyCombinations) -> list[AxisSensitivity]:
+    """Return the indices of the axes, the largest total first; none without indices."""
+    indices = (found.sensitivity.axes if found.sensitivity is not None else None) or ()
+    return sorted(indices, key=lambda one: -one.total.value)
+
+
+def effect_table(found: PolicyCombinations) -> TextTable:
+    """Success by severity of each axis, whatever the others are."""
+    rows = tuple((effect.axis, *map(rate, effect.rates)) for effect in found.effects)
+    return TextTable(("axis", *GROUPS), rows, 1)
+
+
+def cluster_table(found: PolicyCombinations) -> TextTable:
+    """Failure clusters, the highest lift first."""
+    rows = tuple(
+        (
+            condition_text(cluster),
+            rate(cluster.within),
+            rate(cluster.outside),
+            f"{cluster.lift:.1f}" if math.isfinite(cluster.lift) else "no failure elsewhere",
+            f"{cluster.discovery.failures}/{cluster.discovery.episodes}",
+            f"{cluster.confirmation.failures}/{cluster.confirmation.episodes}",
+            p_value(cluster.p_value),
+        )
+        for cluster in found.clusters
+    )
+    return TextTable(("where", "failure", "elsewhere", "lift", "found on", "confirmed on", "p"), rows, 1)
+
+
+def agreement_table(found: Combinations) -> TextTable:
+    """Agreement of simulators on which axes matter."""
+    rows = tuple(map(_agreement_row, found.agreement))
+    return TextTable(("policy", "simulators", "tau", "p", "axes"), rows, 2)
+
+
+def _agreement_row(row: IndexAgreement) -> tuple[str, ...]:
+    return (row.policy, f"{row.one}, {row.other}", f"{row.tau:.2f}", p_value(row.p_value), formatting.count(row.axes))
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
