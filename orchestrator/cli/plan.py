@@ -23,6 +23,15 @@ from robogauntlet.orchestrator.cli.common import (
     print_json,
     print_line,
 )
+from robogauntlet.orchestrator.cli.episodes_needed import (
+    Asked,
+    Detect,
+    Discordance,
+    Rate,
+    Width,
+    answer,
+    print_answer,
+)
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes
 from robogauntlet.orchestrator.runs.plan import check_same, find_suite, make_plan, remaining_work
 from robogauntlet.orchestrator.runs.suite_policies import needs_policy
@@ -44,6 +53,10 @@ def plan(
         Path | None, typer.Option("--out", help="Folder of a run of the suite: show the episodes that it lacks.")
     ] = None,
     store: StoreUrl = None,
+    width: Width = None,
+    detect: Detect = None,
+    rate: Rate = None,
+    discordance: Discordance = None,
     check: Check = False,
     as_json: AsJson = False,
 ) -> None:
@@ -51,7 +64,11 @@ def plan(
 
     Episodes of simulators that are not installed on this machine are shown as skipped. Nothing that a suite names is
     imported, contacted or started, unless --check is given.
+
+    How many seeds? --width POINTS and --detect POINTS say how many an interval or a comparison needs, from the episodes
+    of a run (--out) or from an assumption.
     """
+    asked = Asked.from_options(width, detect, rate, discordance)
     part = SuiteSelection(tuple(policy or ()), tuple(task or ()), seeds, read_options(option or ()))
     planned = make_plan(find_suite(suite), part=part, require_installed=False, start=check)
     if not planned.suite.policies:
@@ -64,6 +81,7 @@ def plan(
         check_same(planned, document, out_folder)
         with closing(Store.open_begun(out_folder, document, store)) as opened:
             done = opened.outcomes()
+    needed = answer(planned, asked, out_folder, store) if asked else {}
     missing = {cell: len(seeds) for cell, seeds in remaining_work(planned, done).work}
     rows = [
         {
@@ -84,16 +102,19 @@ def plan(
             "episodes": planned.episodes,
             "to_play": total,
         }
-        print_json(found | {"cells": rows, "skipped": planned.unavailable, "unchecked": planned.unchecked})
+        print_json(found | needed | {"cells": rows, "skipped": planned.unavailable, "unchecked": planned.unchecked})
         return
-    table = Table(*rows[0], box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(*map(str, row.values()))
-    out.print(table)
+    if not needed:
+        table = Table(*rows[0], box=None, pad_edge=False)
+        for row in rows:
+            table.add_row(*map(str, row.values()))
+        out.print(table)
     play = "to play" if planned.suite.adaptive is None else "to play in the current round"
     out.print(
         f"{planned.suite.name}: {counted(planned.episodes, 'episode')}, {total:,} {play}, hash {planned.suite_hash}"
     )
+    if needed:
+        print_answer(needed, planned.suite.seeds.count)
     for name, reason in planned.unavailable.items():
         fail(f"{name} is skipped: {reason}")
     for name, reason in planned.unchecked.items():

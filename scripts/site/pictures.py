@@ -14,6 +14,7 @@ import numpy as np
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.statistics.pairs import Pairs, detectable_drop, mcnemar, paired_difference
 from robogauntlet.results.statistics.rates import Interval, rate_bounds, wilson_interval
+from robogauntlet.results.statistics.sample_size import pairs_for_power, stopping_times, trials_for_half_width
 from robogauntlet.results.statistics.sequential import log_evidence
 from scripts.site.concepts import CONCEPTS
 from scripts.site.drawing import DOCS, Axes, Drawing
@@ -26,6 +27,10 @@ SHARE = 0.2
 RUNS, PAIRS, EVERY, SEED = 4000, 400, 10, 0
 """Simulated comparisons of equal policies, pairs of each, pairs between two tests, and the generator's seed."""
 MARGIN = 0.05
+RATES, WIDTHS = (50, 80, 95), (10, 5, 2.5)
+"""Success rates, and half of the intervals' widths, in percent."""
+PLANNED, MOST_PAIRS = ((20, 5), (20, 10), (25, 15), (30, 20)), 2000
+"""Pairs that disagree and differences, in percent; pairs after which a sequential test ends."""
 CASES = (
     ("shown to be no worse", Pairs(1860, 30, 34, 76)),
     ("nothing is shown", Pairs(93, 2, 2, 3)),
@@ -78,6 +83,21 @@ def drops() -> list[tuple[int, float]]:
     return detectable
 
 
+def sample_sizes() -> dict[str, str]:
+    """Return the lines of the tables of how many episodes an interval, a comparison and a sequential test need."""
+    lines = {}
+    for rate in RATES:
+        needed = [trials_for_half_width(rate / 100, width / 100) for width in WIDTHS]
+        lines[f"interval at {rate}"] = f"| {rate} % | " + " | ".join(f"{count:,}" for count in needed) + " |"
+    looks = range(EVERY, MOST_PAIRS + 1, EVERY)
+    for discordance, points in PLANNED:
+        shares = discordance / 100, points / 100
+        times = stopping_times(*shares, looks, ALPHA, np.random.default_rng(SEED))
+        counts = f"{pairs_for_power(*shares)} | {times.mean(MOST_PAIRS):.0f} | {times.needed():,}"
+        lines[f"comparison at {discordance}, {points}"] = f"| {discordance} % | {points} points | {counts} |"
+    return lines
+
+
 def difference(pairs: Pairs) -> tuple[float, Interval]:
     """Return the paired difference of two success rates, and its interval."""
     estimate = paired_difference(pairs)
@@ -109,6 +129,7 @@ def numbers() -> Mapping[str, str]:
         "drop at 500": f"{100 * dict(drops())[500]:.0f} points",
         "bounds": f"{100 * bounds.low:.0f} % to {100 * bounds.high:.0f} %",
         "bounds with chance": percent(bounds.interval),
+        **sample_sizes(),
         **{
             f"case {number}": f"{100 * difference(pairs)[0]:.1f} {percent(difference(pairs)[1], 1)}"
             for number, (_, pairs) in enumerate(CASES, 1)

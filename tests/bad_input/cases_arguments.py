@@ -29,6 +29,10 @@ WHOLE_NUMBERS = (
 )
 """Command, option, and a value below and above its range."""
 NUMBERS = (
+    ("plan suite.yaml", "--width", "0", "100"),
+    ("plan suite.yaml", "--detect", "0", "100"),
+    ("plan suite.yaml --width 5", "--rate", "-1", "100.5"),
+    ("plan suite.yaml --detect 5", "--discordance", "0", "101"),
     ("report runs/monday", "--video-mb", "-1", "1001"),
     ("compare runs/monday", "--alpha", "0", "0.5"),
     ("compare runs/monday", "--margin", "0", "1"),

@@ -245,6 +245,19 @@ ELSEWHERE = [
     Case("plan suite.yaml --option seed", "expected NAME=VALUE, got 'seed'"),
     Case("plan suite.yaml --out text", "text: expected a run folder, this is a file"),
     Case("plan suite.yaml --out runs/monday", "it holds a run of suite 'synthetic', not 's'"),
+    Case("plan suite.yaml --rate 80", "--rate: expected with --width, whose interval it is for"),
+    Case("plan suite.yaml --detect 5 --rate 80", "--rate: expected with --width, whose interval it is for"),
+    Case("plan suite.yaml --discordance 20", "--discordance: expected with --detect, whose pairs it is about"),
+    Case(
+        "plan suite.yaml --width 5 --discordance 20", "--discordance: expected with --detect, whose pairs it is about"
+    ),
+    Case(
+        "plan suite.yaml --detect 10 --discordance 5", "--discordance 5: expected at least the difference to detect, 10"
+    ),
+    Case("plan suite.yaml --detect 10", "--detect: expected two policies or more to compare, suite 's' has random"),
+    Case(
+        "plan suite.yaml --width 5 --out nope", "nope: expected a run of the suite, whose episodes say what to assume"
+    ),
     Case("plan free.yaml", "expected none beside needs: policy", {"free.yaml": suite(needs="policy")}),
     Case("plan free.yaml", "free.yaml: the suite needs a policy; add --policy with", {"free.yaml": FREE}),
     Case("run free.yaml --out new", "free.yaml: the suite needs a policy; add --policy with", {"free.yaml": FREE}),
