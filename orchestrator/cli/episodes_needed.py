@@ -154,9 +154,9 @@ def print_answer(found: Mapping[str, Any], seeds: int) -> None:
     from robogauntlet.results.report.episodes_needed import adaptive_sentence, assumptions, seeds_table
 
     out.print()
-    out.print(rich_table(seeds_table(found["seeds_needed"], seeds), title="Seeds needed"))
+    out.print(rich_table(seeds_table(found["seeds_needed"], seeds), title="Seeds per task that are needed"))
     out.print()
-    for line in assumptions(found["seeds_needed"]):
+    for line in assumptions(found["seeds_needed"], seeds):
         print_line(f"- {line}")
     if found["adaptive"] is not None:
         print_line(f"- {adaptive_sentence(found['adaptive'])}")

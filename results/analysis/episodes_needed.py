@@ -235,7 +235,7 @@ def adaptive_seeds(
     if rule is None:
         return None
     assumed = _assumed_discordance(size, target, discordance, stored, tasks)
-    enough = 3 * pairs_for_power(assumed.share, target, rule.alpha, step=tasks) // tasks
+    enough = 10 * pairs_for_power(assumed.share, target, rule.alpha, step=tasks) // tasks
     looks = np.arange(rule.round, max(rule.max_seeds, enough) + rule.round, rule.round)
     looks = np.append(looks, [size.seeds, rule.max_seeds])  # blocks of seeds end there, too
     looks = np.unique(looks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robogauntlet.results.analysis.episodes_needed import WIDTH, AdaptiveSeeds, SeedsNeeded
-from robogauntlet.results.report.formatting import NOTHING, TextTable, count, percent, seconds
+from robogauntlet.results.report.formatting import NOTHING, TextTable, count, counted, percent, seconds
 from robogauntlet.results.statistics.multiplicity import ALPHA
 from robogauntlet.results.statistics.pairs import POWER
 
@@ -13,50 +13,40 @@ from robogauntlet.results.statistics.pairs import POWER
 def seeds_table(answers: Sequence[SeedsNeeded], seeds: int) -> TextTable:
     """A line per question: the seeds that it needs, and what the suite's number of seeds gives."""
     timed = any(one.worker_s is not None for one in answers)
-    header = (
-        "to know",
-        "seeds per task",
-        "episodes",
-        *(("worker time",) if timed else ()),
-        f"with {seeds:,} seeds",
-        "",
-    )
+    header = ("", "seeds", "episodes", *(("worker time",) if timed else ()), f"{counted(seeds, 'seed')} give", "enough")
     rows = []
     for one in answers:
         time = (seconds(one.worker_s),) if timed else ()
-        enough = "enough" if one.is_enough else "not enough"
+        enough = "yes" if one.is_enough else "no"
         rows.append((_question(one), count(one.seeds), count(one.episodes), *time, _reached(one), enough))
     return TextTable(header, tuple(rows), 1)
 
 
-def assumptions(answers: Sequence[SeedsNeeded]) -> list[str]:
+def assumptions(answers: Sequence[SeedsNeeded], seeds: int) -> list[str]:
     """A sentence per question: what was assumed, where it is from, and how the answer is computed."""
-    return [f"{_question(one)}: {_assumed(one)}; {_method(one)}" for one in answers]
+    return [f"{_question(one)}: {_assumed(one)}; {_method(one, seeds)}" for one in answers]
 
 
 def adaptive_sentence(found: AdaptiveSeeds) -> str:
     """When the rule of an adaptive suite decides."""
-    needed = "more than were simulated" if found.needed is None else f"{found.needed:,}"
+    needed = "more than were simulated" if found.needed is None else f"max_seeds {found.needed:,}"
     return (
         f"adaptive: a condition with a difference of {_points(found.difference)} points and "
         f"{_percent(found.assumed.share)} of pairs that disagree is decided after {found.pairs:,.0f} pairs on average "
         f"({found.seeds:,.1f} seeds per task), within max_seeds ({found.max_seeds:,}) in {percent(found.power)} of "
-        f"the cases; for {100 * POWER:.0f} %, max_seeds {needed} (simulated at alpha {found.alpha:g})"
+        f"the cases; for {100 * POWER:.0f} %, {needed} (simulated at alpha {found.alpha:g})"
     )
 
 
 def _question(one: SeedsNeeded) -> str:
-    where = "in a single task" if one.tasks == 1 else f"over all {one.tasks:,} tasks"
-    if one.goal == WIDTH:
-        return f"success rate {where}, ±{_points(one.target)} points"
-    return f"difference of {_points(one.target)} points {where}"
+    tasks = "one task" if one.tasks == 1 else f"{one.tasks:,} tasks"
+    return f"{'rate ±' if one.goal == WIDTH else 'difference of '}{_points(one.target)} points, {tasks}"
 
 
 def _reached(one: SeedsNeeded) -> str:
-    if one.goal == WIDTH:
-        return NOTHING if one.reached is None else f"±{100 * one.reached:.1f} points"
-    power = f"power {percent(one.power)}"
-    return power if one.reached is None else f"{power}, detects {100 * one.reached:.1f} points"
+    if one.reached is None:
+        return NOTHING
+    return f"{'±' if one.goal == WIDTH else ''}{100 * one.reached:.1f} points"
 
 
 def _assumed(one: SeedsNeeded) -> str:
@@ -64,12 +54,13 @@ def _assumed(one: SeedsNeeded) -> str:
     return f"assumed that {_percent(one.assumed.share)} {what} ({one.assumed.source})"
 
 
-def _method(one: SeedsNeeded) -> str:
+def _method(one: SeedsNeeded, seeds: int) -> str:
     if one.goal == WIDTH:
         return f"half of Wilson's {100 * (1 - one.alpha):.0f} % interval"
     tests = round(ALPHA / one.alpha)
-    shared = "" if tests == 1 else f", {ALPHA:g} for {tests:,} tests together"
-    return f"McNemar's exact test at {one.alpha:.2g}{shared}, power {100 * POWER:.0f} %"
+    shared = "" if tests == 1 else f" ({ALPHA:g} for {tests:,} tests together)"
+    power = f"power {100 * POWER:.0f} %, with {counted(seeds, 'seed')} {percent(one.power)}"
+    return f"McNemar's exact test at {one.alpha:.2g}{shared}, {power}"
 
 
 def _points(share: float) -> str:

@@ -43,11 +43,10 @@ def pilot(suite, tmp_path):
 def test_given_shares_are_assumed(run_command, suite):
     output = run_command("plan", suite, "--width", 5, "--rate", 80, "--detect", 10, "--discordance", 20).out
     assert "nulls: 80 episodes, 80 to play" in output
-    lines = {line.split("  ")[0]: line.split() for line in output.splitlines()}
-    assert lines["success rate over all 2 tasks, ±5 points"][8:10] == ["123", "492"]
-    assert lines["success rate in a single task, ±5 points"][8:10] == ["245", "980"]
-    assert lines["difference of 10 points over all 2 tasks"][8:10] == ["84", "336"]  # 168 pairs
-    assert "±12.1 points  not enough" in output
+    lines = [" ".join(line.split()) for line in output.splitlines()]
+    assert "rate ±5 points, 2 tasks 123 492 ±12.1 points no" in lines
+    assert "rate ±5 points, one task 245 980 ±16.8 points no" in lines
+    assert "difference of 10 points, 2 tasks 84 336 19.5 points no" in lines  # 168 pairs
     assert "assumed that 20 % of pairs disagree (given); McNemar's exact test at 0.05, power 80 %" in output
 
 
@@ -80,7 +79,7 @@ def test_an_adaptive_suite_says_when_it_decides(run_command, suite):
 
 
 def test_one_policy_has_an_interval_and_no_difference(run_command, suite, pilot, tmp_path):
-    assert "Seeds needed" in run_command("plan", suite, "--policy", "random", "--width", 5).out
+    assert "Seeds per task that are needed" in run_command("plan", suite, "--policy", "random", "--width", 5).out
     refused = run_command("plan", suite, "--policy", "random", "--detect", 5).refusal
     assert refused == (
         "--detect: expected two policies or more to compare, suite 'nulls' has random; add another with --policy"
