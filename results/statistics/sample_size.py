@@ -88,8 +88,8 @@ def mcnemar_power(pairs: int, discordance: float, difference: float, alpha: floa
     """The probability that `pairs.mcnemar` is at most alpha, in favour of the side that is better.
 
     The number m of pairs that disagree is binomial (pairs, discordance), and of these the better side wins a binomial
-    number (m, (1 + difference / discordance) / 2): J. J. Schlesselman, "Case-control studies" (1982), section 6.6,
-    and S. W. Duffy, Biometrics 40 (1984) 1005-1015, with the exact test. Beyond `MOST_EXACT` pairs R. J. Connor's
+    number (m, (1 + difference / discordance) / 2): S. W. Duffy, "Asymptotic and exact power for the McNemar test and
+    its analogue with R controls per case", Biometrics 40 (1984) 1005-1015. Beyond `MOST_EXACT` pairs R. J. Connor's
     normal approximation, see `pairs.detectable_drop`, with a continuity correction of one pair.
 
     Args:
