@@ -33,6 +33,8 @@ DRAWS = 9999
 """Permutations per test."""
 
 Mask = NDArray[np.bool_]
+Places = tuple[tuple[int, int], ...]
+"""Conditions as columns and thresholds."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -72,7 +74,7 @@ class Cluster:
 
 @dataclass(frozen=True, slots=True)
 class _Half:
-    """Episodes at one half of the seeds."""
+    """Episodes that discover, or those that confirm."""
 
     severities: NDArray[np.float64]
     """Shape (episodes, axes)."""
@@ -93,7 +95,7 @@ class _Half:
         stratum = [known.setdefault(np.ascontiguousarray(group).tobytes(), len(known)) for group in groups]
         return cls(severities, failed.astype(float), point, np.array(stratum, dtype=np.intp))
 
-    def mask(self, places: Sequence[tuple[int, int]]) -> Mask:
+    def mask(self, places: Places) -> Mask:
         """Episodes that satisfy all conditions, each a column and a threshold."""
         found = np.ones(len(self.failed), dtype=bool)
         for column, threshold in places:
@@ -102,10 +104,6 @@ class _Half:
 
     def support(self, mask: Mask) -> Support:
         return Support(int(mask.sum()), int(self.failed[mask].sum()))
-
-
-Places = tuple[tuple[int, int], ...]
-"""Conditions as columns and thresholds."""
 
 
 def failure_clusters(
@@ -127,8 +125,8 @@ def failure_clusters(
     In discovery, a candidate's score is the signed root of the log likelihood ratio of two failure rates against one
     (M. Kulldorff, "A spatial scan statistic", Commun. Statist. Theory Meth. 26 (1997) 1481-1496): of its episodes
     against all others, and for a pair also against those that satisfy only one of its conditions, the least of the
-    three. The best thresholds of each set of axes go on, those that nearly coincide with a better candidate are
-    dropped, and the best `MOST` are tested.
+    three. Each axis and each pair of axes has one candidate, at the thresholds that score highest. Those that nearly
+    coincide with a better one are dropped, and the best `MOST` are tested.
 
     A candidate is a cluster if it fails more often than all others do, and a pair also more often than the episodes
     that satisfy only its first condition, and only its second: the largest p-value counts (an intersection-union test:
@@ -196,7 +194,7 @@ def _is_explained(
     if not containing:
         return False
     left = ~np.logical_or.reduce(containing)
-    alone = half.mask([place])
+    alone = half.mask((place,))
     return _permutation(half, alone & left, ~alone & left, None, generator) > alpha
 
 
@@ -253,7 +251,7 @@ def _comparisons(half: _Half, places: Places) -> Iterator[tuple[Mask, int | None
     yield ~mask, None
     if len(places) > 1:
         for place in places:
-            yield half.mask([place]) & ~mask, place[0]
+            yield half.mask((place,)) & ~mask, place[0]
 
 
 def _signed_root(
@@ -344,7 +342,7 @@ def _rate(half: _Half, mask: Mask) -> Estimate:
     effect = 1.0
     if points > 1 and 0 < rate < 1:
         effect = max(1.0, float((residuals**2).sum()) * points / (points - 1) / (trials * rate * (1 - rate)))
-    interval = wilson_intervals([failures / effect], [trials / effect])[0]
+    interval = wilson_intervals([failures / effect], [trials / effect])[0]  # type: ignore[list-item]
     return Estimate(rate, interval)
 
 

@@ -11,9 +11,9 @@ about its rate counts as variance of f and as an interaction of all axes. Here e
 of outcomes at two different seeds (a U-statistic over seeds: W. Hoeffding, Ann. Math. Statist. 19 (1948) 293-325). It
 has no such bias, also where seeds have effects of their own.
 
-SALib is not used. Its `sobol.analyze` (1.5) takes one output per point as the exact f: it divides by the variance of
-outputs, noise included, so that first-order indices are too small and total ones near 1, and its intervals have no
-spread of seeds. Averages over seeds lessen this bias and do not remove it.
+SALib is not used. Its `sobol.analyze` (1.5) takes one output per point as the exact f and divides by the variance of
+outputs, noise included: first-order indices are too small, total ones too large, and intervals have no spread of seeds.
+With averages over seeds as outputs this bias is less, not none.
 """
 
 from __future__ import annotations

@@ -23,9 +23,9 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("ablations", "coverage", "crowd", "dashboard", "mergevla", "million", "more_experts"),
+    *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "mergevla", "million", "more_experts"),
     *("opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
-    "simplified_meshes",
+    *("sensitivity_coverage", "simplified_meshes"),
 )
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks")

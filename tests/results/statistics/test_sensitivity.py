@@ -1,0 +1,244 @@
+"""Sobol' indices of noisy outcomes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robogauntlet.results.statistics.sensitivity import pick_freeze, sobol_indices
+
+few = settings(max_examples=25, deadline=None)
+PARTS = ("first", "total", "interaction")
+
+
+def generator(seed=0):
+    return np.random.default_rng(seed)
+
+
+def names(axes):
+    return [f"axis {number}" for number in range(axes)]
+
+
+def exact(rate, axes=3, points=1024, seeds=3):
+    """Outcomes that are the rates themselves, the same at every seed."""
+    return np.repeat(rate(pick_freeze(points, axes, generator()))[..., None], seeds, axis=2)
+
+
+def drawn(rate, axes=3, points=64, seeds=4, seed=0):
+    draw = generator(seed)
+    rates = rate(pick_freeze(points, axes, draw))
+    return (draw.random((*rates.shape, seeds)) < rates[..., None]).astype(float)
+
+
+def ishigami(levels):
+    x, y, z = np.moveaxis(np.pi * (2 * levels - 1), -1, 0)
+    found = np.sin(x) * (1 + 0.1 * z**4) + 7 * np.sin(y) ** 2
+    return (found + 1 + 0.1 * np.pi**4) / (9 + 0.2 * np.pi**4)
+
+
+def linear(levels):
+    """Half of the range from the first axis, a quarter from the second, none from the third."""
+    return 0.125 + levels @ np.array([0.5, 0.25, 0.0])
+
+
+def values(found, part):
+    return [getattr(axis, part).value for axis in found.axes]
+
+
+def ends(found):
+    estimates = [getattr(axis, part) for axis in found.axes for part in PARTS]
+    return [(e.value, e.interval.low, e.interval.high) for e in [*estimates, found.explained]]
+
+
+@given(st.sampled_from([2, 4, 8, 16]), st.integers(1, 5), st.integers(0, 1000))
+@few
+def test_row_i_of_a_base_point_is_a_with_the_coordinate_i_of_b(points, axes, seed):
+    design = pick_freeze(points, axes, generator(seed))
+    assert design.shape == (points, axes + 2, axes)
+    assert ((design >= 0) & (design < 1)).all()
+    for axis in range(axes):
+        changed = np.arange(axes) == axis
+        assert (design[:, 1 + axis] == np.where(changed, design[:, -1], design[:, 0])).all()
+
+
+def test_the_same_generator_gives_the_same_points():
+    assert (pick_freeze(8, 3, generator(4)) == pick_freeze(8, 3, generator(4))).all()
+    assert (pick_freeze(8, 3, generator(4)) != pick_freeze(8, 3, generator(5))).any()
+
+
+def test_without_noise_the_indices_of_ishigami_are_the_analytic_ones():
+    found = sobol_indices(exact(ishigami, points=4096), names(3))
+    assert values(found, "first") == pytest.approx([0.3139, 0.4424, 0], abs=0.03)
+    assert values(found, "total") == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.03)
+    assert values(found, "interaction") == pytest.approx([0.2437, 0, 0.2437], abs=0.04)
+    assert found.explained.value == pytest.approx(1)
+
+
+def test_the_indices_agree_with_sums_over_pairs_of_seeds():
+    outcomes = drawn(linear, points=256, seeds=3, seed=1)
+    n, rows, k = outcomes.shape
+    centred = outcomes - outcomes.mean(axis=0)
+
+    def covariance(one, other):
+        pairs = [(s, t) for s in range(k) for t in range(k) if s != t]
+        return sum(centred[:, one, s] @ centred[:, other, t] for s, t in pairs) / len(pairs) / (n - 1)
+
+    variance = np.mean([covariance(row, row) for row in range(rows)])
+    first = [covariance(4, axis) / variance for axis in (1, 2, 3)]
+    total = [(covariance(0, 0) + covariance(a, a) - 2 * covariance(0, a)) / 2 / variance for a in (1, 2, 3)]
+    noise = outcomes.var(axis=2, ddof=1).mean()
+    found = sobol_indices(outcomes, names(3))
+    assert values(found, "first") == pytest.approx(np.clip(first, 0, 1))
+    assert values(found, "total") == pytest.approx(np.clip(total, 0, 1))
+    assert found.explained.value == pytest.approx(variance / (variance + noise))
+
+
+def test_axes_that_add_up_do_not_interact():
+    found = sobol_indices(exact(linear), names(3))
+    assert values(found, "first") == pytest.approx([0.8, 0.2, 0], abs=0.02)
+    assert values(found, "interaction") == pytest.approx([0, 0, 0], abs=0.02)
+
+
+def test_the_noise_of_rollouts_is_no_interaction():
+    """Products of one seed's outcomes would add 0.25 to a variance of 0.026."""
+    outcomes = np.concatenate([drawn(linear, points=1024, seed=seed) for seed in range(8)])
+    found = sobol_indices(outcomes, names(3))
+    assert values(found, "total") == pytest.approx([0.8, 0.2, 0], abs=0.06)
+    assert found.explained.value == pytest.approx(0.026 / 0.25, abs=0.01)
+
+
+def test_effects_of_seeds_are_no_effects_of_axes():
+    """A shift of each seed, alike at all points, changes the variance of a rollout alone."""
+    outcomes = exact(linear, seeds=4) / 2
+    shifted = outcomes + np.array([0.0, 0.1, 0.2, 0.4])
+    one, other = (sobol_indices(each, names(3)) for each in (outcomes, shifted))
+    for part in PARTS:
+        assert values(one, part) == pytest.approx(values(other, part))
+    assert one.explained.value > other.explained.value
+
+
+@given(st.permutations(range(3)), st.integers(0, 20))
+@few
+def test_permuting_the_axes_permutes_the_indices(order, seed):
+    outcomes = drawn(linear, seeds=8, seed=seed)
+    there = sobol_indices(outcomes, names(3))
+    back = sobol_indices(outcomes[:, [0, *(1 + axis for axis in order), 4]], [names(3)[axis] for axis in order])
+    assert (there.axes is None) == (back.axes is None)
+    if there.axes is not None:
+        by_name = {axis.axis: axis for axis in back.axes}
+        for axis in there.axes:
+            assert axis.total.value == pytest.approx(by_name[axis.axis].total.value)
+            assert axis.first.interval.high == pytest.approx(by_name[axis.axis].first.interval.high, abs=0.003)
+
+
+@given(st.permutations(range(6)), st.integers(0, 20))
+@few
+def test_the_order_of_seeds_and_of_base_points_changes_nothing(order, seed):
+    outcomes = drawn(linear, seeds=6, points=128, seed=seed)
+    there = sobol_indices(outcomes, names(3))
+    back = sobol_indices(outcomes[::-1, :, order], names(3))
+    assert (there.axes is None) == (back.axes is None)
+    if there.axes is not None:
+        assert np.array(ends(there)) == pytest.approx(np.array(ends(back)), abs=0.003)
+
+
+@given(st.integers(0, 20))
+@few
+def test_failures_have_the_indices_of_successes(seed):
+    outcomes = drawn(linear, seeds=6, points=128, seed=seed)
+    there, back = sobol_indices(outcomes, names(3)), sobol_indices(1 - outcomes, names(3))
+    assert (there.axes is None) == (back.axes is None)
+    if there.axes is not None:
+        assert np.array(ends(there)) == pytest.approx(np.array(ends(back)), abs=0.003)
+
+
+@given(st.integers(0, 200), st.sampled_from([2, 4, 16]), st.integers(2, 4), st.integers(1, 3))
+@few
+def test_estimates_and_intervals_are_shares_and_an_estimate_lies_in_its_interval(seed, points, seeds, axes):
+    outcomes = (generator(seed).random((points, axes + 2, seeds)) < 0.5).astype(float)
+    found = sobol_indices(outcomes, names(axes))
+    estimates = [getattr(axis, part) for axis in found.axes or () for part in PARTS]
+    for estimate in [*estimates, *([found.explained] if found.explained else [])]:
+        assert 0 <= estimate.value <= 1
+        if estimate.interval is not None:
+            assert 0 <= estimate.interval.low <= estimate.value <= estimate.interval.high <= 1
+
+
+def test_a_constant_outcome_has_no_indices():
+    found = sobol_indices(np.ones((8, 5, 3)), names(3))
+    assert found.axes is found.explained is None
+
+
+def test_outcomes_without_an_effect_of_axes_have_no_indices():
+    found = sobol_indices(drawn(lambda levels: np.full(levels.shape[:-1], 0.5)), names(3))
+    assert found.axes is None
+    assert found.explained.interval.low == 0
+
+
+def test_outcomes_that_depend_on_the_seed_alone_have_no_indices():
+    outcomes = np.broadcast_to([0.0, 1.0, 1.0, 0.0], (64, 5, 4))
+    assert sobol_indices(outcomes, names(3)).axes is None
+
+
+def test_two_seeds_give_indices_without_intervals():
+    found = sobol_indices(drawn(linear, points=1024, seeds=2), names(3))
+    assert values(found, "total") == pytest.approx([0.8, 0.2, 0], abs=0.3)
+    assert all(getattr(axis, part).interval is None for axis in found.axes for part in PARTS)
+
+
+def test_an_axis_that_never_changes_an_outcome_has_a_total_of_zero_without_an_interval():
+    found = sobol_indices(exact(linear), names(3))
+    assert (found.axes[2].total.value, found.axes[2].total.interval) == (0, None)
+
+
+def test_more_base_points_narrow_the_intervals():
+    small, large = (sobol_indices(drawn(linear, points=n, seeds=6), names(3)).axes[0].total for n in (64, 1024))
+    assert large.interval.high - large.interval.low < (small.interval.high - small.interval.low) / 2
+
+
+@pytest.mark.parametrize("rate", [ishigami, linear])
+def test_intervals_contain_the_true_index_with_their_confidence(rate):
+    """The benchmark `sensitivity_coverage` has more experiments, sizes and responses."""
+    true = {ishigami: [0.5576, 0.4424, 0.2437], linear: [0.8, 0.2, 0]}[rate]
+    inside = []
+    for seed in range(100):
+        found = sobol_indices(drawn(rate, seeds=10, seed=seed), names(3))
+        intervals = [axis.total.interval for axis in found.axes or ()]
+        inside += [i.low <= value <= i.high for i, value in zip(intervals, true, strict=False)]
+    assert np.mean(inside) > 0.93
+
+
+@pytest.mark.parametrize(
+    ("shape", "axes", "message"),
+    [
+        ((8, 4, 3), 3, r"expected outcomes of shape \(base points, 5, seeds\), got \(8, 4, 3\)"),
+        ((8, 5), 3, "expected outcomes of shape"),
+        ((8, 2, 3), 0, "expected outcomes of shape"),
+        ((1, 5, 3), 3, "expected at least two base points and two seeds, got 1 and 3"),
+        ((8, 5, 1), 3, "expected at least two base points and two seeds, got 8 and 1"),
+    ],
+)
+def test_outcomes_of_another_shape_are_refused(shape, axes, message):
+    with pytest.raises(ValueError, match=message):
+        sobol_indices(np.zeros(shape), names(axes))
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.1, np.nan])
+def test_outcomes_outside_0_to_1_or_missing_are_refused(wrong):
+    outcomes = np.zeros((8, 5, 3))
+    outcomes[0, 0, 0] = wrong
+    with pytest.raises(ValueError, match=r"expected outcomes in \[0, 1\] and none missing"):
+        sobol_indices(outcomes, names(3))
+
+
+@pytest.mark.parametrize("points", [0, 1, 3, 100])
+def test_base_points_that_are_no_power_of_two_are_refused(points):
+    with pytest.raises(ValueError, match=f"expected a power of 2 of base points, 2 or more, got {points}"):
+        pick_freeze(points, 3, generator())
+
+
+def test_a_design_without_axes_is_refused():
+    with pytest.raises(ValueError, match="expected at least one axis, got 0"):
+        pick_freeze(8, 0, generator())
