@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import Condition, content_hash
 
 MEDIA = "media"
 SHARED_BY = ("pair_id", "state_hash", "actions_hash", "final_state_hash")
@@ -19,6 +19,11 @@ def videos_folder(folder: Path) -> Path:
 def video_path(folder: Path, episode_id: str) -> Path:
     """Return the path of the video of an episode (mp4)."""
     return videos_folder(folder) / f"{episode_id}.mp4"
+
+
+def changed_video_path(folder: Path, episode_id: str, condition: Condition) -> Path:
+    """Return the path of the video of an episode beside the same under another condition (mp4)."""
+    return folder / MEDIA / "changed" / f"{episode_id}-{content_hash(str(condition), length=8)}.mp4"
 
 
 def picture_path(folder: Path, task: str) -> Path:

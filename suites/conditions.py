@@ -6,9 +6,10 @@ A condition is shown as `noise@2`, and a combination as `noise@2+table@3.5`; `no
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from robogauntlet.suites.axes import AXES, axes_of
-from robogauntlet.suites.episode import AND, CLEAN, CONTROLS, Condition, Perturbation
+from robogauntlet.suites.episode import AND, AT, CLEAN, CONTROLS, Condition, Perturbation
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
@@ -77,6 +78,30 @@ def read_condition(text: str) -> Condition:
     except ValueError as error:
         raise BadInput(f"condition '{text}': {error}") from None
     return condition
+
+
+def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequence[str]) -> Condition:
+    """Return a condition with some axes at other severities (`AXIS=SEVERITY`) and some left out (`AXIS`).
+
+    Raises:
+        BadInput: There is no such axis or severity, axes do not combine, one to be left out is not there, or nothing
+            changes.
+    """
+    severities = {part.axis: part.severity for part in condition.perturbations}
+    for axis in left_out:
+        if axis not in severities:
+            raise BadInput(f"--without {axis}: the episode is under {condition}{did_you_mean(axis, severities)}")
+        del severities[axis]
+    for text in given:
+        axis, sign, severity = text.partition("=")
+        if not sign or not _SEVERITY.fullmatch(severity):
+            raise BadInput(f"--with {text}: expected AXIS=SEVERITY, such as illuminance=3")
+        severities[axis] = read_number(severity)
+    text = AND.join(f"{axis}{AT}{severity:f}" for axis, severity in severities.items())
+    found = read_condition(text) if text else Condition()
+    if found == condition:
+        raise BadInput(f"--with, --without: the episode is under {condition} already; name another axis or severity")
+    return found
 
 
 def condition_of(axis: str, severity: float) -> Condition:

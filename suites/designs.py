@@ -117,7 +117,7 @@ def latin_hypercube(axes: int, points: int, seed: int) -> NDArray[np.float64]:
     return found
 
 
-def sobol_rows(axes: int, points: int, seed: int) -> NDArray[np.float64]:
+def sobol_rows(axes: int, points: int, seed: int | np.random.Generator) -> NDArray[np.float64]:
     """Return the rows (points x (axes + 2), axes) in [0, 1) of a pick-freeze design (Saltelli et al. 2010).
 
     For each base point: A; then A with the value of B on the first axis, the second and so on; then B. A and B are the

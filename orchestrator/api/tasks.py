@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.runs.plan import why_unadjusted
-from robogauntlet.suites.axes import axes_of, why_unsupported
+from robogauntlet.orchestrator.runs.plan import why_impossible
 from robogauntlet.suites.conditions import read_condition
 from robogauntlet.suites.episode import CLEAN, Cell, Protocol, RenderProfile, View
 from robogauntlet.suites.plugins import did_you_mean
@@ -63,10 +62,8 @@ def make(
     for camera in cameras or () if description else ():
         if camera not in available:
             raise BadInput(f"cameras: {task} has no camera '{camera}'{did_you_mean(camera, available)}")
-    for axis in axes_of(shift) if description else ():
-        assert description is not None
-        if why := why_unadjusted(axis, task) or why_unsupported(axis, description.instruction):
-            raise BadInput(f"condition '{condition}': unsupported in {task}: {why}")
+    if description and (why := why_impossible(shift, task)):
+        raise BadInput(f"condition '{condition}': unsupported in {task}: {why}")
     try:
         from robogauntlet.orchestrator.api.task_environment import TaskEnvironment
     except ModuleNotFoundError as error:

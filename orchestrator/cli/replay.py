@@ -10,11 +10,18 @@ import typer
 
 from robogauntlet.orchestrator.cli.common import StoreUrl, Trust, fail, newest_run, out, print_line
 from robogauntlet.orchestrator.ray_runtime.session import RayLost
-from robogauntlet.orchestrator.replay.replay import environments_of, policy_sources, replay_with_video
-from robogauntlet.results.media_paths import video_path
-from robogauntlet.results.record import Status
+from robogauntlet.orchestrator.replay.replay import (
+    environments_of,
+    policy_sources,
+    replay_changed,
+    replay_with_video,
+)
+from robogauntlet.orchestrator.runs.plan import why_impossible
+from robogauntlet.results.media_paths import changed_video_path, video_path
+from robogauntlet.results.record import EpisodeResult, Status
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
+from robogauntlet.suites.conditions import changed_condition
 from robogauntlet.support.errors import BadInput
 from robogauntlet.support.text import counted
 
@@ -22,12 +29,20 @@ from robogauntlet.support.text import counted
 def replay_episode(
     episode_id: Annotated[str, typer.Argument(help="Id of a stored episode, or the beginning of it.")],
     folder: Annotated[Path | None, typer.Option("--run", help="Run folder; by default the newest under runs/.")] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option("--with", metavar="AXIS=SEVERITY", help="Play it also with this axis. May be repeated."),
+    ] = None,
+    left_out: Annotated[
+        list[str] | None, typer.Option("--without", metavar="AXIS", help="Play it also without this axis of its own.")
+    ] = None,
     video: Annotated[Path | None, typer.Option(help="MP4 file to write; by default in the run folder.")] = None,
     store: StoreUrl = None,
     trust: Trust = False,
 ) -> None:
     """Replay a stored episode, compare it with its row and record a video.
 
+    With --with or --without it is played once more, changed in this one thing, and the video shows both side by side.
     Exit code 1 if the outcome differs from the row.
     """
     folder = folder or newest_run()
@@ -36,17 +51,28 @@ def replay_episode(
         row = rows.find(episode_id)
     if row is None:
         raise BadInput(f"{folder}: no episode {episode_id}; ids are in its episodes.parquet")
-    video = video or video_path(folder, row.episode_id)
+    changes = given or left_out
+    condition = changed_condition(row.episode.condition, given or (), left_out or ()) if changes else None
+    if condition is not None and (reason := why_impossible(condition, row.task)):
+        raise BadInput(f"{row.task} cannot have {condition}: {reason}")
+    if video is None:
+        of_both = condition and changed_video_path(folder, row.episode_id, condition)
+        video = of_both or video_path(folder, row.episode_id)
+    played: list[EpisodeResult] = []
     try:
         sources = policy_sources(document, folder, trust=trust)
-        replay = replay_with_video(row, sources, video, environments_of(document))
+        if condition is None:
+            replay = replay_with_video(row, sources, video, environments_of(document))
+        else:
+            replay, changed = replay_changed(row, condition, sources, video, environments_of(document))
+            played.append(changed)
     except RayLost as error:
         raise BadInput(str(error)) from None
-    result = replay.result
-    outcome = (
-        result.error if result.status == Status.ERROR else f"{result.status} after {counted(result.steps, 'step')}"
-    )
-    print_line(f"{row.task}, {row.policy}, seed {row.seed}: {outcome}")
+    for result in (replay.result, *played):
+        ended = f"{result.status} after {counted(result.steps, 'step')}"
+        outcome = result.error if result.status == Status.ERROR else ended
+        under = f", {result.episode.condition}" if changes else ""
+        print_line(f"{row.task}, {row.policy}, seed {row.seed}{under}: {outcome}")
     if video.exists():
         print_line(f"video: {video}")
     if replay.differences:

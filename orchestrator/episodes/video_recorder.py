@@ -42,21 +42,7 @@ class VideoRecorder:
         self._writer.send(frame.tobytes())
 
     def _open(self, fps: float) -> Any:
-        import imageio_ffmpeg
-
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        writer = imageio_ffmpeg.write_frames(
-            str(self._partial),
-            (PICTURE_SIZE, PICTURE_SIZE),
-            fps=fps,
-            codec="libx264",
-            pix_fmt_out="yuv420p",
-            output_params=["-crf", "27", "-movflags", "+faststart"],
-            macro_block_size=2,
-            ffmpeg_log_level="error",
-        )
-        writer.send(None)
-        return writer
+        return video_writer(self._partial, (PICTURE_SIZE, PICTURE_SIZE), fps)
 
     def __enter__(self) -> VideoRecorder:
         return self
@@ -66,6 +52,25 @@ class VideoRecorder:
             self._writer.close()
             if kind is None:
                 self._partial.replace(self._path)
+
+
+def video_writer(path: Path, size: tuple[int, int], fps: float) -> Any:
+    """A generator that writes the frames sent to it, RGB of this width and height as bytes, until it is closed."""
+    import imageio_ffmpeg
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer = imageio_ffmpeg.write_frames(
+        str(path),
+        size,
+        fps=fps,
+        codec="libx264",
+        pix_fmt_out="yuv420p",
+        output_params=["-crf", "27", "-movflags", "+faststart"],
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+    )
+    writer.send(None)
+    return writer
 
 
 def encode_png(image: Image) -> bytes:

@@ -65,21 +65,21 @@ def draw_grid(
     page = Image.new("RGB", size, PAPER)
     draw = ImageDraw.Draw(page)
     if title is not None:
-        _write(draw, (GAP, GAP), title, TITLE_SIZE, size[0] - 2 * GAP)
+        write_fitting(draw, (GAP, GAP), title, TITLE_SIZE, size[0] - 2 * GAP)
     for column, heading in enumerate(headings):
-        _write(draw, (LABEL_WIDTH + column * (width + GAP), top + GAP), heading, TEXT_SIZE, width)
+        write_fitting(draw, (LABEL_WIDTH + column * (width + GAP), top + GAP), heading, TEXT_SIZE, width)
     top += HEADING_HEIGHT
     for label, columns in rows:
         simulator, _, name = label.rpartition("/")
-        _write(draw, (GAP, top), name, TEXT_SIZE, LABEL_WIDTH - 3 * GAP)
-        _write(draw, (GAP, top + 18), simulator, TEXT_SIZE, LABEL_WIDTH - 3 * GAP, SOFT)
+        write_fitting(draw, (GAP, top), name, TEXT_SIZE, LABEL_WIDTH - 3 * GAP)
+        write_fitting(draw, (GAP, top + 18), simulator, TEXT_SIZE, LABEL_WIDTH - 3 * GAP, SOFT)
         for column, image in enumerate(columns):
             page.paste(Image.fromarray(image), (LABEL_WIDTH + column * (width + GAP), top))
         top += height + 2 * GAP
     return page
 
 
-def _write(
+def write_fitting(
     draw: ImageDraw.ImageDraw,
     place: tuple[int, int],
     text: str,

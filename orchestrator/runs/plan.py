@@ -19,7 +19,7 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
 from robogauntlet.suites.axes import AXES, Axis, axes_of, why_unsupported
 from robogauntlet.suites.checks import check_names
-from robogauntlet.suites.episode import Cell
+from robogauntlet.suites.episode import Cell, Condition
 from robogauntlet.suites.loading import Problem, SuiteError, load_suite, problem_at
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
@@ -275,6 +275,13 @@ def why_unadjusted(axis: Axis, task: str) -> str | None:
     if part in ADJUSTABLE and part not in simulator.adjusts:
         return f"{simulator.title} does not let its {part} be adjusted"
     return simulators.task_descriptions()[task].fixed.get(part)
+
+
+def why_impossible(condition: Condition, task: str) -> str | None:
+    """Why a task cannot have a condition, or None if it can."""
+    instruction = simulators.task_descriptions()[task].instruction
+    reasons = (why_unadjusted(axis, task) or why_unsupported(axis, instruction) for axis in axes_of(condition))
+    return next(filter(None, reasons), None)
 
 
 def check_same(plan: Plan, document: RunDocument, folder: Path) -> None:

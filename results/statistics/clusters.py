@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
-from robogauntlet.results.statistics.rates import Estimate, wilson_intervals
+from robogauntlet.results.statistics.rates import Estimate, clustered_rate
 
 THRESHOLDS = (1, 2, 3, 4, 5)
 HIGHEST = 5.0
@@ -316,7 +316,7 @@ def _permutation(half: _Half, within: Mask, rest: Mask, column: int | None, gene
 
 def _cluster(one: _Half, other: _Half, places: Places, axes: Sequence[str], p_value: float) -> Cluster:
     mask = other.mask(places)
-    within, outside = _rate(other, mask), _rate(other, ~mask)
+    within, outside = (clustered_rate(other.failed[side], other.point[side]) for side in (mask, ~mask))
     return Cluster(
         conditions=tuple(AxisCondition(axes[column], threshold) for column, threshold in places),
         discovery=one.support(one.mask(places)),
@@ -326,24 +326,6 @@ def _cluster(one: _Half, other: _Half, places: Places, axes: Sequence[str], p_va
         lift=within.value / outside.value if outside.value else math.inf,
         p_value=p_value,
     )
-
-
-def _rate(half: _Half, mask: Mask) -> Estimate:
-    """Failure rate with Wilson's interval at the number of episodes that would be as informative if independent.
-
-    Episodes of a point are alike; their number is divided by the design effect, the variance of the rate between points
-    over that of independent episodes (E. L. Korn and B. I. Graubard, Survey Methodology 24 (1998) 193-201).
-    """
-    trials, failures = int(mask.sum()), float(half.failed[mask].sum())
-    rate = failures / trials
-    played = np.bincount(half.point[mask], minlength=len(half.stratum)).astype(float)
-    residuals = np.bincount(half.point[mask], half.failed[mask], len(half.stratum)) - rate * played
-    points = int((played > 0).sum())
-    effect = 1.0
-    if points > 1 and 0 < rate < 1:
-        effect = max(1.0, float((residuals**2).sum()) * points / (points - 1) / (trials * rate * (1 - rate)))
-    interval = wilson_intervals([failures / effect], [trials / effect])[0]  # type: ignore[list-item]
-    return Estimate(rate, interval)
 
 
 def _checked(

@@ -57,40 +57,6 @@ class Sensitivity:
     """Var f / Var y: share of the variance of a rollout that the axes cause; None if Var y is not positive."""
 
 
-def pick_freeze(points: int, axes: int, generator: np.random.Generator) -> NDArray[np.float64]:
-    """Design points of the pick-freeze method.
-
-    Rows A and B of a base point are the halves of a scrambled Sobol' point of twice as many dimensions; row i between
-    them is A with coordinate i of B: A. Saltelli et al., "Variance based sensitivity analysis of model output",
-    Computer Physics Communications 181 (2010) 259-270.
-
-    Args:
-        points: Base points, a power of 2, as Sobol' points are balanced only then.
-        axes: Number of axes.
-        generator: The same state gives the same points.
-
-    Returns:
-        Shape (points, axes + 2, axes), uniform in [0, 1).
-
-    Raises:
-        ValueError: Points that are no power of 2 from 2, or no axes.
-    """
-    import numpy as np
-    from scipy.stats import qmc
-
-    if points < 2 or points & (points - 1):
-        raise ValueError(f"expected a power of 2 of base points, 2 or more, got {points}")
-    if axes < 1:
-        raise ValueError(f"expected at least one axis, got {axes}")
-    drawn = qmc.Sobol(2 * axes, rng=generator).random(points)
-    first, second = drawn[:, :axes], drawn[:, axes:]
-    design = np.repeat(first[:, None], axes + 2, axis=1)
-    design[:, -1] = second
-    for axis in range(axes):
-        design[:, 1 + axis, axis] = second[:, axis]
-    return design
-
-
 def sobol_indices(outcomes: NDArray[np.floating], axes: Sequence[str]) -> Sensitivity:
     """Sobol' indices of noisy outcomes, with intervals (95 %) for the spread of base points and of seeds.
 
@@ -116,7 +82,7 @@ def sobol_indices(outcomes: NDArray[np.floating], axes: Sequence[str]) -> Sensit
 
     Args:
         outcomes: Shape (base points, axes + 2, seeds), in [0, 1], a success 1 and a failure 0. Rows of a base point as
-            `pick_freeze` orders them; the same seeds, in the same order, at all points.
+            `suites.designs.sobol_rows` orders them; the same seeds, in the same order, at all points.
         axes: Their names.
 
     Returns:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from robogauntlet.results.statistics.sensitivity import Sensitivity, pick_freeze, sobol_indices
+from robogauntlet.results.statistics.sensitivity import Sensitivity, sobol_indices
+from robogauntlet.suites.designs import sobol_rows
 from tests.benchmarks.shared import table_of
 
 EXPERIMENTS = 1000
@@ -47,7 +48,8 @@ class Response:
 
     def outcomes(self, points: int, seeds: int, generator: np.random.Generator) -> Array:
         """Outcomes of one experiment."""
-        found = self.logit_or_rate(pick_freeze(points, self.axes, generator))[..., None]
+        levels = sobol_rows(self.axes, points, generator).reshape(points, self.axes + 2, self.axes)
+        found = self.logit_or_rate(levels)[..., None]
         rates = found if self.seed_spread is None else expit(found + self.seed_spread * generator.normal(size=seeds))
         return (generator.random((*found.shape[:2], seeds)) < rates).astype(float)
 

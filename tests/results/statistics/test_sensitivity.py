@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.results.statistics.sensitivity import pick_freeze, sobol_indices
+from robogauntlet.results.statistics.sensitivity import sobol_indices
+from robogauntlet.suites.designs import sobol_rows
 
 few = settings(max_examples=25, deadline=None)
 PARTS = ("first", "total", "interaction")
@@ -19,6 +20,11 @@ def generator(seed=0):
 
 def names(axes):
     return [f"axis {number}" for number in range(axes)]
+
+
+def pick_freeze(points, axes, draw):
+    """Rows of the design, shape (points, axes + 2, axes)."""
+    return sobol_rows(axes, points, draw).reshape(points, axes + 2, axes)
 
 
 def exact(rate, axes=3, points=1024, seeds=3):
@@ -50,22 +56,6 @@ def values(found, part):
 def ends(found):
     estimates = [getattr(axis, part) for axis in found.axes for part in PARTS]
     return [(e.value, e.interval.low, e.interval.high) for e in [*estimates, found.explained]]
-
-
-@given(st.sampled_from([2, 4, 8, 16]), st.integers(1, 5), st.integers(0, 1000))
-@few
-def test_row_i_of_a_base_point_is_a_with_the_coordinate_i_of_b(points, axes, seed):
-    design = pick_freeze(points, axes, generator(seed))
-    assert design.shape == (points, axes + 2, axes)
-    assert ((design >= 0) & (design < 1)).all()
-    for axis in range(axes):
-        changed = np.arange(axes) == axis
-        assert (design[:, 1 + axis] == np.where(changed, design[:, -1], design[:, 0])).all()
-
-
-def test_the_same_generator_gives_the_same_points():
-    assert (pick_freeze(8, 3, generator(4)) == pick_freeze(8, 3, generator(4))).all()
-    assert (pick_freeze(8, 3, generator(4)) != pick_freeze(8, 3, generator(5))).any()
 
 
 def test_without_noise_the_indices_of_ishigami_are_the_analytic_ones():
@@ -231,14 +221,3 @@ def test_outcomes_outside_0_to_1_or_missing_are_refused(wrong):
     outcomes[0, 0, 0] = wrong
     with pytest.raises(ValueError, match=r"expected outcomes in \[0, 1\] and none missing"):
         sobol_indices(outcomes, names(3))
-
-
-@pytest.mark.parametrize("points", [0, 1, 3, 100])
-def test_base_points_that_are_no_power_of_two_are_refused(points):
-    with pytest.raises(ValueError, match=f"expected a power of 2 of base points, 2 or more, got {points}"):
-        pick_freeze(points, 3, generator())
-
-
-def test_a_design_without_axes_is_refused():
-    with pytest.raises(ValueError, match="expected at least one axis, got 0"):
-        pick_freeze(8, 0, generator())
