@@ -104,6 +104,13 @@ def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequ
     return found
 
 
+def change_text(before: Condition, after: Condition) -> str:
+    """Return what differs between two conditions, `without table, illuminance 3`."""
+    old, new = ({part.axis: part.severity for part in one.perturbations} for one in (before, after))
+    lost = [f"without {axis}" for axis in old if axis not in new]
+    return ", ".join([*lost, *(f"{axis} {new[axis]:g}" for axis in new if old.get(axis) != new[axis])])
+
+
 def condition_of(axis: str, severity: float) -> Condition:
     """Return the condition of an axis, or of a combination's spelling, at a severity, whole or not."""
     whole = float(severity).is_integer()

@@ -7,7 +7,7 @@ from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from robogauntlet.suites.axes import AXES, SEVERITIES, why_exclusive
 from robogauntlet.suites.episode import Condition, Perturbation
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Severity = Annotated[int, Field(strict=True)] | Annotated[float, Field(strict=True)]
+Severity = Annotated[float, Field(strict=True), AfterValidator(lambda value: int(value) if value % 1 == 0 else value)]
 DEFAULT_SEVERITIES = tuple(range(1, SEVERITIES + 1))
 LISTED = ("one-at-a-time", "grid")
 """Designs of given severities; the others spread points over all severities."""
@@ -48,9 +48,11 @@ class DesignEntry(BaseModel):
             raise ValueError(f"expected each axis once, got '{repeated[0]}' twice")
         wrong = ("max_severity", "points", "seed") if self.kind in LISTED else ("severities",)
         if meaningless := [name for name in wrong if getattr(self, name) is not None]:
-            raise ValueError(f"'{meaningless[0]}' has no meaning for kind {self.kind}")
+            raise ValueError(
+                f"expected no '{meaningless[0]}' for kind {self.kind}, got {getattr(self, meaningless[0])}"
+            )
         if self.kind not in LISTED and self.points is None:
-            raise ValueError(f"expected the number of points of a {self.kind} design, as points: 64")
+            raise ValueError(f"expected points of a {self.kind} design, such as points: 64, got none")
         if self.kind == "sobol" and self.points and self.points & (self.points - 1):
             raise ValueError(f"expected a power of two as points of a sobol design, got {self.points}")
         if self.conditions_planned > MAX_ENTRIES:

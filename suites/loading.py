@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from robogauntlet.suites.checks import check_names
+from robogauntlet.suites.designs import DesignEntry
 from robogauntlet.suites.environments import Config, EnvironmentEntry
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
@@ -235,6 +236,8 @@ def _message(error: Any, model: type[BaseModel]) -> str:
             return f"{where}: expected a mapping, found {_kind(value)}"
         case "tuple_type" | "list_type":
             return f"{where}: expected a list, found {_kind(value)}"
+        case "value_error" if ", got " in error["msg"]:
+            return f"{where}: {plain_words(error['msg'])}"
         case _:
             expected = plain_words(error["msg"]).replace("Input should be", "expected")
             return f"{where}: {expected}, found {_kind(value)}"
@@ -244,6 +247,7 @@ def _fields(place: Place, root: type[BaseModel]) -> list[str]:
     models: dict[str, type[BaseModel]] = {
         "policies": PolicyEntry,
         "conditions": ConditionEntry,
+        "design": DesignEntry,
         "seeds": Seeds,
         "merging": MergingEntry,
         "compare": CompareEntry,

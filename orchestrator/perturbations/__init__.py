@@ -73,4 +73,8 @@ def perturbed(simulation: Simulation, episode: Episode, references: ReferenceIma
     for axis, severity in sorted(axes.items(), key=lambda item: _ORDER.index(item[0].name)):
         alone = replace(episode, condition=Condition.of(Perturbation(axis.name, severity)))
         layers.append(_PERTURBED[axis.name](layers[-1] if layers else simulation, axis, alone, references))
-    return layers[0] if len(layers) == 1 else Combination(layers)
+    if len(layers) == 1:
+        return layers[0]
+    for layer in layers:  # a moved camera or arm may hide the few distractors that there are
+        layer.must_show &= not isinstance(layer, Distractors)
+    return Combination(layers)

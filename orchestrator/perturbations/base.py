@@ -105,6 +105,8 @@ class Perturbed(PerturbedSimulation):
         (perturbation,) = episode.condition.perturbations
         self.severity = perturbation.severity
         self.level, self.secondary_level = axis.value(self.severity), axis.secondary_value(self.severity)
+        self.must_show = self.severity >= 1
+        """Whether unchanged images are an error. A milder change may not show in eight bits."""
 
     def reset(self, seed: int) -> None:
         """Start the episode of the seed without this axis; subclasses then perturb it."""
@@ -189,7 +191,7 @@ class PerturbedScene(Perturbed):
         clean = self.references.get(self.episode.seed, CLEAN, self.clean_images)
         observation = self._first_observation(clean)
         pairs = {camera: (clean[camera], image) for camera, image in observation.images.items()}
-        if self.severity >= 1 and not self._changed_share(pairs):
+        if self.must_show and not self._changed_share(pairs):
             raise self._not_delivered("expected other images than in the clean episode, got the same")
         self._delivered = Delivered(*self._measured(pairs))
         return observation

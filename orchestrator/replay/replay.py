@@ -25,6 +25,7 @@ from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
 from robogauntlet.results.record import OUTCOME, EpisodeResult
 from robogauntlet.results.run_document import RunDocument
+from robogauntlet.suites.conditions import change_text
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
 from robogauntlet.support.errors import BadInput
@@ -184,7 +185,8 @@ def _record_both(
         with VideoRecorder(after, steps=row.horizon) as recorder:
             changed = runner.play_one(replace(row.episode, condition=condition), recorder)
         if before.exists() and after.exists():
-            titles = [f"{one.episode.condition}: {one.status}" for one in (replayed.result, changed)]
+            titles = [f"as stored: {replayed.result.status}"]
+            titles.append(f"{change_text(row.episode.condition, condition)}: {changed.status}")
             join_videos((before, after), titles, video)
     return replayed, changed
 

@@ -3,7 +3,7 @@
 from functools import partial
 
 from tests.bad_input.case import SECRET, Case, table
-from tests.bad_input.folder import SUITE
+from tests.bad_input.folder import EPISODE, SUITE
 from tests.bad_input.forged import document_with
 
 HUGE = 2**63
@@ -82,6 +82,10 @@ QUERIES = table(
     ("report runs/monday --table latex --condition nois", "--condition: the run has no condition 'nois'; known: clean"),
     ("report runs/monday --table latex --condition clean:9", "the run has no condition 'clean:9'"),
     ("replay abc --run runs/monday", "runs/monday: no episode abc; ids are in its episodes.parquet"),
+    (f"replay {EPISODE} --with nois=2 --run runs/monday", "unknown axis 'nois'; did you mean 'noise'?"),
+    (f"replay {EPISODE} --with noise --run runs/monday", "--with noise: expected AXIS=SEVERITY, such as illuminance=3"),
+    (f"replay {EPISODE} --with noise=7 --run runs/monday", "expected a severity from 1 to 5, got 7"),
+    (f"replay {EPISODE} --without noise --run runs/monday", "--without noise: the episode is under clean"),
     ("replay % --run runs/monday", "runs/monday: no episode %"),
     ("replay abc --run runs/monday --store sqlite:///none", "there is no such file"),
     (

@@ -16,6 +16,9 @@ from tests.results.synthetic import cells, document, row, run_folder
 SUITE = "name: s\npolicies: [random]\ntasks: [null/Reach]\nseeds: {count: 2}\n"
 RUN_ID = "0123456789abcdef0123456789abcdef"
 SEEDS = 3
+PLAN = cells(("p", "q"), ("maniskill/PushCube-v1",))
+EPISODE = PLAN[0].episode(0).id
+"""Of the run `runs/monday`."""
 Content = str | bytes | Callable[[bytes], bytes] | None
 """What is written into a file: text, bytes, or what becomes of its bytes. None makes a folder, and removes a file."""
 
@@ -68,6 +71,5 @@ def export(run: Path, file: Path) -> None:
 
 
 def _save(folder: Path, **changes) -> None:
-    plan = cells(("p", "q"), ("maniskill/PushCube-v1",))
-    rows = [row(cell, seed) for cell in plan for seed in range(SEEDS)]
-    run_folder(folder, document(SEEDS, plan, rows_hash=rows_hash(map(outcome_row, rows)), **changes), rows)
+    rows = [row(cell, seed) for cell in PLAN for seed in range(SEEDS)]
+    run_folder(folder, document(SEEDS, PLAN, rows_hash=rows_hash(map(outcome_row, rows)), **changes), rows)

@@ -1,11 +1,19 @@
 """Conditions as text."""
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robogauntlet.suites.axes import AXES
-from robogauntlet.suites.conditions import condition_patterns, read_axis, read_condition, read_severities
+from robogauntlet.suites.conditions import (
+    changed_condition,
+    condition_patterns,
+    read_axis,
+    read_condition,
+    read_severities,
+)
 from robogauntlet.suites.episode import CLEAN, CONTROLS, Condition, Episode, Perturbation, Protocol
 from robogauntlet.suites.schema import ConditionEntry
 from robogauntlet.support.errors import BadInput
@@ -77,6 +85,31 @@ def test_conditions_that_differ_have_other_ids(part, severity):
 def test_combinations_that_cannot_be_are_refused(text, message):
     with one_line_error(BadInput, message):
         read_condition(text)
+
+
+def test_one_axis_of_a_condition_is_changed_added_or_left_out():
+    condition = Condition.of(Perturbation("noise", 2), Perturbation("table", 1.5))
+    assert str(changed_condition(condition, ["noise=3"], [])) == "noise@3+table@1.5"
+    assert str(changed_condition(condition, ["blur=0.5"], ["table"])) == "blur@0.5+noise@2"
+    assert changed_condition(condition, [], ["noise", "table"]) == Condition()
+    assert changed_condition(Condition(), ["noise=2"], []) == Condition("noise", 2)
+
+
+@pytest.mark.parametrize(
+    ("given", "left_out", "message"),
+    [
+        (["noise"], [], "--with noise: expected AXIS=SEVERITY, such as illuminance=3"),
+        (["noise=x"], [], "--with noise=x: expected AXIS=SEVERITY"),
+        (["noise=9"], [], "expected a severity from 1 to 5, got 9"),
+        (["nois=2"], [], "unknown axis 'nois'; did you mean 'noise'?"),
+        (["blind=1"], [], "the control 'blind' does not combine with others"),
+        ([], ["table"], "--without table: the episode is under noise@2"),
+        (["noise=2"], [], "the episode is under noise@2 already; name another axis or severity"),
+    ],
+)
+def test_changes_that_cannot_be_are_refused(given, left_out, message):
+    with one_line_error(BadInput, re.escape(message)):
+        changed_condition(Condition("noise", 2), given, left_out)
 
 
 def test_an_axis_alone_has_all_its_severities():

@@ -3,8 +3,9 @@
 import pytest
 
 from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan, why_unadjusted
+from robogauntlet.orchestrator.runs.plan import NO_POLICY, make_plan, why_impossible, why_unadjusted
 from robogauntlet.suites.axes import AXES
+from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.loading import SuiteError
 from tests.errors import one_line_error
 
@@ -102,3 +103,34 @@ def test_the_hash_of_a_suite_without_policies_is_unknown(suite_file):
         suite_file("name: s\nneeds: policy\ntasks: [null/Reach]\nseeds: {count: 2}\n"), require_installed=False
     )
     assert plan.suite_hash == NO_POLICY
+
+
+def test_a_combination_is_planned_for_the_tasks_that_support_all_of_its_axes(suite_file):
+    both = SUITE.replace("{{axis: instruction, severities: [2, 4]}}", "{{instruction: 2, noise: 1.5}}")
+    plan = make_plan(suite_file(both.format(tasks="null/Reach, pybullet/PandaReach-v3")))
+    assert [(cell.task, str(cell.condition)) for cell in plan.cells] == [
+        ("null/Reach", "clean"),
+        ("pybullet/PandaReach-v3", "clean"),
+        ("pybullet/PandaReach-v3", "instruction@2+noise@1.5"),
+    ]
+
+
+def test_a_design_plans_each_of_its_conditions_once(suite_file):
+    grid = "conditions: [clean, noise@2]\ndesign: {{kind: grid, axes: [noise, action-delay], severities: [2, 4]}}"
+    text = SUITE.replace("conditions: [clean, {{axis: instruction, severities: [2, 4]}}]", grid)
+    plan = make_plan(suite_file(text.format(tasks="null/Reach")))
+    assert len(plan.cells) == 3 * 3
+    assert [str(cell.condition) for cell in plan.cells[:2]] == ["clean", "noise@2"]
+
+
+def test_a_design_needs_tasks_that_support_all_of_its_axes(suite_file):
+    design = "conditions: [clean]\ndesign: {{kind: grid, axes: [noise, instruction], severities: [2]}}"
+    text = SUITE.replace("conditions: [clean, {{axis: instruction, severities: [2, 4]}}]", design)
+    with one_line_error(SuiteError, r"axis 'instruction' is unsupported in null/Reach"):
+        make_plan(suite_file(text.format(tasks="null/Reach, pybullet/PandaReach-v3")))
+
+
+def test_a_task_cannot_have_a_condition_with_an_axis_that_it_lacks():
+    combined = Condition("noise@2+table@1.5", 1)
+    assert why_impossible(combined, "null/Reach").endswith("does not let its table be adjusted")
+    assert why_impossible(combined, "pybullet/PandaReach-v3") is None

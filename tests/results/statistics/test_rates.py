@@ -4,14 +4,40 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robogauntlet.results.statistics.rates import Interval, rate, rate_bounds, wilson_interval, wilson_intervals
+from robogauntlet.results.statistics.rates import (
+    Interval,
+    clustered_rate,
+    rate,
+    rate_bounds,
+    wilson_interval,
+    wilson_intervals,
+)
 
 counts = st.integers(1, 10_000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 small = st.integers(0, 500)
+
+
+def test_a_rate_of_independent_trials_has_wilsons_interval():
+    outcomes = np.array([1, 1, 0, 1, 0, 1, 1, 1, 0, 1] * 5)
+    found = clustered_rate(outcomes, np.arange(50))
+    assert found.value == pytest.approx(0.7)
+    wilson = wilson_interval(35, 50)
+    assert found.interval.low == pytest.approx(wilson.low, abs=0.003)
+    assert found.interval.high == pytest.approx(wilson.high, abs=0.003)
+
+
+def test_trials_of_a_cluster_that_are_equal_count_once():
+    outcomes = np.array([1, 1, 0, 1, 0, 1, 1, 1, 0, 1] * 5)
+    found, alone = clustered_rate(np.repeat(outcomes, 4), np.repeat(np.arange(50), 4)), wilson_interval(35, 50)
+    assert found.interval.low == pytest.approx(alone.low, abs=0.005)
+    assert found.interval.high == pytest.approx(alone.high, abs=0.005)
+    certain = clustered_rate(np.ones(20), np.repeat(np.arange(5), 4))
+    assert certain.interval == wilson_interval(5, 5)
 
 
 def formula(k, n, z=1.959963984540054):

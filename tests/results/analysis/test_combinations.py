@@ -1,0 +1,183 @@
+"""Which axes matter and where failures gather, in runs that were never played."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robogauntlet.results.analysis import combinations
+from robogauntlet.results.analysis.combinations import build_combinations, cluster_failures, is_inside, severity_sum
+from robogauntlet.suites.designs import DesignEntry
+from robogauntlet.suites.episode import Condition
+from tests.results.synthetic import cells, columns_of, document, row, rows_where
+
+AXES = ["table", "illuminance", "noise"]
+SPREAD = {"kind": "latin-hypercube", "axes": AXES, "points": 200}
+SOBOL = {"kind": "sobol", "axes": AXES, "points": 64}
+TASKS = ("maniskill/A", "robosuite/B")
+SEEDS = 4
+
+
+def severities(condition):
+    return {part.axis: part.severity for part in condition.perturbations}
+
+
+def chance(cell, seed):
+    """A number in [0, 1) that depends on the episode alone."""
+    return np.random.default_rng(int(cell.episode(seed).id, 16)).random()
+
+
+def fails_in_the_dark_on_another_table(cell, seed):
+    found = severities(cell.condition)
+    both = found.get("table", 0) >= 3 and found.get("illuminance", 0) >= 2
+    return chance(cell, seed) > (0.9 if both else 0.05)
+
+
+def played(design, succeeds, tasks=TASKS, policies=("a",), seeds=SEEDS, **changes):
+    conditions = (Condition(), *dict.fromkeys(DesignEntry.model_validate(design).conditions()))
+    plan = cells(policies, tasks, conditions)
+    return document(seeds, plan, design=design, tasks=list(tasks), **changes), rows_where(succeeds, plan, seeds)
+
+
+def built(design, succeeds, **changes):
+    run, rows = played(design, succeeds, **changes)
+    return build_combinations(run, columns_of(rows, combinations.COLUMNS))
+
+
+@pytest.fixture(scope="module")
+def planted():
+    return built(SPREAD, fails_in_the_dark_on_another_table)
+
+
+def test_there_is_a_result_for_each_simulator(planted):
+    assert (planted.design, planted.axes) == ("latin-hypercube", tuple(AXES))
+    assert [(one.policy, one.simulator, one.tasks) for one in planted.policies] == [
+        ("a", "maniskill", 1),
+        ("a", "robosuite", 1),
+    ]
+    assert all((one.points, one.episodes) == (200, 200 * SEEDS) for one in planted.policies)
+    assert all(one.clean.value > 0.7 and one.success.value < one.clean.value for one in planted.policies)
+
+
+def test_a_planted_cluster_is_found_in_each_simulator_and_only_that(planted):
+    for one in planted.policies:
+        (cluster,) = one.clusters
+        assert {(c.axis, c.threshold) for c in cluster.conditions} == {("table", 3), ("illuminance", 2)}
+        assert cluster.within.interval.low < 0.9 < cluster.within.interval.high
+        assert one.pair.axes == ("table", "illuminance")
+
+
+def test_effects_count_each_axis_whatever_the_others_are(planted):
+    effects = {effect.axis: effect.rates for effect in planted.policies[0].effects}
+    assert effects["table"][1].value > 0.9 > 0.6 > effects["table"][5].value
+    assert effects["noise"][0] is None  # no point has none of it
+
+
+def test_the_shares_of_the_axes_are_found_by_a_sobol_design():
+    def by_table(cell, seed):
+        return chance(cell, seed) > severities(cell.condition).get("table", 0) / 5
+
+    found = built(SOBOL, by_table, tasks=TASKS[:1])
+    (one,) = found.policies
+    indices = {axis.axis: axis for axis in one.sensitivity.axes}
+    assert indices["table"].first.interval.high == pytest.approx(1, abs=0.05)
+    assert indices["table"].total.value > 0.8
+    assert all(indices[axis].total.value < 0.2 for axis in ("illuminance", "noise"))
+    assert one.why_no_sensitivity == ""
+    assert [c.axis for cluster in one.clusters for c in cluster.conditions] == ["table"]
+
+
+def test_simulators_are_compared_by_their_total_indices():
+    def by_all(cell, seed):
+        found = severities(cell.condition)
+        risk = 0.15 * found.get("table", 0) + 0.05 * found.get("illuminance", 0)
+        return chance(cell, seed) > min(0.95, risk)
+
+    (row,) = built(SOBOL, by_all).agreement
+    assert (row.one, row.other, row.axes) == ("maniskill", "robosuite", 3)
+    assert row.tau > 0
+
+
+@pytest.mark.parametrize(
+    ("design", "seeds", "why"),
+    [
+        (SPREAD, 4, "indices need a suite with design: {kind: sobol}"),
+        ({**SOBOL, "points": 2}, 1, "indices need two base points, and two seeds with a verdict at each of"),
+    ],
+)
+def test_missing_indices_have_a_reason(design, seeds, why):
+    (one,) = built(design, lambda cell, seed: seed % 2, tasks=TASKS[:1], seeds=seeds).policies
+    assert one.sensitivity is None
+    assert one.why_no_sensitivity.startswith(why)
+
+
+def test_a_seed_with_an_error_is_left_out_of_the_indices_only():
+    run, rows = played(SOBOL, lambda cell, seed: severities(cell.condition).get("table", 0) < 2.5, tasks=TASKS[:1])
+    failed = row(next(c for c in cells(("a",), TASKS[:1], SOBOL_CONDITIONS)), 0, "error")
+    rows = [failed if r.episode_id == failed.episode_id else r for r in rows]
+    (one,) = build_combinations(run, columns_of(rows, combinations.COLUMNS)).policies
+    assert one.episodes == len(rows) - SEEDS - 1
+    assert one.sensitivity.axes[0].total.value == pytest.approx(1, abs=0.01)
+
+
+SOBOL_CONDITIONS = DesignEntry.model_validate(SOBOL).conditions()
+
+
+def test_the_oracle_gate_and_its_policy_are_left_out():
+    def oracle_needs_light(cell, seed):
+        return cell.policy != "oracle" or severities(cell.condition).get("illuminance", 0) < 4
+
+    found = built(SPREAD, oracle_needs_light, policies=("oracle", "a"), oracle_gate="oracle", tasks=TASKS[:1])
+    (one,) = found.policies
+    assert one.policy == "a"
+    assert one.episodes == 160 * SEEDS  # a fifth of the points has no light
+
+
+def test_listed_combinations_are_summarised_without_a_design():
+    conditions = (Condition(), Condition("noise", 2), *(Condition(f"noise@{n}+table@{n}", 1) for n in range(1, 5)))
+    plan = cells(("a",), TASKS[:1], conditions)
+    rows = rows_where(lambda cell, seed: True, plan, SEEDS)
+    found = build_combinations(document(SEEDS, plan), columns_of(rows, combinations.COLUMNS))
+    assert (found.design, found.axes) == (None, ("table", "noise"))
+    assert found.policies[0].episodes == 4 * SEEDS
+
+
+def test_a_run_without_combinations_has_none():
+    plan = cells(("a",), TASKS[:1], (Condition(), Condition("noise", 2)))
+    rows = rows_where(lambda cell, seed: True, plan, SEEDS)
+    assert build_combinations(document(SEEDS, plan), columns_of(rows, combinations.COLUMNS)) is None
+    assert cluster_failures(document(SEEDS, plan), lambda: iter(rows)) == []
+
+
+def test_the_video_of_a_cluster_is_its_mildest_failure_whose_clean_episode_succeeded():
+    run, rows = played(SPREAD, fails_in_the_dark_on_another_table)
+    chosen = cluster_failures(run, lambda: iter(rows))
+    found = build_combinations(run, columns_of(rows, combinations.COLUMNS))
+    assert [row.simulator for row in chosen] == ["maniskill", "robosuite"]
+    for row_, one in zip(chosen, found.policies, strict=True):
+        inside = [
+            severity_sum(r.episode.condition)
+            for r in rows
+            if r.simulator == one.simulator
+            and r.status == "failure"
+            and is_inside(r.episode.condition, one.clusters[0])
+        ]
+        assert row_.status == "failure"
+        assert severity_sum(row_.episode.condition) >= min(inside)
+        assert is_inside(row_.episode.condition, one.clusters[0])
+        assert any(r.seed == row_.seed and r.axis == "clean" and r.status == "success" for r in rows)
+
+
+def test_the_same_rows_in_another_order_give_the_same_result():
+    run, rows = played(SPREAD, fails_in_the_dark_on_another_table)
+    once, again = (build_combinations(run, columns_of(r, combinations.COLUMNS)) for r in (rows, rows[::-1]))
+    assert once == again
+
+
+def test_an_infinite_lift_is_possible():
+    (one,) = built(
+        SPREAD,
+        lambda cell, seed: severities(cell.condition)["table"] < 3 if severities(cell.condition) else True,
+        tasks=TASKS[:1],
+    ).policies
+    assert [cluster.lift for cluster in one.clusters] == [math.inf]
