@@ -31,6 +31,10 @@ VERBS = {
         "compare:compare",
         "Compare two policies, all policies of a run, or a run with a baseline run, episode by episode.",
     ),
+    "bisect": (
+        "bisect:bisect",
+        "Find the first checkpoint that is worse than --good by at least half of its difference to --bad.",
+    ),
     "gate": ("gate:gate", "Check a run for regressions against its baseline run."),
     "history": ("history:history", "List runs, or show the success of a policy over its runs."),
     "leaderboard": ("leaderboard:leaderboard", "Compare the policies of a suite by their newest complete runs."),

@@ -41,6 +41,7 @@ def compose_plan(
     folder: Path | None = None,
     only: Sequence[str] = (),
     settings: Mapping[str, Any] | None = None,
+    prefix: str = "",
 ) -> tuple[Plan, Path]:
     """Plan a run without a suite file, and return its folder too. Writes nothing.
 
@@ -52,6 +53,7 @@ def compose_plan(
         folder: The run folder; by default a new one below `runs/`.
         only: Simulators that must be available.
         settings: Further keys of the suite.
+        prefix: What its name begins with, before the tasks.
 
     Raises:
         BadInput: Something does not exist, or is not as described; a line for each.
@@ -59,7 +61,7 @@ def compose_plan(
     """
     if seeds < 1:
         raise BadInput(f"seeds: expected 1 or more, got {seeds}")
-    name = _suite_name(tasks)
+    name = _suite_name(tasks, prefix)
     suite: dict[str, Any] = {
         "name": name,
         "policies": [policy.model_dump(exclude_defaults=True) for policy in policies],
@@ -91,11 +93,11 @@ def _shared_cameras(tasks: Sequence[str]) -> tuple[str, ...]:
     return tuple(camera for camera in CAMERAS if all(camera in task.cameras for task in found))
 
 
-def _suite_name(tasks: Sequence[str]) -> str:
+def _suite_name(tasks: Sequence[str], prefix: str) -> str:
     """A name for the tasks, `pybullet-PandaReach-v3` or `pybullet-PandaReach-v3-and-2-more`."""
     more = f"-and-{len(tasks) - 1}-more" if len(tasks) > 1 else ""
     first = valid_name(tasks[0]) if tasks else ""
-    return (first or "tasks")[: MAX_NAME - len(more)] + more
+    return (prefix + (first or "tasks"))[: MAX_NAME - len(more)] + more
 
 
 def _conditions(texts: Sequence[str]) -> list[Any]:

@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.live_status import LiveSimulator
 from robogauntlet.results.record import EpisodeResult
-from robogauntlet.suites.episode import CLEAN, Condition
+from robogauntlet.suites.episode import CLEAN, Cell, Condition
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import first_line
 from robogauntlet.support.text import counted
@@ -78,6 +78,11 @@ class Progress(Display):
         already = sum(counts.values())
         if already:
             self.log(f"continuing: {already:,} of {counted(plan.episodes, 'episode')} already done")
+
+    def replan(self, planned: Mapping[Cell, int]) -> None:
+        """Set the number of planned episodes, by cell, if it grows from round to round."""
+        for name, progress in self._simulators.items():
+            progress.planned = sum(count for cell, count in planned.items() if cell.simulator == name)
 
     def __exit__(self, *error: Any) -> None:
         self.draw(self._table, self._lines, at_once=True)

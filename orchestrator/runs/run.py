@@ -15,6 +15,7 @@ from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, ray_session, room_for_workers
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
 from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
+from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
 from robogauntlet.orchestrator.runs.plan import Plan, remaining_work
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue
@@ -44,6 +45,8 @@ SAVE_ELAPSED_S = 10.0
 MEDIA_SHARE = 0.2
 """Largest time for videos and snapshots, as a share of the time that the episodes took."""
 Returned = TypeVar("Returned")
+Rounds = Callable[[Sequence[Cell], Outcomes], Progression]
+"""Chooses the episodes of the next round among cells that can be played, from the outcomes so far."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +95,15 @@ def run_plan(
     progress: Progress,
     on_numbers: Callable[[RunOutcome], None] = lambda outcome: None,
     tracker: LiveTracker | None = None,
+    rounds: Rounds | None = None,
 ) -> RunOutcome:
     """Play the missing episodes of a plan and write all results into `folder`.
 
     The report is written and `on_numbers` called when the last episode has ended; then videos and snapshots are
     recorded, and the report is written again with them. An interruption, a full disk or too many errors end the run
     early. The returned rows are kept, the outcome has the status and the reason, and running again continues. An
-    experiment `tracker` receives the progress, the results and the videos, and is closed.
+    experiment `tracker` receives the progress, the results and the videos, and is closed. With `rounds`, only the
+    episodes that it chooses are played, until it chooses none.
 
     Raises:
         PlanError: The folder holds another run.
@@ -107,7 +112,7 @@ def run_plan(
         StoreError: The store cannot be opened.
     """
     with tracker or contextlib.nullcontext(), lock_folder(folder, for_run=True), contextlib.ExitStack() as stack:
-        session = RunSession(plan, folder, options, progress, stack, tracker)
+        session = RunSession(plan, folder, options, progress, stack, tracker, rounds)
         session.play()
         outcome = session.conclude()
         on_numbers(outcome)
@@ -125,9 +130,11 @@ class RunSession:
         progress: Progress,
         stack: contextlib.ExitStack,
         tracker: LiveTracker | None,
+        rounds: Rounds | None = None,
     ) -> None:
         """Create or continue the run; `stack` closes its stores and ends Ray."""
         self._plan, self._folder, self._options, self._progress = plan, folder, options, progress
+        self._rounds = rounds
         self._ray = stack.enter_context(contextlib.ExitStack())
         continued, url = (folder / RUN_FILE).exists(), options.store
         if not continued and plan.path.exists() and plan.path.read_text(encoding="utf-8") != plan.text:
@@ -188,7 +195,7 @@ class RunSession:
             self._play(work)
 
     def _play(self, work: list[tuple[Cell, Sequence[int]]]) -> None:
-        """Play this work and all further rounds of an adaptive suite. Raises as `Scheduler.run`."""
+        """Play this work and all further rounds. Raises as `Scheduler.run`."""
         from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, start_servers
         from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
         from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
@@ -214,7 +221,7 @@ class RunSession:
                 queues = work_queues(work, suite.max_attempts)
                 sink, start_s = self._store.add, self._start_s
                 Scheduler(queues, pool, scheduling, sink=sink, observer=self._observer, start_s=start_s).run()
-                before, work = work, self._remaining_work() if suite.adaptive else []
+                before, work = work, self._remaining_work() if suite.adaptive or self._rounds else []
                 if work == before:  # the remaining episodes cannot be played here
                     break
 
@@ -223,8 +230,13 @@ class RunSession:
         return self._plan.sources if self._options.address is None else with_bundles(self._plan.sources)
 
     def _remaining_work(self) -> list[tuple[Cell, Sequence[int]]]:
-        """The remaining work; for an adaptive suite, of the current round."""
-        state = remaining_work(self._plan, self._store.outcomes(), self._observer.skipped_simulators)
+        """The remaining work; if there are rounds, of the current one."""
+        outcomes, skipped = self._store.outcomes(), self._observer.skipped_simulators
+        if self._rounds is None:
+            state = remaining_work(self._plan, outcomes, skipped)
+        else:
+            state = self._rounds([cell for cell in self._plan.cells if cell.simulator not in skipped], outcomes)
+            self._progress.replan(state.planned)
         self._update(plan=self._plan.planned_cells(state.planned), decided=tuple(state.decided))
         return state.work
 

@@ -21,10 +21,6 @@ BETS = 64
 """Stakes over which `log_betting_evidence` takes the mean."""
 
 
-class EndsDoNotDiffer(ValueError):
-    """It was not shown that the last checkpoint is worse than the first."""
-
-
 @dataclass(frozen=True, slots=True)
 class Question:
     """Whether a checkpoint is worse than the first by at least half of the difference of the ends."""
@@ -37,6 +33,15 @@ class Question:
     """Seeds on which the outcomes were compared."""
     evidence: float
     """The e-value of the answer, at least (questions) / alpha; of an open question, the larger of both."""
+
+
+class EndsDoNotDiffer(ValueError):
+    """It was not shown that the last checkpoint is worse than the first."""
+
+    def __init__(self, message: str, question: Question) -> None:
+        super().__init__(message)
+        self.question = question
+        """The question about the ends, with its answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,14 +109,15 @@ def bisect_checkpoints(
             "expected a last checkpoint, a batch and a number of seeds of at least 1 and an alpha between 0 and 1, got "
             f"{last}, {batch}, {most_seeds} and {alpha}"
         )
-    needed = (1 + math.ceil(math.log2(last))) / alpha
+    needed = needed_evidence(last, alpha)
     played = _Played(play, needed, batch, most_seeds)
     ends = played.ask(last, {0: 1.0, last: -1.0})
     if not ends.is_worse:
         found = "not shown" if ends.is_worse is None else "shown not to be"
         raise EndsDoNotDiffer(
             f"expected checkpoint {last} to be worse than checkpoint 0; {ends.seeds:,} seeds: {found} "
-            f"(e-value {ends.evidence:.3g}, needed {needed:.3g})"
+            f"(e-value {ends.evidence:.3g}, needed {needed:.3g})",
+            ends,
         )
     good, worse, questions = 0, last, [ends]
     while worse - good > 1:
@@ -122,6 +128,11 @@ def bisect_checkpoints(
             break
         good, worse = (good, middle) if answer.is_worse else (middle, worse)
     return Bisection(good, worse, 1 - alpha, played.episodes, tuple(questions))
+
+
+def needed_evidence(last: int, alpha: float = ALPHA) -> float:
+    """The e-value that answers a question: the largest number of questions about checkpoints 0 to `last`, by alpha."""
+    return (1 + math.ceil(math.log2(last))) / alpha
 
 
 def log_betting_evidence(values: NDArray[np.float64]) -> float:
@@ -155,12 +166,15 @@ class _Played:
 
     def ask(self, checkpoint: int, weights: Mapping[int, float]) -> Question:
         """Decide the sign of the mean of the weighted outcomes; above 0 the checkpoint is worse."""
-        seeds, either = 0, 0.0
+        seeds, counted, either = 0, 0, 0.0
         while seeds < self._most:
             seeds = min(seeds + self._batch, self._most)
             sides = [weight * self._first(one, seeds) for one, weight in weights.items()]
             values = np.sum(sides, axis=0)
             values = values[~np.isnan(values)]
+            if len(values) == counted:
+                continue
+            counted = len(values)
             for sign in (1.0, -1.0):
                 evidence = log_betting_evidence(sign * values)
                 either = evidence if sign > 0 else max(either, evidence)

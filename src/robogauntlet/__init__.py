@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from robogauntlet.adapters.contract import Observation as Observation
     from robogauntlet.adapters.contract import Simulation as Simulation
     from robogauntlet.adapters.contract import Simulator as Simulator
+    from robogauntlet.orchestrator.api.bisection import bisect as bisect
     from robogauntlet.orchestrator.api.evaluation import EvaluationStopped as EvaluationStopped
     from robogauntlet.orchestrator.api.evaluation import evaluate as evaluate
     from robogauntlet.orchestrator.api.tasks import make as make
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "adapters.contract": ("ActionSpec", "Observation", "Simulation", "Simulator"),
+    "orchestrator.api.bisection": ("bisect",),
     "orchestrator.api.evaluation": ("EvaluationStopped", "evaluate"),
     "orchestrator.api.tasks": ("make",),
     "policies.contract": ("Decision", "Policy", "PolicySpec"),
