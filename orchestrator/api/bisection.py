@@ -94,10 +94,6 @@ def plan_search(
     plan, folder = compose_plan(entries, tasks, seeds=seeds, folder=folder, settings=settings, prefix=PREFIX)
     if plan.unavailable:
         raise PlanError("\n".join(f"{name}: {reason}" for name, reason in plan.unavailable.items()))
-    of_digest: dict[str | None, str] = {}
-    for text, source in zip(texts, plan.sources.values(), strict=True):
-        if (other := of_digest.setdefault(source.digest, text)) != text:
-            raise BadInput(f"expected policies that differ, got '{other}' and '{text}', which have the same content")
     return plan, folder
 
 

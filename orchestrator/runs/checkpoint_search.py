@@ -32,7 +32,7 @@ from robogauntlet.suites.episode import Cell
 from robogauntlet.support.text import counted
 
 GROWTH = 4
-"""A round plays the seeds that are known divided by this, if these are more than a batch: each round starts workers."""
+"""A round plays at least the seeds that are known divided by this, in whole batches, since each starts workers."""
 VERDICTS = {str(Status.SUCCESS): 1.0, str(Status.FAILURE): 0.0}
 
 
@@ -50,7 +50,8 @@ class CheckpointCounts:
     """Whether it is worse than the first by half of the difference of the ends; None if that was not decided."""
 
     def __str__(self) -> str:
-        return f"{self.checkpoint} {self.successes:,} of {self.successes + self.failures:,}"
+        played = self.successes + self.failures
+        return f"{self.checkpoint} {self.successes:,} of {played:,}" if played else f"{self.checkpoint} not played"
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class CheckpointSearch:
 
         def play(checkpoint: int, items: range) -> NDArray[np.float64]:
             nonlocal known
-            values = self._values(checkpoint, range(items.start // tasks, items.stop // tasks))
+            values = self._values(checkpoint, _seeds(items, tasks))
             if values is None:
                 asked.setdefault(checkpoint, items)
                 return np.full(len(items), np.nan)
@@ -116,9 +117,7 @@ class CheckpointSearch:
             found = bisect_checkpoints(last, play, batch=batch * tasks, most_seeds=self._seeds * tasks)
         except EndsDoNotDiffer as ends:
             found = ends
-        first = min((items.start // tasks for items in asked.values()), default=0)
-        end = min(first + batch * max(known // GROWTH // batch, 1), self._seeds)
-        blocks = {number: range(first, end) for number, items in asked.items() if items.start // tasks == first}
+        blocks = _together([*asked.items()], tasks, most=self._seeds, ahead=known // GROWTH // batch * batch)
         self._found = None if blocks else found
         work = [
             (cell, [seed for seed in seeds if seed not in outcomes.get(key_of(cell), {})])
@@ -212,3 +211,15 @@ class CheckpointSearch:
             f"is {sides[0].checkpoint} worse? {', '.join(map(str, sides))}; e-value {question.evidence:.3g}, needed "
             f"{self._needed:.3g}; next {counted(episodes, 'episode')}"
         )
+
+
+def _seeds(items: range, tasks: int) -> range:
+    """The seeds of items, of which each seed has one per task."""
+    return range(items.start // tasks, items.stop // tasks)
+
+
+def _together(asked: Sequence[tuple[int, range]], tasks: int, *, most: int, ahead: int) -> dict[int, range]:
+    """The seeds of the checkpoints that the first evaluation without an outcome asked for; at least `ahead` seeds."""
+    blocks = {number: _seeds(items, tasks) for number, items in asked if items.stop == asked[0][1].stop}
+    first = min((seeds.start for seeds in blocks.values()), default=0)
+    return {number: range(seeds.start, min(max(seeds.stop, first + ahead), most)) for number, seeds in blocks.items()}

@@ -14,8 +14,8 @@ from robogauntlet.orchestrator.episodes.policy_source import PolicySource, with_
 from robogauntlet.orchestrator.ray_runtime.cluster import NoCluster
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom, RayLost, ray_session, room_for_workers
 from robogauntlet.orchestrator.replay.media_selection import condition_snapshots
-from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progression
+from robogauntlet.orchestrator.runs.history_writer import HistoryWriter
 from robogauntlet.orchestrator.runs.plan import Plan, remaining_work
 from robogauntlet.orchestrator.runs.progress import Progress
 from robogauntlet.orchestrator.runs.run_document import create_or_continue

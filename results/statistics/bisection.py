@@ -168,9 +168,8 @@ class _Played:
         """Decide the sign of the mean of the weighted outcomes; above 0 the checkpoint is worse."""
         seeds, counted, either = 0, 0, 0.0
         while seeds < self._most:
-            seeds = min(seeds + self._batch, self._most)
-            sides = [weight * self._first(one, seeds) for one, weight in weights.items()]
-            values = np.sum(sides, axis=0)
+            seeds = self._soonest(weights, seeds)
+            values = np.sum([weight * self._first(one, seeds) for one, weight in weights.items()], axis=0)
             values = values[~np.isnan(values)]
             if len(values) == counted:
                 continue
@@ -181,6 +180,23 @@ class _Played:
                 if evidence >= math.log(self._needed):
                     return Question(checkpoint, sign > 0, seeds, _exponential(evidence))
         return Question(checkpoint, None, seeds, _exponential(either))
+
+    def _soonest(self, weights: Mapping[int, float], seeds: int) -> int:
+        """The next number of seeds at which the question could be decided, if all missing outcomes were for it.
+
+        Evaluations before cannot decide, so that their seeds are played together.
+        """
+        while seeds < self._most:
+            seeds = min(seeds + self._batch, self._most)
+            for sign in (1.0, -1.0):
+                values = np.zeros(seeds)
+                for one, weight in weights.items():
+                    known = self._outcomes.get(one, np.empty(0))[:seeds]
+                    values[: len(known)] += sign * weight * known
+                    values[len(known) :] += max(sign * weight, 0.0)
+                if log_betting_evidence(values[~np.isnan(values)]) >= math.log(self._needed):
+                    return seeds
+        return seeds
 
     def _first(self, checkpoint: int, seeds: int) -> NDArray[np.float64]:
         """The outcomes on the first seeds; those that are missing are played."""

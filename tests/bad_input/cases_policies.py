@@ -43,6 +43,28 @@ REFERENCES = {
     "experts": "policy 'experts' does not fit: the policy was made for 16 px images, the suite renders 96 px",
     "base": "policy 'base' does not fit: the policy was made for 16 px images, the suite renders 96 px",
 }
+SEARCH = "bisect --good {} --bad {} --task null/Reach --out new {}"
+SEARCHED = {
+    ("oracle", "oracle", ""): "expected each policy once, got 'oracle' twice",
+    ("oracle", "zero", "random zero"): "expected each policy once, got 'zero' twice",
+    ("oracle", "zero", "random random"): "expected each policy once, got 'random' twice",
+    ("oracle", "zero", "randm"): "got 'randm'; did you mean 'random'?",
+    ("oracle", "zero", "python:nomodule:Policy"): "expected a module 'nomodule' in",
+    ("base", "zero", ""): "policy 'base' does not fit: the policy was made for 16 px images, the suite renders 96 px",
+    ("orcale", "zero", ""): "got 'orcale'; did you mean 'oracle'?",
+    ("oracle", "nowhere/checkpoint", ""): "expected openpi://HOST:PORT, python:MODULE:NAME",
+    ("oracle", "zoo:nothing", ""): "expected the name of a shipped checkpoint after 'zoo:', got",
+    ("oracle", "replay", ""): "policy 'replay' cannot act in 'null/Reach'",
+    ("oracle", "zero", "--task null/Rech"): "unknown task 'null/Rech'; did you mean 'null/Reach'?",
+    ("oracle", "zero", "--task 'null/Re*'"): "duplicate task 'null/Reach'",
+    ("oracle", "zero", "--task nul/Reach"): "unknown simulator 'nul'",
+    ("oracle", "zero", "--option sead=1"): "policy 'oracle', 'zero' has no option 'sead'",
+    ("oracle", "zero", "--out text"): "text",
+    ("oracle", "zero", "--out runs/monday"): "runs/monday",
+    ("oracle", "zero", "--option seed"): "--option: expected NAME=VALUE, got 'seed'",
+    ("oracle", "zero", "--seeds 0"): "expected a value greater than or equal to 1, got 0",
+}
+"""The ends and what is between them, or further options, and what the answer says."""
 MODULES = {
     "broken.py": "def Policy(:\n",
     "ends.py": "raise RuntimeError('at import')\n",
@@ -231,6 +253,7 @@ CASES = [
     ),
     *(Case(PLAY.format(policy), says, MODULES) for policy, says in REFERENCES.items()),
     *(Case(PLAY.format(policy), says) for policy, says in OPTIONS.items()),
+    *(Case(SEARCH.format(*typed), says) for typed, says in SEARCHED.items()),
     *(Case(f"policies serve {policy} --port 0", REFERENCES[policy], MODULES) for policy in list(REFERENCES)[:12]),
     *(
         Case(f"policies check {policy} --task null/Reach --picture x.png", REFERENCES[policy], MODULES)

@@ -1,6 +1,6 @@
 """Checkpoints of a training run that became worse: policies whose rate of success in `null/Reach` is known."""
 
-MODULE = '''
+MODULE = """
 import numpy as np
 
 GOALS = {{}}
@@ -24,7 +24,7 @@ class Checkpoint:
         chunk = np.zeros((1, 7))
         chunk[0, :3] = np.clip(self.goal - position, -0.05, 0.05)
         return chunk
-'''
+"""
 
 
 def write_checkpoints(folder, rates, *, seeds=100):

@@ -53,7 +53,9 @@ def test_the_first_worse_checkpoint_is_found_with_a_fraction_of_the_episodes():
     answers = {one.policy: one.is_worse for one in found.checkpoints}
     assert (answers["a"], answers["e"], answers["f"], answers["h"]) == (False, False, True, True)
     assert len(simulated.lines) == len(simulated.rounds)
-    assert simulated.lines[0].startswith("is checkpoint-h worse? checkpoint-h 0 of 0, checkpoint-a 0 of 0; e-value 1")
+    assert simulated.lines[0].startswith(
+        "is checkpoint-h worse? checkpoint-h not played, checkpoint-a not played; e-value"
+    )
 
 
 def test_a_round_plays_all_tasks_on_the_same_seeds():

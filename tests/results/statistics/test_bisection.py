@@ -144,3 +144,16 @@ def test_wrong_arguments_are_refused():
         with pytest.raises(ValueError, match="expected a last checkpoint, a batch and a number of seeds"):
             bisect_checkpoints(play=short, **arguments)
     assert Bisection(2, 3, 0.95, 10, ()).is_found
+
+
+def test_seeds_that_cannot_decide_alone_are_played_together():
+    calls = []
+
+    def play(checkpoint, seeds):
+        calls.append((checkpoint, seeds))
+        return [float(checkpoint < 2)] * len(seeds)
+
+    found = bisect_checkpoints(3, play, batch=5)
+    assert (found.last_good, found.first_worse) == (1, 2)
+    assert calls[:2] == [(0, range(10)), (3, range(10))]  # five wins in a row are no proof
+    assert [seeds.start for checkpoint, seeds in calls if checkpoint in (1, 2)] == [0, 0]
