@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robogauntlet.results.statistics.multiplicity import ALPHA
 
-Play = Callable[[int, range], Sequence[float]]
+Play = Callable[[int, range], Sequence[float] | NDArray[np.float64]]
 """Plays a checkpoint on seeds: the outcome of each, 1 or 0, or NaN without a verdict."""
 BATCH = 10
 """Seeds between two evaluations of the evidence."""

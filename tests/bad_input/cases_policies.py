@@ -62,7 +62,6 @@ SEARCHED = {
     ("oracle", "zero", "--out text"): "text",
     ("oracle", "zero", "--out runs/monday"): "runs/monday",
     ("oracle", "zero", "--option seed"): "--option: expected NAME=VALUE, got 'seed'",
-    ("oracle", "zero", "--seeds 0"): "expected a value greater than or equal to 1, got 0",
 }
 """The ends and what is between them, or further options, and what the answer says."""
 MODULES = {
