@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def bisect(
     """
     texts, listed = [str(text) for text in (good, *checkpoints, bad)], [tasks] if isinstance(tasks, str) else tasks
     plan, folder = plan_search(texts, listed, seeds, None if out is None else Path(out), options or {}, settings)
-    return play_search(texts, plan, folder, Progress(Console(quiet=quiet)))
+    return play_search(texts, plan, folder, Progress(Console(quiet=quiet)), warnings.warn)
 
 
 def plan_search(
@@ -102,6 +103,7 @@ def play_search(
     plan: Plan,
     folder: Path,
     progress: Progress,
+    on_warning: Callable[[str], None],
     *,
     retry_errors: bool = False,
     history: str | None = None,
@@ -112,6 +114,8 @@ def play_search(
     url = history_url(history or os.environ.get("ROBOGAUNTLET_HISTORY") or None, folder.parent)
     options = RunOptions(media=False, history=url, retry_errors=retry_errors, command=command)
     outcome = run_plan(plan, folder, options, progress, rounds=search)
+    for warning in outcome.warnings:
+        on_warning(warning)
     if outcome.document.status is RunStatus.INTERRUPTED:
         raise KeyboardInterrupt
     if outcome.document.status is RunStatus.STOPPED:

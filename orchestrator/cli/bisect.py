@@ -75,7 +75,9 @@ def bisect(
         print_line(f"{plan.suite.name}: {counted(plan.episodes, 'episode')} at most, into {folder}")
     progress = Progress(Console(quiet=True) if as_json else out)
     try:
-        found = play_search(texts, plan, folder, progress, retry_errors=retry_errors, history=history, command=command)
+        found = play_search(
+            texts, plan, folder, progress, fail, retry_errors=retry_errors, history=history, command=command
+        )
     except KeyboardInterrupt:
         fail(f"interrupted; continue with: {command}")
         raise typer.Exit(EXIT_INTERRUPTED) from None
