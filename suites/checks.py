@@ -108,7 +108,7 @@ def _mistakes_in(condition: Condition, names: Registry) -> Iterator[str]:
         highest = names.axes.get(part.axis, MOST_SEVERE)
         if part.axis not in names.axes:
             yield f"unknown condition '{part.axis}'{did_you_mean(part.axis, [CLEAN, *names.axes])}"
-        elif part.severity > highest:
+        elif not 0 < part.severity <= highest:
             yield f"'{part.axis}' has severity {highest} at most, got {part.severity:g}"
         elif not float(part.severity).is_integer() and AXES[part.axis].unchanged is None:
             yield f"'{part.axis}' has whole severities only, got {part.severity:g}"
@@ -123,6 +123,11 @@ def _check_design(suite: Suite, names: Registry) -> Iterator[Mistake]:
     for i, axis in enumerate(suite.design.axes):
         if axis not in axes:
             yield ("design", "axes", i), f"unknown axis '{axis}'{did_you_mean(axis, axes)}"
+        else:
+            whole = AXES[axis].unchanged is None
+            wrong = [severity for severity in suite.design.severities or () if whole and severity % 1]
+            if wrong:
+                yield ("design", "severities"), f"'{axis}' has whole severities only, got {wrong[0]:g}"
     if suite.adaptive is not None:
         yield ("design",), "adaptive stops conditions one by one, a design needs all seeds of each; remove one of both"
 

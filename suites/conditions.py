@@ -35,7 +35,7 @@ def read_severities(text: str) -> tuple[str, tuple[float, ...] | None]:
     if AND in text:
         parts = [read_severities(part) for part in text.split(AND)]
         given = [Perturbation(axis, severities[0]) for axis, severities in parts if severities and len(severities) == 1]
-        if len(given) < len(parts) or not all(one.severity for one in given):
+        if len(given) < len(parts) or not all(is_severity(one.severity) for one in given):
             raise ValueError(f"expected {EXPECTED}, got '{text}'")
         combined = Condition.of(*given)
         return combined.axis, (combined.severity,)
@@ -46,6 +46,11 @@ def read_severities(text: str) -> tuple[str, tuple[float, ...] | None]:
     if not axis or not all(map(_SEVERITY.fullmatch, severities)):
         raise ValueError(f"expected {EXPECTED}, got '{text}'")
     return axis, tuple(map(read_number, severities))
+
+
+def is_severity(value: float) -> bool:
+    """Whether a severity is at least a hundredth, the unit in which they are kept."""
+    return round(value, 2) > 0
 
 
 def read_number(text: str) -> float:
@@ -66,6 +71,8 @@ def read_condition(text: str) -> Condition:
     axis, severities = read_axis(text)
     if len(severities) != 1 and axis in AXES:
         raise BadInput(f"condition '{text}': expected one severity, such as {axis}@2, got {len(severities)}")
+    if severities[0] and not is_severity(severities[0]):
+        raise BadInput(f"condition '{text}': expected a severity from 0.01 to {_levels(axis)}, got {severities[0]:g}")
     condition = condition_of(axis, severities[0])
     for part in condition.perturbations or (Perturbation(axis, severities[0]),):
         if part.axis not in AXES:
@@ -87,7 +94,10 @@ def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequ
         BadInput: There is no such axis or severity, axes do not combine, one to be left out is not there, or nothing
             changes.
     """
-    severities = {part.axis: part.severity for part in condition.perturbations}
+    try:
+        severities = {part.axis: part.severity for part in condition.perturbations}
+    except ValueError as error:
+        raise BadInput(f"the episode's condition cannot be read: {error}") from None
     for axis in left_out:
         if axis not in severities:
             raise BadInput(f"--without {axis}: the episode is under {condition}{did_you_mean(axis, severities)}")
@@ -97,7 +107,9 @@ def changed_condition(condition: Condition, given: Sequence[str], left_out: Sequ
         if not sign or not _SEVERITY.fullmatch(severity):
             raise BadInput(f"--with {text}: expected AXIS=SEVERITY, such as illuminance=3")
         severities[axis] = read_number(severity)
-    text = AND.join(f"{axis}{AT}{severity:f}" for axis, severity in severities.items())
+        if not is_severity(severities[axis]):
+            raise BadInput(f"--with {text}: expected a severity from 0.01 to 5, got {severity}")
+    text = AND.join(f"{axis}{AT}{severity:g}" for axis, severity in severities.items())
     found = read_condition(text) if text else Condition()
     if found == condition:
         raise BadInput(f"--with, --without: the episode is under {condition} already; name another axis or severity")

@@ -7,17 +7,26 @@ from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainSerializer, model_validator
 
 from robogauntlet.suites.axes import AXES, SEVERITIES, why_exclusive
-from robogauntlet.suites.episode import Condition, Perturbation
+from robogauntlet.suites.conditions import is_severity
+from robogauntlet.suites.episode import AND, AT, Condition, Perturbation
 from robogauntlet.suites.ranges import MAX_ENTRIES, Text
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Severity = Annotated[float, Field(strict=True), AfterValidator(lambda value: int(value) if value % 1 == 0 else value)]
+
+def _in_hundredths(value: float) -> float:
+    if value and not is_severity(value):
+        raise ValueError(f"expected a severity from 0.01, got {value:g}")
+    return int(value) if value % 1 == 0 else value
+
+
+Severity = Annotated[float, Field(strict=True), AfterValidator(_in_hundredths), PlainSerializer(lambda value: value)]
+"""A severity; whole ones are integers, so that they are written alike."""
 DEFAULT_SEVERITIES = tuple(range(1, SEVERITIES + 1))
 LISTED = ("one-at-a-time", "grid")
 """Designs of given severities; the others spread points over all severities."""
@@ -58,6 +67,11 @@ class DesignEntry(BaseModel):
         if self.conditions_planned > MAX_ENTRIES:
             most = f"expected {MAX_ENTRIES} conditions at most"
             raise ValueError(f"{most}, got a design of {self.conditions_planned}; ask for fewer points or axes")
+        for axis in self.axes:
+            if set(axis) & {AT, AND}:
+                raise ValueError(f"expected the name of an axis, got '{axis}'")
+            if (self.max_severity or SEVERITIES) < 1 and axis in AXES and AXES[axis].unchanged is None:
+                raise ValueError(f"expected max_severity from 1 for '{axis}', which has whole severities, got less")
         if self.kind != "one-at-a-time" and (reason := why_exclusive(self.axes)):
             raise ValueError(reason)
         return self

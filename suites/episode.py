@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -14,6 +15,7 @@ CONTROLS = ("blind", "blank-instruction", "wrong-goal", "again")
 CAMERAS = ("third_person", "wrist")
 AT, AND = "@", "+"
 """Signs in the text of a combination."""
+_PART = re.compile(r"(?P<axis>[^@+]+)@(?P<severity>[0-9]{1,3}([.][0-9]{1,2})?)")
 FIRST_TRAINING_SEED = 1_000_000
 """Seeds from here on are for training and development; those of suites begin at 0, and never share a starting state."""
 SUCCESS_HOLD = 5
@@ -103,9 +105,9 @@ class Condition:
             return (Perturbation(self.axis, self.severity),)
         parts = []
         for text in self.axis.split(AND):
-            axis, _, severity = text.rpartition(AT)
-            parts.append(Perturbation(axis, float(severity)))
-        if Condition.of(*parts) != self:
+            match = _PART.fullmatch(text)
+            parts += [Perturbation(match["axis"], float(match["severity"]))] if match else []
+        if len(parts) <= self.axis.count(AND) or Condition.of(*parts) != self:
             raise ValueError(f"expected a combination such as camera-orbit@2+illuminance@3.5, got '{self}'")
         return tuple(parts)
 

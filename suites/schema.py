@@ -133,7 +133,7 @@ class ConditionEntry(_Model):
 def _combination(value: dict[Any, Any]) -> str:
     """The text of a combination that is given as a mapping of axes to severities."""
     for axis, severity in value.items():
-        if isinstance(severity, bool) or not isinstance(severity, int | float) or not 0 < severity <= 5:
+        if isinstance(severity, bool) or not isinstance(severity, int | float) or not 0.01 <= severity <= 5:
             raise ValueError(f"expected a severity above 0 and up to 5 for '{axis}', got {severity!r}")
     return "+".join(f"{axis}@{severity:f}" for axis, severity in value.items())
 

@@ -36,9 +36,11 @@ def join_videos(parts: Sequence[Path], titles: Sequence[str], path: Path) -> Non
             shown = [frames[min(number, len(frames) - 1)] for frames, _ in videos]
             columns = [np.concatenate([head, frame]) for head, frame in zip(heads, shown, strict=True)]
             writer.send(np.ascontiguousarray(np.concatenate(columns, axis=1)).tobytes())
+        writer.close()
+        partial.replace(path)
     finally:
         writer.close()
-    partial.replace(path)
+        partial.unlink(missing_ok=True)
 
 
 def _frames(path: Path) -> tuple[NDArray[np.uint8], float]:

@@ -279,6 +279,8 @@ def why_unadjusted(axis: Axis, task: str) -> str | None:
 
 def why_impossible(condition: Condition, task: str) -> str | None:
     """Why a task cannot have a condition, or None if it can."""
+    if task not in simulators.task_descriptions():
+        return "there is no such task in this installation"
     instruction = simulators.task_descriptions()[task].instruction
     reasons = (why_unadjusted(axis, task) or why_unsupported(axis, instruction) for axis in axes_of(condition))
     return next(filter(None, reasons), None)

@@ -29,7 +29,7 @@ COLUMNS = ("simulator", "task", "policy_digest", "axis", "severity", "seed", "st
 """Fields of the record that are needed."""
 BINS = SEVERITIES + 1
 """Groups of severities: absent, above 0 and up to 1, ..., above 4 and up to 5."""
-LEAST_POINTS = 5
+LEAST_POINTS = 2
 """Points from which a rate is shown."""
 
 
@@ -102,12 +102,22 @@ class Combinations:
 
 
 def combined_conditions(document: RunDocument) -> tuple[Condition, ...]:
-    """Return the conditions of a run's design, or else its listed combinations, with repetitions."""
+    """Return the conditions of a run's design, with repetitions, or else the combinations that its plan lists.
+
+    Those of another version that cannot be read are left out.
+    """
     design = document.suite.design
     if design is not None and design.kind != "one-at-a-time":
         return design.conditions()
     listed = dict.fromkeys(cell.condition for cell in document.plan)
-    return tuple(condition for condition in listed if condition.is_combination)
+    return tuple(condition for condition in listed if condition.is_combination and _is_readable(condition))
+
+
+def _is_readable(condition: Condition) -> bool:
+    try:
+        return all(part.severity <= SEVERITIES for part in condition.perturbations)
+    except ValueError:
+        return False
 
 
 def build_combinations(document: RunDocument, frame: pd.DataFrame) -> Combinations | None:
@@ -135,7 +145,7 @@ def _axes(design: DesignEntry | None, conditions: Sequence[Condition]) -> tuple[
     if design is not None and design.kind != "one-at-a-time":
         return design.axes
     named = {part.axis for condition in conditions for part in condition.perturbations}
-    return tuple(axis for axis in AXES if axis in named)
+    return (*(axis for axis in AXES if axis in named), *sorted(named - set(AXES)))
 
 
 def _of_policy(
@@ -150,7 +160,7 @@ def _of_policy(
     """None without a verdict."""
     wanted = set(conditions)
     played = [cell for cell in cells if cell.condition in wanted]
-    rows = eligible.verdicts(played)
+    rows = _of_common_points(eligible.verdicts(played), len({cell.task for cell in played}))
     if not len(rows):
         return None
     levels = {condition: _severities(condition, axes) for condition in wanted}
@@ -159,8 +169,10 @@ def _of_policy(
     )
     won = (rows["status"] == str(Status.SUCCESS)).to_numpy(dtype=float)
     seeds = rows["seed"].to_numpy(dtype=np.int64)
+    tasks = np.unique(rows["task"].astype(str), return_inverse=True)[1].reshape(-1)
+    unit = np.unique(np.column_stack([tasks, seeds]), axis=0, return_inverse=True)[1].reshape(-1)
     generator = np.random.default_rng(int(content_hash(["combinations", policy, simulator]), 16))
-    clusters = failure_clusters(severities, won < 0.5, seeds, axes, generator)
+    clusters = failure_clusters(severities, won < 0.5, seeds, axes, generator, groups=tasks)
     sensitivity, reason = _sensitivity(played, axes, conditions, eligible, design)
     point = np.unique(severities, axis=0, return_inverse=True)[1].reshape(-1)
     clean = eligible.verdicts([cell for cell in cells if cell.axis == CLEAN])
@@ -171,14 +183,23 @@ def _of_policy(
         tasks=len({cell.task for cell in played}),
         points=int(point.max()) + 1,
         episodes=len(won),
-        success=clustered_rate(won, point),
-        clean=clustered_rate(clean_won, np.arange(len(clean_won))) if len(clean_won) else None,
-        effects=tuple(AxisEffect(axis, _rates(severities[:, i], won, point)) for i, axis in enumerate(axes)),
+        success=clustered_rate(won, point, unit),
+        clean=clustered_rate(clean_won, np.zeros(len(clean_won), int), np.arange(len(clean_won)))
+        if len(clean_won)
+        else None,
+        effects=tuple(AxisEffect(axis, _rates(severities[:, i], won, point, unit)) for i, axis in enumerate(axes)),
         pair=_pair(axes, severities, won, clusters, sensitivity),
         sensitivity=sensitivity,
         why_no_sensitivity=reason,
         clusters=clusters,
     )
+
+
+def _of_common_points(rows: pd.DataFrame, tasks: int) -> pd.DataFrame:
+    """The rows at conditions at which every task has a verdict, so that none is compared with another task's."""
+    if tasks < 2 or not len(rows):
+        return rows
+    return rows[rows.groupby(["axis", "severity"], observed=True)["task"].transform("nunique") >= tasks]
 
 
 def _severities(condition: Condition, axes: Sequence[str]) -> list[float]:
@@ -187,14 +208,14 @@ def _severities(condition: Condition, axes: Sequence[str]) -> list[float]:
 
 
 def _rates(
-    severities: NDArray[np.float64], won: NDArray[np.float64], point: NDArray[np.intp]
+    severities: NDArray[np.float64], won: NDArray[np.float64], point: NDArray[np.intp], unit: NDArray[np.intp]
 ) -> tuple[Estimate | None, ...]:
     groups = np.ceil(severities).astype(int)
     rates: list[Estimate | None] = []
     for group in range(BINS):
         inside = groups == group
         enough = len(np.unique(point[inside])) >= LEAST_POINTS
-        rates.append(clustered_rate(won[inside], point[inside]) if enough else None)
+        rates.append(clustered_rate(won[inside], point[inside], unit[inside]) if enough else None)
     return tuple(rates)
 
 
@@ -210,6 +231,8 @@ def _pair(
     if chosen is None and sensitivity is not None and sensitivity.axes and len(axes) > 1:
         ranked = sorted(sensitivity.axes, key=lambda one: -one.total.value)
         chosen = tuple(axis for axis in axes if axis in (ranked[0].axis, ranked[1].axis))
+    if chosen is None and len(axes) == 2:
+        chosen = axes
     if chosen is None:
         return None
     one, other = (np.ceil(severities[:, axes.index(axis)]).astype(int) for axis in chosen)
@@ -248,7 +271,7 @@ def _sensitivity(
     points = len(conditions) // (len(axes) + 2)
     if len(complete) < 2 or points < 2:
         return None, (
-            f"indices need two base points, and two seeds with a verdict at each of {len(places)} conditions; "
+            f"indices need two base points, and two start states with a verdict at each of {len(places)} conditions; "
             f"there are {points} and {len(complete)}"
         )
     stacked = np.stack(complete, axis=1)[[places[condition] for condition in conditions]]
@@ -285,21 +308,26 @@ def cluster_failures(document: RunDocument, rows: Callable[[], Iterable[EpisodeR
     found = build_combinations(document, frame)
     if found is None:
         return []
-    solved, failures = set(), []
+    eligible = select_eligible(document, frame)
+    counting = eligible.verdicts(document.plan)
+    keys = ["policy_digest", "task", "axis", "severity", "seed"]
+    counts = set(
+        counting[keys].astype({"policy_digest": str, "task": str, "axis": str}).itertuples(index=False, name=None)
+    )
+    wanted, solved, failures = set(combined_conditions(document)), set(), []
     for row in rows():
+        if (row.policy_digest, row.task, row.axis, row.severity, row.seed) not in counts:
+            continue
         if row.axis == CLEAN and row.status == Status.SUCCESS:
             solved.add((row.policy, row.task, row.seed))
-        if row.axis != CLEAN and row.status == Status.FAILURE:
+        elif row.status == Status.FAILURE and row.episode.condition in wanted:
             failures.append(row)
-    wanted = set(combined_conditions(document))
     chosen = []
     for one in found.policies:
         own = [
             row
             for row in failures
-            if (row.policy, row.simulator) == (one.policy, one.simulator)
-            and (row.policy, row.task, row.seed) in solved
-            and row.episode.condition in wanted
+            if (row.policy, row.simulator) == (one.policy, one.simulator) and (row.policy, row.task, row.seed) in solved
         ]
         for cluster in one.clusters:
             inside = [row for row in own if is_inside(row.episode.condition, cluster)]

@@ -16,7 +16,7 @@ from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.statistics.multiplicity import holm
 from robogauntlet.results.statistics.pairs import Pairs, can_reject, detectable_drop, mcnemar, paired_difference
 from robogauntlet.results.statistics.rates import Estimate
-from robogauntlet.suites.episode import CONTROLS, Condition
+from robogauntlet.suites.episode import AT, CONTROLS, Condition
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,7 +48,8 @@ class ConditionLine:
 
 def perturbed_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """The episodes under perturbations; controls, whose success is not what is wanted, are none."""
-    return rows[(rows["severity"] > 0) & ~rows["axis"].isin(CONTROLS)]
+    combined = rows["axis"].astype(str).str.contains(AT, regex=False)
+    return rows[(rows["severity"] > 0) & ~rows["axis"].isin(CONTROLS) & ~combined]
 
 
 def condition_lines(shared: pd.DataFrame, document: RunDocument, alpha: float) -> tuple[ConditionLine, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -157,6 +158,12 @@ class Tables:
         """Conditions that occur, clean first, then in the order of the plan."""
         found = dict.fromkeys(cell.condition for cell in self.cells)
         return tuple(sorted(found, key=lambda condition: condition != Condition()))
+
+    @cached_property
+    def aggregates(self) -> Mapping[tuple[str, str | None, str, int], Aggregate]:
+        """By policy, simulator (None for all of them), axis and severity."""
+        rows = (*self.by_policy, *self.by_simulator)
+        return {(row.policy, row.simulator, row.axis, row.severity): row for row in rows}
 
     @cached_property
     def policies(self) -> tuple[str, ...]:

@@ -5,16 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from robogauntlet.results.analysis.combinations import BINS, Combinations, IndexAgreement, PolicyCombinations
+from robogauntlet.results.analysis.combinations import (
+    BINS,
+    Combinations,
+    IndexAgreement,
+    PolicyCombinations,
+    is_inside,
+)
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.formatting import TextTable, p_value, percent, rate, span
+from robogauntlet.results.report.media import Video
 from robogauntlet.results.statistics.clusters import AxisCondition, Cluster
 from robogauntlet.results.statistics.rates import Estimate
 from robogauntlet.results.statistics.sensitivity import AxisSensitivity
 from robogauntlet.suites.axes import AXES
 
-GROUPS = ("absent", *(f"{low} to {low + 1}" for low in range(BINS - 1)))
-"""Headings of the groups of severities."""
+GROUPS = ("absent", *(f"up to {highest}" for highest in range(1, BINS)))
+"""Headings of the groups of severities; each begins where the one before it ends."""
 MOST_NAMED = 3
 
 
@@ -49,13 +56,17 @@ def _how_sure(found: PolicyCombinations) -> str:
         episodes = sum(cluster.discovery.episodes for cluster in found.clusters[:1])
         worst = max(cluster.p_value for cluster in found.clusters)
         number = formatting.counted(len(found.clusters), "failure cluster")
+        shown = f"p {'' if worst < 0.001 else 'at most '}{p_value(worst)}"
+        halves = f"{episodes} and {found.clusters[0].confirmation.episodes} episodes"
         parts.append(
-            f"{number} found on one half of the seeds and confirmed on the other (p at most {p_value(worst)}, all "
-            f"candidates together; the first on {episodes} and {found.clusters[0].confirmation.episodes} episodes)"
+            f"{number} found on one half of the seeds and confirmed on the other ({shown}, all candidates together; "
+            f"the first on {halves})"
         )
     if found.sensitivity is not None and found.sensitivity.explained is not None:
         share = _share(found.sensitivity.explained)
-        parts.append(f"the axes explain {share} of the variance of one episode, the rest is its start state and chance")
+        parts.append(
+            f"the axes explain {share} of the variance of one episode, the rest is its task, start state and chance"
+        )
     counts = f"{formatting.counted(found.episodes, 'episode')} at {formatting.counted(found.points, 'point')}"
     return f"How sure: {'; '.join([*parts, counts])}."
 
@@ -85,6 +96,16 @@ def by_total(found: PolicyCombinations) -> list[AxisSensitivity]:
     """Return the indices of the axes, the largest total first; none without indices."""
     indices = (found.sensitivity.axes if found.sensitivity is not None else None) or ()
     return sorted(indices, key=lambda one: -one.total.value)
+
+
+def videos_of(videos: Sequence[Video], found: PolicyCombinations) -> list[Video]:
+    """Return the videos of a policy's failures in its clusters."""
+    return [
+        video
+        for video in videos
+        if (video.policy, video.simulator) == (found.policy, found.simulator)
+        and any(is_inside(video.condition, cluster) for cluster in found.clusters)
+    ]
 
 
 def effect_table(found: PolicyCombinations) -> TextTable:

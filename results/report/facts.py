@@ -82,8 +82,8 @@ DEFINITIONS = {
     "(p at most 0.05, not adjusted), if as large a share of them disagrees.",
     "perturbed pairs": "Episodes under a perturbation, paired by task, axis, severity, seed and protocol. Tasks are "
     "added up, severities are not, since they share their seeds. Adjusted by Holm's method over the severities of an "
-    "axis in all comparisons: of many axes without a difference, one in twenty shows one. Controls are not compared, "
-    "and no oracle gate applies: every pair counts.",
+    "axis in all comparisons: of many axes without a difference, one in twenty shows one. Controls and combinations "
+    "are not compared, and no oracle gate applies: every pair counts.",
     "letters": "Policies that share a letter do not differ significantly (McNemar's exact test on the episodes of "
     "both, adjusted by Holm's method).",
     "control": "A condition in which a policy that uses images and instruction should fail: remaining success does not "

@@ -108,8 +108,7 @@ def p_value(value: float) -> str:
 def aggregate_of(tables: Tables, policy: str, simulator: str | None, axis: str, severity: int) -> Aggregate | None:
     """The aggregate of that policy, simulator (None: all) and condition."""
     wanted = (policy, simulator, axis, severity)
-    rows = tables.by_policy if simulator is None else tables.by_simulator
-    return next((row for row in rows if (row.policy, row.simulator, row.axis, row.severity) == wanted), None)
+    return tables.aggregates.get(wanted)
 
 
 def summary_table(tables: Tables) -> TextTable:

@@ -75,6 +75,8 @@ def _merging(merging: Merging) -> list[str]:
 
 
 def _combinations(found: Combinations) -> list[str]:
+    if not found.policies:
+        return []
     parts = ["## Why it fails", _define(*facts.COMBINATION_TERMS)]
     for one in found.policies:
         sentences = "\n".join(f"- {escape(sentence)}" for sentence in combinations_text.sentences(one, found.axes))
@@ -92,7 +94,23 @@ def _combinations(found: Combinations) -> list[str]:
 
 
 def _robustness(robustness: Robustness, findings: Sequence[str]) -> list[str]:
-    parts = ["## Robustness", _define("findings"), "\n".join(f"- {escape(sentence)}" for sentence in findings)]
+    parts = ["## Robustness"]
+    if robustness.axes or robustness.controls or robustness.condition_comparison is not None:
+        parts += _curves(robustness, findings)
+    parts += ["### Repeated episodes", escape(condition_texts.repeats_sentence(robustness))]
+    parts += ["### Oracle gate", escape(robustness_text.oracle_gate_sentence(robustness))]
+    if robustness.gate_rows:
+        parts += [_define("oracle gate"), markdown(robustness_text.gate_table(robustness))]
+    if robustness.axes:
+        parts += ["### Delivered perturbations", escape(robustness_text.start_states_sentence(robustness))]
+        parts += [_define("delivered"), markdown(robustness_text.delivered_table(robustness))]
+    if robustness.unsupported:
+        parts += ["### Unsupported", markdown(robustness_text.unsupported_table(robustness))]
+    return parts
+
+
+def _curves(robustness: Robustness, findings: Sequence[str]) -> list[str]:
+    parts = [_define("findings"), "\n".join(f"- {escape(sentence)}" for sentence in findings)]
     parts.append(_define("heat map"))
     for found in condition_texts.heat_maps(robustness):
         parts += [
@@ -116,14 +134,6 @@ def _robustness(robustness: Robustness, findings: Sequence[str]) -> list[str]:
             parts.append("No results with a clean condition to compare.")
     if robustness.controls:
         parts += ["### Controls", _define("control"), markdown(robustness_text.controls_table(robustness))]
-    parts += ["### Repeated episodes", escape(condition_texts.repeats_sentence(robustness))]
-    parts += ["### Oracle gate", escape(robustness_text.oracle_gate_sentence(robustness))]
-    if robustness.gate_rows:
-        parts += [_define("oracle gate"), markdown(robustness_text.gate_table(robustness))]
-    parts += ["### Delivered perturbations", escape(robustness_text.start_states_sentence(robustness))]
-    parts += [_define("delivered"), markdown(robustness_text.delivered_table(robustness))]
-    if robustness.unsupported:
-        parts += ["### Unsupported", markdown(robustness_text.unsupported_table(robustness))]
     return parts
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables
@@ -100,7 +101,7 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
             combinations=report.combinations,
             combinations_text=combinations_text,
             combination_terms=list(facts.COMBINATION_TERMS),
-            combination_failures=[video for video in media.new_failures if video.condition.is_combination],
+            combination_failures=partial(combinations_text.videos_of, media.new_failures),
             findings=report.findings,
             shift_terms=list(facts.SHIFT_TERMS),
             robustness_terms=list(facts.ROBUSTNESS_TERMS),

@@ -80,20 +80,26 @@ class _Half:
     """Shape (episodes, axes)."""
     failed: NDArray[np.float64]
     """Shape (episodes,)."""
+    unit: NDArray[np.intp]
+    """Number of the episode's group and seed."""
     point: NDArray[np.intp]
-    """Number of the episode's point: episodes of one point have the same severities."""
+    """Number of the episode's point: episodes of one point have the same group and severities."""
     stratum: NDArray[np.intp]
     """Of each point: points of one stratum are played at the same seeds."""
 
     @classmethod
-    def of(cls, severities: NDArray[np.float64], failed: Mask, seeds: NDArray[np.integer]) -> _Half:
-        _, point = np.unique(severities, axis=0, return_inverse=True)
+    def of(
+        cls, severities: NDArray[np.float64], failed: Mask, seeds: NDArray[np.int64], groups: NDArray[np.int64]
+    ) -> _Half:
+        """Points of different groups are not exchanged, as their seeds count as different."""
+        unit = np.unique(np.column_stack([groups, seeds]), axis=0, return_inverse=True)[1].reshape(-1)
+        _, point = np.unique(np.column_stack([severities, groups]), axis=0, return_inverse=True)
         point = np.asarray(point).reshape(-1)
-        order = np.lexsort((seeds, point))
-        groups = np.split(seeds[order], np.flatnonzero(np.diff(point[order])) + 1)
+        order = np.lexsort((unit, point))
+        played_at = np.split(unit[order], np.flatnonzero(np.diff(point[order])) + 1)
         known: dict[bytes, int] = {}
-        stratum = [known.setdefault(np.ascontiguousarray(group).tobytes(), len(known)) for group in groups]
-        return cls(severities, failed.astype(float), point, np.array(stratum, dtype=np.intp))
+        stratum = [known.setdefault(np.ascontiguousarray(units).tobytes(), len(known)) for units in played_at]
+        return cls(severities, failed.astype(float), unit, point, np.array(stratum, dtype=np.intp))
 
     def mask(self, places: Places) -> Mask:
         """Episodes that satisfy all conditions, each a column and a threshold."""
@@ -113,6 +119,7 @@ def failure_clusters(
     axes: Sequence[str],
     generator: np.random.Generator,
     *,
+    groups: NDArray[np.integer] | None = None,
     alpha: float = ALPHA,
 ) -> tuple[Cluster, ...]:
     """Clusters of failures, confirmed in episodes that were not used to find them.
@@ -146,6 +153,7 @@ def failure_clusters(
         seeds: Shape (episodes,).
         axes: Names of the columns.
         generator: The same state gives the same clusters, whatever the order of the episodes.
+        groups: Number of each episode's group, such as its task, shape (episodes,). Points are exchanged within groups.
         alpha: Probability of any false cluster, at most.
 
     Returns:
@@ -159,7 +167,8 @@ def failure_clusters(
     halves = _halves(levels, numbers, generator)
     if not all(half.any() for half in halves):
         return ()
-    one, other = (_Half.of(levels[half], fails[half], numbers[half]) for half in halves)
+    group = np.zeros(len(fails), dtype=np.int64) if groups is None else np.asarray(groups, dtype=np.int64)
+    one, other = (_Half.of(levels[half], fails[half], numbers[half], group[half]) for half in halves)
     listed = _short_list(one)
     p_values = holm([_p_value(other, places, generator) for places in listed])
     confirmed = {places: p for places, p in zip(listed, p_values, strict=True) if p <= alpha}
@@ -316,7 +325,9 @@ def _permutation(half: _Half, within: Mask, rest: Mask, column: int | None, gene
 
 def _cluster(one: _Half, other: _Half, places: Places, axes: Sequence[str], p_value: float) -> Cluster:
     mask = other.mask(places)
-    within, outside = (clustered_rate(other.failed[side], other.point[side]) for side in (mask, ~mask))
+    within, outside = (
+        clustered_rate(other.failed[side], other.point[side], other.unit[side]) for side in (mask, ~mask)
+    )
     return Cluster(
         conditions=tuple(AxisCondition(axes[column], threshold) for column, threshold in places),
         discovery=one.support(one.mask(places)),

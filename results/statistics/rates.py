@@ -109,28 +109,39 @@ def rate_bounds(successes: int, failures: int, without_verdict: int) -> RateBoun
     return RateBounds(successes / total, best / total, Interval(worst_interval.low, best_interval.high))
 
 
-def clustered_rate(outcomes: NDArray[np.floating], clusters: NDArray[np.integer]) -> Estimate:
-    """The mean of outcomes whose clusters are alike inside, with Wilson's interval.
+def clustered_rate(outcomes: NDArray[np.floating], points: NDArray[np.integer], seeds: NDArray[np.integer]) -> Estimate:
+    """The mean of outcomes of points that are played at the same seeds, with Wilson's interval.
 
     The interval is that of as many independent trials as are equally informative: the number of trials divided by the
-    design effect, the variance of the rate between clusters over that of independent trials, at least 1 (E. L. Korn and
-    B. I. Graubard, Survey Methodology 24 (1998) 193-201).
+    design effect (E. L. Korn and B. I. Graubard, Survey Methodology 24 (1998) 193-201). The variance is that of a rate
+    with two crossed clusters, between points plus between seeds less that of single trials (A. C. Cameron, J. B.
+    Gelbach and D. L. Miller, J. Bus. Econ. Stat. 29 (2011) 238-249), with Student's quantile for few seeds or points.
 
     Args:
         outcomes: 0 or 1, shape (trials,), at least one.
-        clusters: Number of each trial's cluster, shape (trials,).
+        points: Number of each trial's point, shape (trials,).
+        seeds: Number of each trial's seed, shape (trials,); of its task and seed where there are several tasks.
     """
     import numpy as np
+    from scipy.special import stdtrit
 
     values = np.asarray(outcomes, dtype=float)
     trials, rate = len(values), float(values.mean())
-    numbers = np.unique(clusters, return_inverse=True)[1].reshape(-1)
-    groups = int(numbers.max()) + 1
-    effect = 1.0
-    if groups > 1 and 0 < rate < 1:
-        residuals = np.bincount(numbers, values - rate)
-        effect = max(1.0, float((residuals**2).sum()) * groups / (groups - 1) / (trials * rate * (1 - rate)))
-    elif groups < trials:
-        effect = trials / groups
+    parts, groups = [], []
+    for clusters in (points, seeds):
+        numbers = np.unique(clusters, return_inverse=True)[1].reshape(-1)
+        count = int(numbers.max()) + 1
+        parts.append(float((np.bincount(numbers, values - rate) ** 2).sum()) * count / max(1, count - 1))
+        groups.append(count)
+    effect = max(1.0, trials / max(groups))
+    if 0 < rate < 1:
+        single = trials * rate * (1 - rate)
+        excess = [max(0.0, part - single) if count > 1 else 0.0 for part, count in zip(parts, groups, strict=True)]
+        variance = single + sum(excess)
+        freedom = variance**2 / sum(
+            share**2 / max(1, count - 1) for share, count in zip((single, *excess), (trials, *groups), strict=True)
+        )
+        quantile = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
+        effect = max(1.0, variance / single * (float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) / quantile) ** 2)
     (interval,) = wilson_intervals([values.sum() / effect], [trials / effect])
     return Estimate(rate, interval)

@@ -102,7 +102,7 @@ def test_simulators_are_compared_by_their_total_indices():
     ("design", "seeds", "why"),
     [
         (SPREAD, 4, "indices need a suite with design: {kind: sobol}"),
-        ({**SOBOL, "points": 2}, 1, "indices need two base points, and two seeds with a verdict at each of"),
+        ({**SOBOL, "points": 2}, 1, "indices need two base points, and two start states with a verdict at each of"),
     ],
 )
 def test_missing_indices_have_a_reason(design, seeds, why):
@@ -131,6 +131,42 @@ def test_the_oracle_gate_and_its_policy_are_left_out():
     (one,) = found.policies
     assert one.policy == "a"
     assert one.episodes == 160 * SEEDS  # a fifth of the points has no light
+
+
+def test_tasks_that_count_at_different_points_are_not_compared_with_each_other():
+    """One task always fails more often; the gate leaves one out where the object is far, the other elsewhere."""
+
+    def succeeds(cell, seed):
+        far = severities(cell.condition).get("noise", 0) >= 3
+        if cell.policy == "oracle":
+            return far == (cell.task == "maniskill/A") or cell.condition == Condition()
+        return chance(cell, seed) > (0.8 if cell.task == "maniskill/A" else 0.1)
+
+    found = built(
+        SPREAD, succeeds, tasks=("maniskill/A", "maniskill/B"), policies=("oracle", "a"), oracle_gate="oracle"
+    )
+    assert [one.clusters for one in found.policies] == []
+
+
+def test_conditions_of_other_versions_are_left_out():
+    odd = ("a@b+c", "x@", "noise@inf", "noise@9+table@1", "noise@-1+table@1", "other-axis@2+table@1")
+    conditions = (Condition(), Condition("noise@1+table@2", 1), *(Condition(text, 1) for text in odd))
+    plan = cells(("a",), TASKS[:1], conditions)
+    rows = rows_where(lambda cell, seed: True, plan, SEEDS)
+    found = build_combinations(document(SEEDS, plan), columns_of(rows, combinations.COLUMNS))
+    assert found.axes == ("table", "noise", "other-axis")
+    assert found.policies[0].episodes == 2 * SEEDS
+
+
+def test_the_video_of_a_cluster_is_of_an_episode_that_the_oracle_solves():
+    def succeeds(cell, seed):
+        if cell.policy == "oracle":
+            return severities(cell.condition).get("table", 0) >= 4 or cell.condition == Condition() or seed != 0
+        return fails_in_the_dark_on_another_table(cell, seed)
+
+    changes = {"policies": ("oracle", "a"), "oracle_gate": "oracle", "tasks": TASKS[:1], "seeds": 40}
+    run, rows = played({**SPREAD, "points": 60}, succeeds, **changes)
+    assert {row.seed == 0 for row in cluster_failures(run, lambda: iter(rows))} == {False}
 
 
 def test_listed_combinations_are_summarised_without_a_design():

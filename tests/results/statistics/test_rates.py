@@ -24,19 +24,36 @@ small = st.integers(0, 500)
 
 def test_a_rate_of_independent_trials_has_wilsons_interval():
     outcomes = np.array([1, 1, 0, 1, 0, 1, 1, 1, 0, 1] * 5)
-    found = clustered_rate(outcomes, np.arange(50))
+    found = clustered_rate(outcomes, np.arange(50), np.zeros(50, int))
     assert found.value == pytest.approx(0.7)
     wilson = wilson_interval(35, 50)
-    assert found.interval.low == pytest.approx(wilson.low, abs=0.003)
-    assert found.interval.high == pytest.approx(wilson.high, abs=0.003)
+    assert found.interval.low == pytest.approx(wilson.low, abs=0.006)
+    assert found.interval.high == pytest.approx(wilson.high, abs=0.006)
+
+
+@pytest.mark.parametrize(("points", "seeds", "spread"), [(84, 4, 2.0), (200, 4, 2.0), (20, 6, 1.0)])
+def test_the_interval_covers_the_rate_over_all_start_states_where_few_seeds_differ(points, seeds, spread):
+    generator = np.random.default_rng(0)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
+    rate_over_seeds = float(weights @ (1 / (1 + np.exp(-spread * nodes))) / weights.sum())
+    point, seed = (numbers.ravel() for numbers in np.indices((points, seeds)))
+    covered = 0
+    for _ in range(300):
+        rates = 1 / (1 + np.exp(-spread * generator.normal(size=seeds)))
+        found = clustered_rate((generator.random((points, seeds)) < rates).ravel().astype(float), point, seed)
+        covered += found.interval.low <= rate_over_seeds <= found.interval.high
+    assert covered / 300 > 0.9
 
 
 def test_trials_of_a_cluster_that_are_equal_count_once():
     outcomes = np.array([1, 1, 0, 1, 0, 1, 1, 1, 0, 1] * 5)
-    found, alone = clustered_rate(np.repeat(outcomes, 4), np.repeat(np.arange(50), 4)), wilson_interval(35, 50)
+    found, alone = (
+        clustered_rate(np.repeat(outcomes, 4), np.repeat(np.arange(50), 4), np.tile(range(4), 50)),
+        wilson_interval(35, 50),
+    )
     assert found.interval.low == pytest.approx(alone.low, abs=0.005)
     assert found.interval.high == pytest.approx(alone.high, abs=0.005)
-    certain = clustered_rate(np.ones(20), np.repeat(np.arange(5), 4))
+    certain = clustered_rate(np.ones(20), np.repeat(np.arange(5), 4), np.tile(range(4), 5))
     assert certain.interval == wilson_interval(5, 5)
 
 
