@@ -19,6 +19,10 @@ VERBS = {
     "validate": ("validate:validate", "Check suite files and report every mistake with its line."),
     "list": ("list:list_names", "List simulators, tasks, policies and shipped suites."),
     "doctor": ("doctor:doctor", "Check that the installed simulators open and render on this machine."),
+    "search": (
+        "search:search",
+        "Find the smallest disturbance that breaks a policy, along each axis and combined, and confirm it.",
+    ),
     "profile": (
         "profile:profile",
         "Show how far an episode in each simulator is from its bound: physics, frames and answers.",

@@ -37,6 +37,7 @@ def compose_plan(
     tasks: Sequence[str],
     *,
     seeds: int = SEEDS,
+    first_seed: int = 0,
     conditions: Sequence[str] = (),
     folder: Path | None = None,
     only: Sequence[str] = (),
@@ -48,7 +49,8 @@ def compose_plan(
     Args:
         policies: The policies.
         tasks: `simulator/task`, or patterns.
-        seeds: Number of seeds, from 0.
+        seeds: Number of seeds.
+        first_seed: The first of them.
         conditions: `clean`, `AXIS` for all its severities, or `AXIS@SEVERITY[,SEVERITY]`; clean is always included.
         folder: The run folder; by default a new one below `runs/`.
         only: Simulators that must be available.
@@ -67,7 +69,7 @@ def compose_plan(
         "policies": [policy.model_dump(exclude_defaults=True) for policy in policies],
         "tasks": list(tasks),
         "conditions": _conditions(conditions),
-        "seeds": {"count": seeds},
+        "seeds": {"start": first_seed, "count": seeds} if first_seed else {"count": seeds},
     }
     if settings and (clash := suite.keys() & settings.keys()):
         raise BadInput(

@@ -89,6 +89,8 @@ TEXTS = (
     *("policies demonstrate {} --out new", "policies demonstrate null/Reach --out {}", "policies routing {}"),
     *("policies pretrain {} --out new", "policies pretrain data/Reach --out {}", "policies merge {} --out new"),
     *("policies finetune {} --base base --out new", "policies finetune data/Reach --base {} --out new"),
+    *("search --policy {} --task null/Reach --budget 99", "search --policy random --task {} --budget 99"),
+    *(f"search --policy random --task null/Reach --budget 99 {option} {{}}" for option in ("--axis", "--out")),
 )
 """Every argument that is a name, a path, a pattern or an address."""
 WRONG_TEXTS = {
