@@ -86,7 +86,7 @@ def search(
         fail(f"stopped: {error}\n{again}")
         raise typer.Exit(EXIT_STOPPED) from None
     if as_json:
-        print_json({"below": request.below, "tasks": [one.plain() for one in found]})
+        print_json({"below": request.below, "found": [one.plain() for one in found]})
     else:
         _print(found, request.below)
         print_line(f"found: {folder / SEARCH_FILE}")
@@ -95,7 +95,8 @@ def search(
 def _command(folder: Path) -> str:
     """The command as given, with its folder."""
     given = sys.argv[1:]
-    return shlex.join(["robogauntlet", *given, *([] if "--out" in " ".join(given) else ["--out", str(folder)])])
+    has_folder = any(text.partition("=")[0] == "--out" for text in given)
+    return shlex.join(["robogauntlet", *given, *([] if has_folder else ["--out", str(folder)])])
 
 
 def _print(found: list[SearchedTask], below: float) -> None:

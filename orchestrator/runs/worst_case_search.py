@@ -147,7 +147,7 @@ def play_search(
         _claim(folder, request, stack)
         start_ray = cache(lambda: stack.enter_context(_ray()))
         found = [_TaskPlayer(request, search, folder, on_line, start_ray).play() for search in searches]
-        _write(folder, {**_arguments(request), "status": "complete", "tasks": [one.plain() for one in found]})
+        _write(folder, {**_arguments(request), "status": "complete", "found": [one.plain() for one in found]})
     return found
 
 
