@@ -9,7 +9,7 @@ from rich.text import Text
 
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.results.analysis.tables import Tables
-from robogauntlet.results.report import Report
+from robogauntlet.results.report import Report, combinations
 from robogauntlet.results.report.formatting import NOTHING, TextTable, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
 from robogauntlet.suites.episode import Condition
@@ -17,6 +17,9 @@ from robogauntlet.support.text import visible
 
 MAX_CONDITIONS = 4
 """With more conditions, only the first is printed per task; the report has all of them."""
+
+MAX_COMBINATIONS = 20
+"""Combinations up to which each has a line."""
 
 
 def print_summary(report: Report) -> None:
@@ -34,6 +37,9 @@ def print_summary(report: Report) -> None:
         _print_table(_per_condition(tables), "Per condition, over all tasks and simulators")
     else:
         _print_table(_fitting(summary_table(tables)), "Per simulator")
+    if report.combinations is not None:
+        sentences = [combinations.sentences(one, report.combinations.axes) for one in report.combinations.policies]
+        findings = (*(sentence for three in sentences for sentence in three), *findings)
     for finding in findings:
         print_line(f"- {finding}")
     if findings:
@@ -78,6 +84,8 @@ def _per_condition(tables: Tables) -> TextTable:
     total_of = {(total.condition, total.policy): total for total in tables.by_policy}
     rows = []
     for condition in tables.conditions:
+        if condition.is_combination and tables.combinations > MAX_COMBINATIONS:
+            continue  # of a design; the report has them together
         totals = [total_of.get((condition, policy)) for policy in tables.policies]
         rows.append((str(condition), *(NOTHING if total is None else share(total.tally) for total in totals)))
     return TextTable(("condition", *tables.policies), tuple(rows), 1)

@@ -160,6 +160,11 @@ class Tables:
         return tuple(sorted(found, key=lambda condition: condition != Condition()))
 
     @cached_property
+    def combinations(self) -> int:
+        """Number of conditions that combine axes."""
+        return sum(condition.is_combination for condition in self.conditions)
+
+    @cached_property
     def aggregates(self) -> Mapping[tuple[str, str | None, str, int], Aggregate]:
         """By policy, simulator (None for all of them), axis and severity."""
         rows = (*self.by_policy, *self.by_simulator)

@@ -16,8 +16,6 @@ from robogauntlet.suites.episode import Condition
 
 MAX_NAMED = 3
 """Axes that are named with their rates in one sentence."""
-MAX_LEVELS = 12
-"""Levels left out that are named."""
 BLIND, WRONG_GOAL = "blind", "wrong-goal"
 
 
@@ -35,9 +33,10 @@ def findings(robustness: Robustness) -> tuple[str, ...]:
     sentences += _controls(robustness)
     left_out = [row for row in robustness.gate_rows if row.capped]
     if left_out:
-        names = list(dict.fromkeys(str(Condition(row.axis, row.severity)) for row in left_out))
-        more = [f"{len(names) - MAX_LEVELS} more"] if len(names) > MAX_LEVELS else []
-        levels = ", ".join([*names[:MAX_LEVELS], *more])
+        conditions = dict.fromkeys(Condition(row.axis, row.severity) for row in left_out)
+        names = [str(condition) for condition in conditions if not condition.is_combination]
+        combined = len(conditions) - len(names)
+        levels = ", ".join([*names, *([formatting.counted(combined, "combination")] if combined else [])])
         sentences.append(
             f"{formatting.counted(len(left_out), 'level')} of a task left out because the oracle gate "
             f"{robustness.oracle_gate} solved less than 95 % of the seeds ({levels})."

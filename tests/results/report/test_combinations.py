@@ -6,6 +6,9 @@ import pytest
 
 from robogauntlet.results.analysis import combinations as analysis
 from robogauntlet.results.report import Summary, combinations, write_report
+from robogauntlet.results.report.parquet import read_frame
+from robogauntlet.results.run_document import read_run
+from tests import ROOT
 from tests.results.analysis.test_combinations import (
     SOBOL,
     SPREAD,
@@ -14,6 +17,8 @@ from tests.results.analysis.test_combinations import (
     severities,
 )
 from tests.results.synthetic import columns_of, run_folder
+
+KEPT = ROOT / "docs/reports/combinations"
 
 
 def found(design=SPREAD, succeeds=fails_in_the_dark_on_another_table):
@@ -29,6 +34,15 @@ def test_three_sentences_say_when_why_and_how_sure():
     assert why == "Why: unknown, indices need a suite with design: {kind: sobol}."
     assert "1 failure cluster found on one half of the seeds and confirmed on the other (p <0.001" in sure
     assert sure.endswith("800 episodes at 200 points.")
+
+
+def test_the_sentences_about_the_kept_run_are_those_of_its_rows():
+    run = read_run(KEPT)
+    built = analysis.build_combinations(run, read_frame(KEPT / "episodes.parquet", analysis.COLUMNS))
+    page = (KEPT / "README.md").read_text()
+    for one in built.policies:
+        for sentence in combinations.sentences(one, built.axes):
+            assert f"- {sentence}\n" in page
 
 
 def test_indices_are_named_largest_first():
