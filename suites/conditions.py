@@ -144,7 +144,7 @@ def read_axis(text: str) -> tuple[str, tuple[float, ...]]:
 
 
 def condition_patterns(text: str) -> list[str]:
-    """Return patterns of what `str(Condition)` gives: `noise:2,4` as `noise@2` and `noise@4`, `noise` as `noise@*`."""
+    """Return patterns of what `str(Condition)` gives: `noise:2,4` as `noise@2` and `noise@4`, `noise` as `noise@?`."""
     if AND in text:
         axis, severities = read_axis(text)
         return [str(condition_of(axis, severities[0]))]
@@ -152,7 +152,7 @@ def condition_patterns(text: str) -> list[str]:
     if axis in CONTROLS:
         return [axis]
     if listed is None:
-        return [f"{axis}@*"] if axis in AXES else [axis]
+        return [f"{axis}@?"] if axis in AXES else [axis]
     return [f"{axis}@{severity}" for severity in listed.split(",")]
 
 

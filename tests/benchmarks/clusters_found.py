@@ -21,6 +21,8 @@ DESIGNS = {"200 points at 4 seeds each": (200, 4), "100 points at 8 seeds each":
 """Points, and seeds at which each is played; with one, the points take turns over `TURNS` seeds."""
 TURNS = 4
 SEED = 20261126
+NODES = 40
+"""Nodes of the integral over effects of seeds."""
 LEAST = 3
 """Threshold of both planted conditions."""
 Array = NDArray[np.float64]
@@ -100,7 +102,7 @@ def _row(policy: Policy, points: int, seeds: int, number: int) -> dict[str, obje
         false += not all(own <= policy.planted for own in axes)
         right = [cluster for cluster, own in zip(clusters, axes, strict=True) if own == policy.planted]
         found += any(_is_near(cluster) for cluster in right)
-        covered += list(_covered(policy, right)) if not policy.seed_spread else []
+        covered += list(_covered(policy, right))
     row = {"found": found / EXPERIMENTS, "false": false / EXPERIMENTS, "clusters": count / EXPERIMENTS}
     pair = len(policy.planted) == len(PAIR)
     return {
@@ -120,5 +122,6 @@ def _covered(policy: Policy, clusters: list[Cluster]) -> Iterator[bool]:
     for cluster in clusters:
         if len(cluster.conditions) > 1 and all(condition.threshold == LEAST for condition in cluster.conditions):
             ends = cluster.within.interval
-            true = float(policy.rate(np.full((1, policy.axes), 5.0))[0])
-            yield ends is not None and ends.low <= true <= ends.high
+            nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+            rates = expit(logit(policy.rate(np.full((1, policy.axes), 5.0))[0]) + policy.seed_spread * nodes)
+            yield ends is not None and ends.low <= float(weights @ rates / weights.sum()) <= ends.high
