@@ -158,7 +158,7 @@ def test_run_replay_and_report(tmp_path, suite):
 
     done = run_gauntlet("replay", wanted, "--run", folder, "--with", "action-delay=2.5", "--with", "action-noise=1")
     assert done.returncode == 0, done.stderr
-    assert "null/Reach, oracle, seed 3, clean: success after 5 steps" in done.stdout
+    assert "null/Reach, oracle, seed 3, clean: success after " in done.stdout
     assert "null/Reach, oracle, seed 3, action-delay@2.5+action-noise@1: " in done.stdout
     (changed,) = (folder / "media/changed").iterdir()
     assert f"video: {changed}" in done.stdout
