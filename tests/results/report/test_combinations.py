@@ -18,7 +18,7 @@ from tests.results.analysis.test_combinations import (
 )
 from tests.results.synthetic import columns_of, run_folder
 
-KEPT = ROOT / "docs/reports/combinations"
+KEPT = ROOT / "docs/reports"
 
 
 def found(design=SPREAD, succeeds=fails_in_the_dark_on_another_table):
@@ -36,10 +36,11 @@ def test_three_sentences_say_when_why_and_how_sure():
     assert sure.endswith("800 episodes at 200 points.")
 
 
-def test_the_sentences_about_the_kept_run_are_those_of_its_rows():
-    run = read_run(KEPT)
-    built = analysis.build_combinations(run, read_frame(KEPT / "episodes.parquet", analysis.COLUMNS))
-    page = (KEPT / "README.md").read_text()
+@pytest.mark.parametrize("name", ["combinations", "why-lift"])
+def test_the_sentences_about_a_kept_run_are_those_of_its_rows(name):
+    folder = KEPT / name
+    built = analysis.build_combinations(read_run(folder), read_frame(folder / "episodes.parquet", analysis.COLUMNS))
+    page = (folder / "README.md").read_text()
     for one in built.policies:
         for sentence in combinations.sentences(one, built.axes):
             assert f"- {sentence}\n" in page
