@@ -100,7 +100,7 @@ class SeedsNeeded:
     seeds: int
     """Seeds per task that are needed."""
     episodes: int
-    """Episodes of the suite with so many seeds."""
+    """Episodes of the suite with this number of seeds."""
     worker_s: float | None
     """Wall time of these episodes in one worker, without building and loading (s); None if it is not known."""
     reached: float | None
@@ -165,7 +165,7 @@ class Stored:
         }
 
     def worker_s(self, size: SuiteSize, seeds: int) -> float | None:
-        """Wall time of a suite's episodes with so many seeds (s); cells without episodes take the mean of others."""
+        """Wall time of a suite's episodes with that many seeds (s); cells without episodes take the mean of others."""
         if not self.seconds:
             return None
         mean = float(np.mean(list(self.seconds.values())))
