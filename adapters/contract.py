@@ -115,6 +115,45 @@ class Delivered:
     """Further numbers by name, of the first images that the policy received or of the camera that was moved."""
 
 
+@dataclass(frozen=True)
+class Goal:
+    """What a task's robot has to bring about, in entries of `privileged_state`.
+
+    Progress and the kinds of failures are measured with it; success is the task's own predicate.
+    """
+
+    entry: str
+    """Entry that has to change: `cube_position`, `hinge_angle`, or `tcp_position` if the tool itself has to arrive."""
+    to: str = ""
+    """Entry that it has to reach; the value that `entry` has at the start, if empty."""
+    offset: tuple[float, ...] = (0.0,)
+    """Added to that value (m, rad)."""
+    axes: str = "xyz"
+    """Coordinates that count, for positions."""
+    tolerance: float = 0.0
+    """Distance at which the goal is reached (m, rad)."""
+    handle: str = ""
+    """Entry with the place that the tool has to go to first; `entry` if empty."""
+    grasped: bool = False
+    """Whether the gripper has to hold it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Robot and objects after a control step, from which behaviour is measured. Base frame."""
+
+    tool: FloatArray
+    """Position of the tool centre point, shape (3,) (m)."""
+    opening: float
+    """Distance between the fingers, the sum of their positions (m)."""
+    entries: tuple[FloatArray, ...]
+    """Values of the entries of `privileged_state` that were asked for, in order."""
+    contact_force: float | None = None
+    """Sum of the normal forces between the robot and all but itself and the objects of the task (N)."""
+    joint_margin: float | None = None
+    """Distance of the arm's joints from their limits, the smallest; negative beyond one (rad)."""
+
+
 class Simulation(Protocol):
     """One open task. Used by one thread of one process."""
 
@@ -165,6 +204,8 @@ class TaskDescription:
     """Its cameras, the third-person camera among them."""
     modules: tuple[str, ...] = ()
     """Modules that it needs beside its simulator's."""
+    goal: Goal | None = None
+    """Without it, progress and the kinds of failures are not measured."""
 
 
 @dataclass(frozen=True)

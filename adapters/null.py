@@ -18,6 +18,7 @@ from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
     FloatArray,
+    Goal,
     Image,
     Observation,
     ObservationSpec,
@@ -30,6 +31,7 @@ from robogauntlet.suites.episode import View
 
 MISBEHAVE_EVERY = 7
 """`Crash`, `Hang` and `Raise` misbehave on seeds divisible by this."""
+GOAL = Goal("tcp_position", "goal_position", tolerance=0.05)
 CRASH_MARKER = "ROBOGAUNTLET_NULL_MARKER"
 """Environment variable with a folder: if set, an episode misbehaves at its first attempt only."""
 
@@ -117,7 +119,9 @@ class NullSimulation:
 SIMULATOR = Simulator(
     name="null",
     title="null simulator (no physics)",
-    tasks={task: TaskDescription("reach the goal", 60) for task in ("Reach", "Slow", "Crash", "Hang", "Raise")},
+    tasks={
+        task: TaskDescription("reach the goal", 60, goal=GOAL) for task in ("Reach", "Slow", "Crash", "Hang", "Raise")
+    },
     modules=(),
     distributions=(),
     open=NullSimulation,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from robogauntlet.adapters.contract import FloatArray, Image, Observation, Simulation, StepOutcome
+from robogauntlet.adapters.contract import FloatArray, Image, Motion, Observation, Simulation, StepOutcome
+from robogauntlet.adapters.motion import motion_of
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
 
 
@@ -35,6 +36,10 @@ class SimulationWrapper:
     def privileged_state(self) -> Mapping[str, FloatArray]:
         """Forward to the simulation."""
         return self.simulation.privileged_state()
+
+    def motion(self, entries: Sequence[str]) -> Motion:
+        """Forward to the simulation."""
+        return motion_of(self.simulation, entries)
 
     def state_hash(self) -> str:
         """Forward to the simulation."""

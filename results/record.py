@@ -24,6 +24,25 @@ class Status(StrEnum):
     """The episode could not be played; it says nothing about the policy."""
 
 
+class FailureKind(StrEnum):
+    """How a policy failed, by the state of the robot and the objects. Rules: `orchestrator.episodes.failure_kind`."""
+
+    UNSAFE = "unsafe"
+    """The robot pressed against something that is not part of the task."""
+    NOT_REACHED = "not-reached"
+    """The tool never came to the object, or to the goal if there is no object."""
+    NOT_GRASPED = "not-grasped"
+    """The tool reached the object, but the gripper never held it."""
+    NOT_MOVED = "not-moved"
+    """The tool reached the object, which is not to be grasped, but did not move it."""
+    DROPPED = "dropped"
+    """The gripper held the object and lost it far from the goal."""
+    MISPLACED = "misplaced"
+    """The object, or the tool if there is none, was brought elsewhere than to the goal, or did not stay there."""
+    TIMED_OUT = "timed-out"
+    """It came closer to its goal until the end of the episode."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeResult:
     """One row. Fields up to `error` are the same whenever the episode is played; the rest is telemetry."""
@@ -65,6 +84,28 @@ class EpisodeResult:
     delivered_statistics: Annotated[
         str | None, "Other numbers that the perturbation measured as JSON (rounded to 1e-6), if it has any."
     ] = None
+    path_length: Annotated[float | None, "Length of the tool centre point's path (m, rounded to 1e-4)."] = None
+    smoothness: Annotated[
+        float | None, "Spectral arc length of the tool's speed; lower is jerkier (no unit, rounded to 1e-3)."
+    ] = None
+    time_to_success: Annotated[
+        float | None, "Simulated time until the task's predicate began to hold for good, if it did (s, to 1e-3)."
+    ] = None
+    progress: Annotated[
+        float | None, "Share of the distance to the goal that was covered at the end, at least -1 (rounded to 1e-3)."
+    ] = None
+    gripper_openings: Annotated[int | None, "Times that the fingers opened by more than 1 cm."] = None
+    contact_steps: Annotated[
+        int | None, "Control steps at whose end the robot touched what is neither itself nor an object of the task."
+    ] = None
+    contact_force: Annotated[float | None, "The largest force of these contacts at those times (N, to 0.1)."] = None
+    joint_limit_steps: Annotated[int | None, "Control steps at whose end a joint was within 0.01 rad of a limit."] = (
+        None
+    )
+    workspace_steps: Annotated[
+        int | None, "Control steps at whose end the tool was more than 0.2 m outside the box of the start positions."
+    ] = None
+    failure: Annotated[str | None, "Kind of the failure, if the status is failure and the task declares a goal."] = None
     error: Annotated[str | None, "What went wrong, if the status is error."] = None
 
     attempts: Annotated[int, "Times the episode was begun, this one included."] = 1
@@ -141,6 +182,8 @@ FIELDS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(Episo
 _LAST_OUTCOME = FIELDS.index("error") + 1
 OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
 """Fields that are the same wherever the episode is run, and fields that differ from run to run."""
+BEHAVIOUR = FIELDS[FIELDS.index("path_length") : FIELDS.index("error")]
+"""The part of `OUTCOME` that says how the robot moved and failed. None in rows of versions that did not measure it."""
 CELL = ("policy_digest", "task", "axis", "severity")
 """Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 
@@ -159,9 +202,18 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 
 
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
-    """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases."""
-    values = [(name, getattr(result, name)) for name in OUTCOME]
+    """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases.
+
+    Without `BEHAVIOUR` if none was measured, so that rows of earlier versions keep their hash.
+    """
+    measured = has_behaviour(result)
+    values = [(name, getattr(result, name)) for name in OUTCOME if measured or name not in BEHAVIOUR]
     return tuple(value + 0.0 if name in _REAL and value is not None else value for name, value in values)
+
+
+def has_behaviour(result: EpisodeResult) -> bool:
+    """Whether the behaviour in an episode was measured."""
+    return any(getattr(result, name) is not None for name in BEHAVIOUR)
 
 
 def rows_hash(rows: Iterable[tuple[Any, ...]]) -> str:

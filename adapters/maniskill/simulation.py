@@ -34,6 +34,7 @@ from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
     FloatArray,
+    Goal,
     Image,
     Observation,
     Simulator,
@@ -61,10 +62,16 @@ EYE = (0.5, 0.5, 0.5)
 FIELD_OF_VIEW = 0.75
 """Vertical field of view of the third-person camera (rad)."""
 
+ONTO_TARGET = Goal("cube_position", "goal_position", axes="xy", tolerance=0.1)
+
 TASKS = {
-    "PushCube-v1": TaskDescription("push the blue cube onto the red and white target", horizon=45),
-    "PullCube-v1": TaskDescription("pull the blue cube onto the red and white target", horizon=32),
-    "StackCube-v1": TaskDescription("stack the red cube on top of the green cube", horizon=100),
+    "PushCube-v1": TaskDescription("push the blue cube onto the red and white target", horizon=45, goal=ONTO_TARGET),
+    "PullCube-v1": TaskDescription("pull the blue cube onto the red and white target", horizon=32, goal=ONTO_TARGET),
+    "StackCube-v1": TaskDescription(
+        "stack the red cube on top of the green cube",
+        horizon=100,
+        goal=Goal("red_cube_position", "green_cube_position", (0.0, 0.0, 0.04), tolerance=0.03, grasped=True),
+    ),
 }
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Simulator, StepOutcome, TaskDescription
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Goal, Simulator, StepOutcome, TaskDescription
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
@@ -45,9 +45,21 @@ LIFTED = 0.04
 """Height of a cube's centre above the table from which robosuite takes it for lifted (m)."""
 
 TASKS = {
-    "Lift": TaskDescription("lift the red cube off the table", horizon=80),
-    "Stack": TaskDescription("put the red cube on the green cube", horizon=180),
-    "Door": TaskDescription("turn the handle down and pull the door open", horizon=180),
+    "Lift": TaskDescription(
+        "lift the red cube off the table",
+        horizon=80,
+        goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), axes="z", grasped=True),
+    ),
+    "Stack": TaskDescription(
+        "put the red cube on the green cube",
+        horizon=180,
+        goal=Goal("cubeA_position", "cubeB_position", (0.0, 0.0, 0.045), tolerance=0.02, grasped=True),
+    ),
+    "Door": TaskDescription(
+        "turn the handle down and pull the door open",
+        horizon=180,
+        goal=Goal("hinge_angle", offset=(0.3,), handle="handle_position"),
+    ),
 }
 
 
