@@ -9,6 +9,7 @@ from importlib.util import find_spec
 
 from robogauntlet.adapters.contract import (
     AdapterError,
+    Goal,
     Simulation,
     Simulator,
     SimulatorUnavailable,
@@ -39,6 +40,14 @@ def broken_plugins() -> tuple[BrokenPlugin, ...]:
 def task_descriptions() -> dict[str, TaskDescription]:
     """Return the descriptions of all tasks by `simulator/task`."""
     return {f"{s.name}/{name}": task for s in simulators().values() for name, task in s.tasks.items()}
+
+
+def goal_of(task: str) -> Goal | None:
+    """Return what `simulator/task` declares as its goal, if there is such a task and it does."""
+    name, _, short = task.partition("/")
+    simulator = simulators().get(name)
+    description = simulator.tasks.get(short) if simulator else None
+    return description.goal if description else None
 
 
 def find(simulator: str) -> Simulator:

@@ -125,11 +125,11 @@ class Goal:
     entry: str
     """Entry that has to change: `cube_position`, `hinge_angle`, or `tcp_position` if the tool itself has to arrive."""
     to: str = ""
-    """Entry that it has to reach; the value that `entry` has at the start, if empty."""
+    """Entry that it has to reach; if empty, `entry` has to change from its value at the start by `offset` or more."""
     offset: tuple[float, ...] = (0.0,)
-    """Added to that value (m, rad)."""
+    """From `to`, or from the value at the start (m, rad)."""
     axes: str = "xyz"
-    """Coordinates that count, for positions."""
+    """Coordinates that count in the distance from `to`."""
     tolerance: float = 0.0
     """Distance at which the goal is reached (m, rad)."""
     handle: str = ""

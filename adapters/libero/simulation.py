@@ -99,11 +99,14 @@ class LiberoSimulation(MujocoSimulation):
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper.joints)
         self._objects = {name: libero_object(self._model, self._data, name) for name in self._env.objects_dict}
         self._poses_of, self._angles_of, self._goal = fixtures_of(self._env)
+        touched = [f"{name}_main" for name in self._objects]
+        touched += [self._env.fixtures_dict[name].root_body for name in task.fixtures]
+        self._take_objects(touched, self._objects | self._poses_of | {"goal": self._goal}, self._angles_of)
+        bodies = [f"{name}_main" for name in task.objects]
         physics = self._physics
         self._lights = key_light(self._env, physics)
         self._table = MujocoTable(physics, self._scene.renderers) if task.arena in TABLES else None
         movable = {name: self._objects[name] for name in task.placeable}
-        bodies = [f"{name}_main" for name in task.objects]
         self.scene_controls = SceneControls(
             cameras=MujocoCameras(physics),
             lights=self._lights,

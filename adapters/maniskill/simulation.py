@@ -21,7 +21,7 @@ import functools
 import logging
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +36,7 @@ from robogauntlet.adapters.contract import (
     FloatArray,
     Goal,
     Image,
+    Motion,
     Observation,
     Simulator,
     SimulatorUnavailable,
@@ -114,6 +115,9 @@ class ManiSkillSimulation(BaseSimulation):
         self._tcp = env.agent.tcp._objs[0]
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
+        self._links = {link.entity.name for link in self._robot.links}
+        self._touchable = self._links | {entity.name for entity in self._objects.values()}
+        self._limits = self._robot.qlimits[:-2].T
         self._base_from_world = self._robot.pose.inv()
         self._base_inverse = env.agent.controller.controllers["arm"].root_link.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
@@ -175,6 +179,27 @@ class ManiSkillSimulation(BaseSimulation):
         if self._goal is not None:
             state["goal_position"], _ = self._pose(self._goal.pose)
         return state
+
+    def motion(self, entries: Sequence[str]) -> Motion:
+        """Return tool and fingers, these entries of `privileged_state`, contacts and joint limits."""
+        state, joints = self.privileged_state(), self._robot.qpos[:-2]
+        low, high = self._limits
+        return Motion(
+            tool=state["tcp_position"],
+            opening=float(state["finger_positions"].sum()),
+            entries=tuple(state[entry] for entry in entries),
+            contact_force=self._contact_force(),
+            joint_margin=float(np.minimum(joints - low, high - joints).min()),
+        )
+
+    def _contact_force(self) -> float:
+        """Return the sum of normal forces between the robot and all but itself and the objects (N)."""
+        physics, total = self._env.scene.px, 0.0
+        for contact in physics.get_contacts():
+            names = {body.entity.name for body in contact.bodies}
+            if names & self._links and not names <= self._touchable:
+                total += sum(abs(float(point.impulse @ point.normal)) for point in contact.points)
+        return total / physics.timestep
 
     def state_hash(self) -> str:
         """Hash joint positions and velocities, and the poses and velocities of all actors, including the goal."""

@@ -17,7 +17,7 @@ class MujocoPhysics:
     def __init__(self, mujoco: Any, model: Any, data: Any, base: str) -> None:
         """Take the module, model and data, and the name of the body that carries the robot."""
         self.mujoco, self.model, self.data = mujoco, model, data
-        self._base = data.body(base)
+        self.base = data.body(base)
 
     def settle(self) -> None:
         """Bring contacts and forces up to date after a reset or a change, with a cold start of the solver.
@@ -31,15 +31,15 @@ class MujocoPhysics:
     @property
     def rotation(self) -> Rotation:
         """The rotation from the base frame to the world."""
-        return Rotation.from_matrix(self._base.xmat.reshape(3, 3))
+        return Rotation.from_matrix(self.base.xmat.reshape(3, 3))
 
     def to_world(self, point: FloatArray) -> FloatArray:
         """Convert a point (3,) of the base frame to the world."""
-        return np.asarray(self.rotation.apply(point) + self._base.xpos)
+        return np.asarray(self.rotation.apply(point) + self.base.xpos)
 
     def from_world(self, point: FloatArray) -> FloatArray:
         """Convert a point (3,) of the world to the base frame."""
-        return np.asarray(self.rotation.inv().apply(point - self._base.xpos))
+        return np.asarray(self.rotation.inv().apply(point - self.base.xpos))
 
     def pose_from_world(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Convert a world pose to position (3,) and quaternion xyzw (4,) in the base frame.
@@ -47,4 +47,4 @@ class MujocoPhysics:
         `rotation` is a quaternion xyzw (4,) or a matrix, row by row, (9,).
         """
         quaternion = rotation if rotation.size == 4 else Rotation.from_matrix(rotation.reshape(3, 3)).as_quat()
-        return relative_pose(self._base.xpos, self.rotation.as_quat(), position, quaternion)
+        return relative_pose(self.base.xpos, self.rotation.as_quat(), position, quaternion)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import importlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, SimulatorUnavailable
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, Motion, SimulatorUnavailable
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
+from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
@@ -48,6 +49,12 @@ class MujocoSimulation(BaseSimulation):
         # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
         self._hand = self._data.body(hand)
         self._fingers = [self._data.joint(name) for name in fingers]
+        self._arm = base, fingers
+
+    def _take_objects(self, bodies: Iterable[str], places: Mapping[str, Any], angles: Mapping[str, Any]) -> None:
+        """Take the bodies of the task's objects, and by name what `motion` reads: places with `xpos`, and joints."""
+        self._contacts = MujocoContacts(self._physics, *self._arm, bodies)
+        self._places, self._angles = {"tcp": self._tool_centre, **places}, angles
 
     def state_hash(self) -> str:
         """Hash joint positions and velocities, and the poses of fixed bodies."""
@@ -103,6 +110,25 @@ class MujocoSimulation(BaseSimulation):
         position, quaternion = self._physics.pose_from_world(self._tool_centre.xpos, self._hand.xmat)
         fingers = np.abs([finger.qpos[0] for finger in self._fingers])  # Distances from the middle (m).
         return {"tcp_position": position, "tcp_quaternion": quaternion, "finger_positions": fingers}
+
+    def motion(self, entries: Sequence[str]) -> Motion:
+        """Return the tool, these positions and joint values, contacts and joint limits."""
+        self._refresh()
+        base = self._physics.base
+        origin, axes = base.xpos, base.xmat.reshape(3, 3)
+
+        def value(entry: str) -> FloatArray:
+            if entry in self._angles:
+                return np.array(self._angles[entry].qpos)
+            return np.asarray((self._places[entry.removesuffix("_position")].xpos - origin) @ axes)
+
+        return Motion(
+            tool=value("tcp_position"),
+            opening=float(sum(abs(finger.qpos[0]) for finger in self._fingers)),
+            entries=tuple(map(value, entries)),
+            contact_force=self._contacts.contact_force(),
+            joint_margin=self._contacts.joint_margin(),
+        )
 
     def _poses(self, parts: Mapping[str, Any]) -> dict[str, FloatArray]:
         """Return `<name>_position` and `<name>_quaternion` of bodies or sites of the data, in the base frame."""

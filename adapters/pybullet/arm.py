@@ -30,6 +30,12 @@ def tool_pose(env: Any) -> tuple[FloatArray, FloatArray]:
     return np.array(link[0]) - BASE_IN_WORLD, np.array(link[1])
 
 
+def joint_limits(env: Any) -> FloatArray:
+    """Lowest and highest positions of the arm's joints in a panda-gym environment, shape (2, 7) (rad)."""
+    client, body = env.sim.physics_client, env.sim._bodies_idx["panda"]
+    return np.array([client.getJointInfo(body, joint)[8:10] for joint in JOINTS]).T
+
+
 class PyBulletArm:
     """`Arm` of `scene_control`. panda-gym's controller keeps the gripper pointing down, so the tool cannot rotate."""
 
@@ -40,8 +46,7 @@ class PyBulletArm:
         self._env, self._hold = env, hold
         self._client, self._robot = env.sim.physics_client, env.robot
         self._body = env.sim._bodies_idx["panda"]
-        limits = [self._client.getJointInfo(self._body, joint)[8:10] for joint in JOINTS]
-        self._low, self._high = np.array(limits).T
+        self._low, self._high = joint_limits(env)
 
     def place_tool(self, position: FloatArray, quaternion: FloatArray) -> None:
         """Bring the arm to a tool pose, until the next reset.

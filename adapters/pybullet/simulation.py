@@ -23,7 +23,7 @@ import ctypes
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
@@ -37,13 +37,14 @@ from robogauntlet.adapters.contract import (
     FloatArray,
     Goal,
     Image,
+    Motion,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
     TaskDescription,
 )
 from robogauntlet.adapters.frames import hash_state
-from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD, PyBulletArm, tool_pose
+from robogauntlet.adapters.pybullet.arm import BASE_IN_WORLD, FIXED_LINK, JOINTS, PyBulletArm, joint_limits, tool_pose
 from robogauntlet.adapters.pybullet.cameras import PyBulletCameras
 from robogauntlet.adapters.pybullet.culling import PyBulletCulling
 from robogauntlet.adapters.pybullet.dynamics import PyBulletDynamics
@@ -113,6 +114,8 @@ class PyBulletSimulation(BaseSimulation):
             dynamics=PyBulletDynamics(self._client, self._bodies["object"]) if "object" in self._bodies else None,
             table=PyBulletTable(self._client, self._bodies["table"]),
         )
+        self._touchable = {self._bodies[name] for name in ("panda", "object") if name in self._bodies}
+        self._limits = joint_limits(env)
         self._target = np.zeros(3)
         self._low, self._high = self.action_spec.low, self.action_spec.high
         self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
@@ -172,6 +175,23 @@ class PyBulletSimulation(BaseSimulation):
             state["cube_position"] = np.array(cube_position) - BASE_IN_WORLD
             state["cube_quaternion"] = np.array(cube_quaternion)
         return state
+
+    def motion(self, entries: Sequence[str]) -> Motion:
+        """Return tool and fingers, these entries of `privileged_state`, contacts and joint limits."""
+        state, robot = self.privileged_state(), self._bodies["panda"]
+        joints = np.array([joint[0] for joint in self._client.getJointStates(robot, JOINTS)])
+        low, high = self._limits
+        # Of a contact: the other body, the robot's link, the normal force (N).
+        contacts = [(c[2], c[3], c[9]) for c in self._client.getContactPoints(bodyA=robot)]
+        return Motion(
+            tool=state["tcp_position"],
+            opening=float(state["finger_positions"].sum()),
+            entries=tuple(state[entry] for entry in entries),
+            contact_force=float(
+                sum(f for body, link, f in contacts if body not in self._touchable and link != FIXED_LINK)
+            ),
+            joint_margin=float(np.minimum(joints - low, high - joints).min()),
+        )
 
     def state_hash(self) -> str:
         """Hash the joints, the cube, the goal and the tool's target."""

@@ -48,7 +48,7 @@ TASKS = {
     "Lift": TaskDescription(
         "lift the red cube off the table",
         horizon=80,
-        goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), axes="z", grasped=True),
+        goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), grasped=True),
     ),
     "Stack": TaskDescription(
         "put the red cube on the green cube",
@@ -124,6 +124,13 @@ class RobosuiteSimulation(MujocoSimulation):
         self._parts = PARTS[task]
         tool = robot.gripper["right"].important_sites["grip_site"], robot.robot_model.eef_name["right"]
         self._take_arm(robot.robot_model.root_body, *tool, robot.gripper["right"].joints)
+        places = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
+        places |= {name: self._data.site(site) for name, site in self._parts.sites.items()}
+        self._take_objects(
+            self._parts.bodies.values(),
+            places,
+            {name: self._data.joint(joint) for name, joint in self._parts.angles.items()},
+        )
         objects = {name: self._parts.bodies[name] for name in self._parts.placed}
         sampler, attached = self._env.placement_initializer, self._parts.placed
         self._lights = MujocoLights(self._physics)
@@ -174,10 +181,8 @@ class RobosuiteSimulation(MujocoSimulation):
         two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
         0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad.
         """
-        state = self.arm_state()
-        state |= self._poses({name: self._data.body(body) for name, body in self._parts.bodies.items()})
-        state |= self._poses({name: self._data.site(site) for name, site in self._parts.sites.items()})
-        return state | {name: self._data.joint(joint).qpos.copy() for name, joint in self._parts.angles.items()}
+        state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
+        return state | {name: joint.qpos.copy() for name, joint in self._angles.items()}
 
 
 def control_loop(physics: MujocoPhysics, env: Any) -> ControlLoop:

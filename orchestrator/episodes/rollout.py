@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from robogauntlet.adapters.catalog import goal_of
 from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
+from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
 from robogauntlet.orchestrator.perturbations import perturbed
 from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation, ReferenceImages
 from robogauntlet.policies.contract import (
@@ -88,6 +90,7 @@ def rollout(
     seconds = dict.fromkeys(("reset_s", "physics_s", "render_s", "inference_s"), 0.0)
     timed = partial(_Timed, seconds, clock)
     clean_simulation, simulation = simulation, perturbed(simulation, episode, references)
+    meter = BehaviourMeter(clean_simulation, goal_of(episode.task))
     with timed("reset_s"):
         simulation.reset(episode.seed)
     with timed("inference_s"):
@@ -95,6 +98,7 @@ def rollout(
     if isinstance(simulation, PerturbedSimulation):
         simulation.check_start()
     state_hash = simulation.state_hash()
+    meter.sample()
     spec, protocol = simulation.action_spec, episode.protocol
     low, high = spec.low, spec.high
     ignored = [ACTION_NAMES.index(name) for name in spec.ignored]
@@ -129,6 +133,7 @@ def rollout(
             with timed("physics_s"):
                 outcome = simulation.step(action)
             steps += 1
+            meter.sample()
             reward += outcome.reward
             held = held + 1 if outcome.success else 0
             success_once |= outcome.success
@@ -144,9 +149,10 @@ def rollout(
     delivered = simulation.delivered() if isinstance(simulation, PerturbedSimulation) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
+    status = Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE
     return EpisodeResult.from_episode(
         episode,
-        status=str(Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE),
+        status=str(status),
         success_once=success_once,
         steps=steps,
         queries=len(answer_times),
@@ -159,6 +165,7 @@ def rollout(
         **(routing_fields(routing) if routing else {}),
         delivered=None if delivered.value is None else round(delivered.value, 6),
         delivered_statistics=_statistics_text(delivered.statistics) if delivered.statistics else None,
+        **meter.columns(status),
         started_at=started,
         wall_s=clock() - began,
         **seconds,

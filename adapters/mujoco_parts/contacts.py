@@ -1,0 +1,49 @@
+"""Contacts and joint limits of a robot in MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
+
+_ROBOT, _OBJECT = 1, 4
+"""Weights of shapes: the sum over the two of a contact is `_ROBOT` for the robot and neither itself nor an object."""
+
+
+class MujocoContacts:
+    """Measures the force on a robot and the distance of its joints from their limits."""
+
+    def __init__(self, physics: MujocoPhysics, robot: str, fingers: Iterable[str], objects: Iterable[str]) -> None:
+        """Take the names of the robot's base body, of the fingers' joints and of the bodies of the task's objects."""
+        model = physics.model
+        self._physics = physics
+        roots = model.body_rootid
+        robot_root = roots[model.body(robot).id]
+        object_roots = [roots[model.body(name).id] for name in objects]
+        root = roots[model.geom_bodyid]
+        self._weights = _ROBOT * (root == robot_root) + _OBJECT * np.isin(root, object_roots)
+        of_arm = (roots[model.jnt_bodyid] == robot_root) & (model.jnt_limited != 0)
+        of_arm[[model.joint(name).id for name in fingers]] = False
+        self._joints = model.jnt_qposadr[of_arm]
+        self._low, self._high = model.jnt_range[of_arm].T
+        self._force = np.zeros(6)
+
+    def contact_force(self) -> float:
+        """Return the sum of normal forces between the robot and all but itself and the objects (N)."""
+        mujoco, model, data = self._physics.mujoco, self._physics.model, self._physics.data
+        if not data.ncon:
+            return 0.0
+        touching = np.flatnonzero(self._weights[data.contact.geom].sum(axis=1) == _ROBOT)
+        total = 0.0
+        for contact in touching.tolist():
+            mujoco.mj_contactForce(model, data, contact, self._force)
+            total += float(self._force[0])
+        return total
+
+    def joint_margin(self) -> float:
+        """Return the smallest distance of the arm's joints from their limits, negative beyond one (rad)."""
+        joints: FloatArray = self._physics.data.qpos[self._joints]
+        return float(np.minimum(joints - self._low, self._high - joints).min())
