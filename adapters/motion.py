@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
 from robogauntlet.adapters.contract import Motion, Simulation
@@ -16,14 +16,17 @@ class MeasuresMotion(Protocol):
         """Return the present motion, with these entries of `privileged_state`. Changes nothing."""
 
 
-def motion_of(simulation: Simulation, entries: Sequence[str]) -> Motion:
-    """Return the motion of a simulation: by its own `motion`, or else by `privileged_state`.
+def motion_reader(simulation: Simulation) -> Callable[[Sequence[str]], Motion]:
+    """Return a simulation's own `motion`, or one that reads its `privileged_state`.
 
-    Raises:
-        KeyError: An entry is missing.
+    The returned function raises KeyError for an entry that the state lacks.
     """
     if isinstance(simulation, MeasuresMotion):
-        return simulation.motion(entries)
-    state = simulation.privileged_state()
-    opening = float(state["finger_positions"].sum())
-    return Motion(state["tcp_position"], opening, tuple(state[entry] for entry in entries))
+        return simulation.motion
+
+    def by_state(entries: Sequence[str]) -> Motion:
+        state = simulation.privileged_state()
+        opening = float(state["finger_positions"].sum())
+        return Motion(state["tcp_position"], opening, tuple(state[entry] for entry in entries))
+
+    return by_state

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from robogauntlet.adapters.contract import FloatArray, Image, Motion, Observation, Simulation, StepOutcome
-from robogauntlet.adapters.motion import motion_of
+from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
 
 
@@ -39,7 +39,7 @@ class SimulationWrapper:
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Forward to the simulation."""
-        return motion_of(self.simulation, entries)
+        return motion_reader(self.simulation)(entries)
 
     def state_hash(self) -> str:
         """Forward to the simulation."""

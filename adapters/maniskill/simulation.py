@@ -115,6 +115,7 @@ class ManiSkillSimulation(BaseSimulation):
         self._tcp = env.agent.tcp._objs[0]
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
+        self._places = {**self._objects, "goal": self._goal}
         self._links = {link.entity.name for link in self._robot.links}
         self._touchable = self._links | {entity.name for entity in self._objects.values()}
         self._limits = self._robot.qlimits[:-2].T
@@ -182,15 +183,21 @@ class ManiSkillSimulation(BaseSimulation):
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return tool and fingers, these entries of `privileged_state`, contacts and joint limits."""
-        state, joints = self.privileged_state(), self._robot.qpos[:-2]
+        joints, fingers = np.split(self._robot.qpos, [-2])
         low, high = self._limits
         return Motion(
-            tool=state["tcp_position"],
-            opening=float(state["finger_positions"].sum()),
-            entries=tuple(state[entry] for entry in entries),
+            tool=self._position("tcp_position"),
+            opening=float(fingers[0] + fingers[1]),
+            entries=tuple(map(self._position, entries)),
             contact_force=self._contact_force(),
             joint_margin=float(np.minimum(joints - low, high - joints).min()),
         )
+
+    def _position(self, entry: str) -> FloatArray:
+        """Return a position of `privileged_state`, (3,), without the rest."""
+        name = entry.removesuffix("_position")
+        pose = self._tcp.entity_pose if name == "tcp" else self._places[name].pose
+        return np.array((self._base_from_world * pose).p, dtype=np.float64)
 
     def _contact_force(self) -> float:
         """Return the sum of normal forces between the robot and all but itself and the objects (N)."""
@@ -223,7 +230,7 @@ class ManiSkillSimulation(BaseSimulation):
         if self._env is not None:
             self._env.close()
         self._env = self._robot = self._tcp = self._goal = self._culling = None
-        self._objects = {}
+        self._objects, self._places = {}, {}
         self.scene_controls = SceneControls()
 
     def engine_time(self) -> float:

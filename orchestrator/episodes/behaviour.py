@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Goal, Motion, Simulation
-from robogauntlet.adapters.motion import motion_of
+from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.orchestrator.episodes.failure_kind import Course, kind_of_failure
 from robogauntlet.results.record import Status
 from robogauntlet.suites.episode import SUCCESS_HOLD
@@ -34,18 +34,19 @@ class BehaviourMeter:
 
     def __init__(self, simulation: Simulation, goal: Goal | None) -> None:
         """Take the clean simulation, before its reset, and the goal of its task."""
-        self._simulation, self._goal = simulation, goal
+        self._hz, self._goal = simulation.action_spec.control_hz, goal
         names = dict.fromkeys((goal.entry, goal.handle or goal.entry, goal.to or goal.entry)) if goal else ()
         self._names = tuple(names)
+        self._motion = motion_reader(simulation)
         self._motions: list[Motion] = []
 
     def sample(self) -> None:
         """Take the present motion: after the reset, and after each control step."""
-        self._motions.append(motion_of(self._simulation, self._names))
+        self._motions.append(self._motion(self._names))
 
     def columns(self, status: Status) -> dict[str, Any]:
         """The columns of an episode that ended like this, with the samples so far."""
-        motions, hz = self._motions, self._simulation.action_spec.control_hz
+        motions, hz = self._motions, self._hz
         tool = np.array([motion.tool for motion in motions])
         opening = np.array([motion.opening for motion in motions])
         lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)

@@ -18,13 +18,14 @@ BENCHMARKS = (
     "inference",
     "overhead",
     "environments",
+    "behaviour_cost",
     "vector_env",
     "remote",
     "workers",
 )
 LONG = (
-    *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "mergevla", "million", "more_experts"),
-    *("opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
+    *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "mergevla", "million"),
+    *("more_experts", "opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
     *("sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
