@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robogauntlet.results.analysis.eligible_episodes import EligibleEpisodes
 from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.record import Status
-from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument
+from robogauntlet.results.run_document import Decided, PlannedCell, RunDocument, RunStatus
 from robogauntlet.results.statistics.aggregate import DRAWS, mean_outcomes, percentile_interval, resampled_means
 from robogauntlet.results.statistics.multiplicity import ALPHA, benjamini_hochberg
 from robogauntlet.results.statistics.pairs import Pairs, mcnemar, paired_difference, pooled
@@ -78,6 +78,23 @@ class RouterRow:
 
 
 @dataclass(frozen=True, slots=True)
+class Saving:
+    """What a rule for stopping early did with the episodes of a suite, over all policies and tasks."""
+
+    planned: int
+    """Episodes that the suite has without the rule."""
+    spared: int
+    """Of them, those of conditions that were decided before."""
+    given: int
+    """Further episodes of conditions that were not decided, in place of spared ones."""
+
+    @property
+    def saved(self) -> int:
+        """Spared episodes that were not played elsewhere."""
+        return self.spared - self.given
+
+
+@dataclass(frozen=True, slots=True)
 class ConditionComparison:
     """The comparison of policies under perturbations."""
 
@@ -89,6 +106,8 @@ class ConditionComparison:
     rule: AdaptiveEntry | None = None
     """The rule for stopping conditions early, if the suite has one."""
     decided: tuple[Decided, ...] = ()
+    saving: Saving | None = None
+    """Of a finished run with such a rule."""
 
 
 def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> ConditionComparison | None:
@@ -112,7 +131,18 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
         losses += [replace(row, adjusted=p) for row, p in zip(rows, adjusted, strict=True)]
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
     found = (tuple(losses), tuple(interactions), tuple(routers))
-    return ConditionComparison(sides.baseline, sides.others, *found, document.suite.adaptive, document.decided)
+    return ConditionComparison(
+        sides.baseline, sides.others, *found, document.suite.adaptive, document.decided, _saving(document)
+    )
+
+
+def _saving(document: RunDocument) -> Saving | None:
+    if document.suite.adaptive is None or document.status is not RunStatus.COMPLETE:
+        return None
+    count = document.suite.seeds.count
+    differences = [count - cell.planned for cell in document.plan]
+    spared, given = sum(max(0, n) for n in differences), sum(max(0, -n) for n in differences)
+    return Saving(count * len(document.plan), spared, given)
 
 
 def _levels_with_verdicts(

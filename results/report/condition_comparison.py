@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import groupby
 
-from robogauntlet.results.analysis.condition_comparison import ConditionComparison, Interaction, LossRow, first_to_fail
+from robogauntlet.results.analysis.condition_comparison import (
+    ConditionComparison,
+    Interaction,
+    LossRow,
+    Saving,
+    first_to_fail,
+)
 from robogauntlet.results.analysis.robustness import PolicyCurve, Robustness
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.formatting import NOTHING, TextTable, p_value, points, rate, share
@@ -131,7 +137,19 @@ def stopping_rule(comparison: ConditionComparison) -> str | None:
         f"({row.policy}, e-value {e_value(row.evidence)})"
         for row in comparison.decided
     ]
-    return text + (f"Decided: {'; '.join(parts)}." if parts else "No condition was decided.")
+    text += f"Decided: {'; '.join(parts)}." if parts else "No condition was decided."
+    return text + (f" {_saving(comparison.saving)}" if comparison.saving else "")
+
+
+def _saving(saving: Saving) -> str:
+    whole, spared, given = map(formatting.count, (saving.planned, saving.spared, saving.given))
+    if not saving.spared:
+        return f"All {whole} episodes of the suite were played."
+    share = formatting.percent(saving.saved / saving.planned)
+    return (
+        f"Of the suite's {whole} episodes, {spared} were not needed after their condition was decided; {given} were "
+        f"played in undecided conditions instead, and {formatting.count(saving.saved)} ({share}) not at all."
+    )
 
 
 def interaction_table(comparison: ConditionComparison) -> TextTable:

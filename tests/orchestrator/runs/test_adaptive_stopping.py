@@ -124,7 +124,10 @@ def test_a_decided_adaptive_run_stops_and_reports_it_and_has_no_remaining_work(t
     assert outcome.done == outcome.document.planned < 3 * 3 * 20
     played = {(row.axis, row.severity, row.seed) for row in rows_of(folder)}
     assert max(seed for axis, _, seed in played if axis != "clean") == outcome.document.decided[0].seeds - 1
-    assert "A condition stops when the e-value of oracle" in ReportPaths.in_folder(folder).markdown.read_text()
+    report = ReportPaths.in_folder(folder).markdown.read_text()
+    assert "A condition stops when the e-value of oracle" in report
+    spared = 180 - outcome.done
+    assert f"Of the suite's 180 episodes, {spared} were not needed after their condition was decided" in report
     assert play(suite, folder).document.rows_hash == outcome.document.rows_hash
     assert read_run(folder).decided == outcome.document.decided
     planned = CliRunner().invoke(app, ["plan", str(suite), "--out", str(folder)])
