@@ -17,6 +17,7 @@ from typing import Any
 from robogauntlet.adapters import catalog as simulators
 from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
 from robogauntlet.orchestrator.demonstrations.task_queue import CollectionQueue, CollectionTask, PlayedSeed
+from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
@@ -75,6 +76,8 @@ class CollectionRequest:
     """Folder of experts, each of which acts first in its task's episodes; None for the oracle alone."""
     whole: bool = False
     """Whether the oracle's actions are also recorded while a learner acts."""
+    variation: Variation = field(default_factory=lambda: Variation({}))
+    """Perturbations of the episodes."""
 
     @property
     def learners(self) -> dict[str, Path]:
@@ -223,7 +226,7 @@ def _play(
     names = dict.fromkeys(task.cell.simulator for task in tasks)
     work = {name: CollectionQueue(task for task in tasks if task.cell.simulator == name) for name in names}
     learner = PolicySource(EXPERTS_NAME, {"folder": request.learner}) if request.learner is not None else None
-    job = DemonstrationJob(request.noise, learner, whole=request.whole)
+    job = DemonstrationJob(request.noise, learner, whole=request.whole, variation=request.variation)
     options = SchedulerOptions(lambda: request.workers, EPISODE_TIME_LIMIT_S, allowed_errors=sys.maxsize)
     # Flushing commits the seeds before the first gap; those after it are played again in another session.
     with recording(collected, [task.writer for task in tasks]), ray_session(address=None, workers=request.workers):
@@ -255,6 +258,8 @@ def _open_task(
     description = simulators.task_descriptions()[task]
     made_by: dict[str, Any] = {"oracle": digest_of_task(task), "noise": request.noise}
     horizon = description.horizon
+    if request.variation.highest:
+        made_by["vary"] = dict(request.variation.highest)
     if learner := request.learners.get(task):
         made_by["learner"] = digest_of(str(learner))
         if request.whole:

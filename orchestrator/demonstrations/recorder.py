@@ -11,16 +11,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, FloatArray, Observation, Simulation
 from robogauntlet.orchestrator.demonstrations.task_queue import PlayedSeed
+from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
+from robogauntlet.orchestrator.perturbations.base import PerturbedSimulation
 from robogauntlet.policies.contract import Policy, PolicyError, PolicyInput, Query, check_chunk, check_fit
 from robogauntlet.policies.training.dataset_writer import Attempt
 from robogauntlet.policies.training.lerobot_format import EncodedEpisode, encode_episode
@@ -130,7 +132,12 @@ def demonstrate(
         records.append(RecordedSimulation(simulation, episode, noise, first))
         return records[-1]
 
-    result = runner.play_one(episode, wrap=record)
+    def watch(simulation: Simulation, step: int) -> None:
+        records[-1].watch(simulation, step)
+        if step == 0 and isinstance(simulation, PerturbedSimulation):
+            simulation.observe()  # which checks the images; the oracle does not look
+
+    result = runner.play_one(episode, watch, wrap=record)
     steps = records[-1].recorded_steps if records else 0
     status = Status.FAILURE if result.status == Status.SUCCESS and not steps else result.status
     attempt = Attempt(episode.seed, status, result.steps, result.error)
@@ -140,8 +147,16 @@ def demonstrate(
 class DemonstrationJob:
     """A worker's `Job` that plays and records demonstrations; for the arguments see `demonstrate`."""
 
-    def __init__(self, noise: float, learner: PolicySource | None = None, *, whole: bool = False) -> None:
+    def __init__(
+        self,
+        noise: float,
+        learner: PolicySource | None = None,
+        *,
+        whole: bool = False,
+        variation: Variation | None = None,
+    ) -> None:
         self._noise, self._source, self._whole = noise, learner, whole
+        self._variation = variation or Variation({})
         self._learner: Policy | None = None
         self._task: str | None = None
 
@@ -160,8 +175,9 @@ class DemonstrationJob:
             except Exception as error:  # a missing driver can raise anything
                 raise AdapterError(first_line(error)) from None
             self._task = lease.cell.task
-        for episode in lease.episodes():
+        for clean in lease.episodes():
             start = time.perf_counter()
+            episode = replace(clean, condition=self._variation.condition(clean.task, clean.seed))
             attempt, record = demonstrate(runner, episode, self._noise, self._learner, whole=self._whole)
             yield PlayedSeed(attempt, record, time.perf_counter() - start)
 

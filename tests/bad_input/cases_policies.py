@@ -215,6 +215,15 @@ DEMONSTRATING = {
     "null/Reach --out new --learner nowhere": "nowhere",
     "null/Reach --out new --learner notes": "notes",
     "null/Reach null/Reach --out text/x": "text",
+    "null/Reach --out new --vary nois": "--vary nois: unknown axis 'nois'; did you mean 'noise'",
+    "null/Reach --out new --vary noise@9": "--vary noise@9: expected a severity from 1 to 5, got 9",
+    "null/Reach --out new --vary noise@0": "--vary noise@0: expected a severity from 1 to 5, got 0",
+    "null/Reach --out new --vary noise@1,2": "--vary noise@1,2: expected one severity, such as noise@2, got 2",
+    "null/Reach --out new --vary noise --vary noise@3": "--vary noise@3: expected each axis once, got 'noise' twice",
+    "null/Reach --out new --vary clean": "--vary clean",
+    "null/Reach --out new --vary blind": "--vary blind: expected an axis to be varied, 'blind' is a control",
+    "null/Reach --out new --vary instruction": "'instruction' is for evaluation: policies must not see its sentences",
+    "null/Reach --out new --vary noise+blur@2": "--vary noise+blur@2: expected",
 }
 IMPORTED = {
     "nope text --out new": "'nope' is not one of 'mergevla', 'vla-adapter', 'prismatic'",

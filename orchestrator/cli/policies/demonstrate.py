@@ -19,6 +19,7 @@ from robogauntlet.orchestrator.demonstrations.collect import (
     resolve,
 )
 from robogauntlet.orchestrator.demonstrations.progress import DemonstrationProgress
+from robogauntlet.orchestrator.demonstrations.variation import Variation
 from robogauntlet.results.run_document import RunStatus
 from robogauntlet.suites.episode import FIRST_TRAINING_SEED, RenderProfile, View
 from robogauntlet.support.durations import format_duration
@@ -42,6 +43,13 @@ def demonstrate(
     ] = None,
     image_size: Annotated[int | None, typer.Option(help="Height and width of an image (px); by default 96.")] = None,
     render_profile: Annotated[RenderProfile | None, typer.Option(help="Render profile; by default fast.")] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="AXIS[@SEVERITY]",
+            help="Axis that half of the episodes have, at a random severity up to this one (2). Repeatable.",
+        ),
+    ] = None,
     workers: Annotated[int, typer.Option(help="Largest number of simulator processes.")] = 2,
     learner: Annotated[
         str | None,
@@ -65,7 +73,9 @@ def demonstrate(
         suggested.image_size if image_size is None else image_size,
         render_profile or suggested.render_profile,
     )
-    request = CollectionRequest(tasks, episodes, view, noise, first_seed, workers, learner, whole)
+    request = CollectionRequest(
+        tasks, episodes, view, noise, first_seed, workers, learner, whole, Variation.read(vary or ())
+    )
     with DemonstrationProgress(out) as progress:
         collected = collect(request, out_folder, progress)
     _conclude(collected, out_folder)
