@@ -1,4 +1,4 @@
-"""SQLite and PostgreSQL databases by URL: opening, settings, creation of tables, error messages."""
+"""SQLite and PostgreSQL databases by URL: opening, settings, creation and upgrade of tables, error messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urllib.parse import quote
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from robogauntlet.results.store.sqlite_file import tune, use_write_ahead_log, why_no_database, why_not_opened
+from robogauntlet.results.store.sqlite_file import BUSY_S, tune, use_write_ahead_log, why_no_database, why_not_opened
 from robogauntlet.support.errors import first_line
 
 BACKENDS = ("sqlite", "postgresql")
@@ -39,6 +39,8 @@ class Schema:
     version: int
     what: str
     """Name of such a database in messages: "store"."""
+    earlier: frozenset[int] = frozenset()
+    """Versions that lack only tables, and columns that may be null. A database of one is upgraded when it is opened."""
 
 
 class Database:
@@ -52,9 +54,11 @@ class Database:
     def open(cls, url: str, schema: Schema, *, create: bool = True) -> Database:
         """Open the database at an SQLAlchemy URL; create missing tables unless `create` is false.
 
+        A database of an earlier version is upgraded in place.
+
         Raises:
-            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged); without
-                `create`: it has no tables of the schema.
+            StoreError: It cannot be reached, is not a database, or has another version (and stays unchanged), or an
+                earlier one and cannot be written; without `create`: it has no tables of the schema.
         """
         parsed = parse(url)
         where = _shown(parsed)
@@ -96,29 +100,57 @@ class Database:
             raise StoreError(
                 f"{self.where}: not a RoboGauntlet {schema.what}: it has a table {min(others)} of another program"
             )
+        version = None
         if marker.name in existing:
             with self.engine.connect() as connection:
-                version = connection.scalar(sa.select(sa.func.max(marker.c.version)))
+                version = self._version(connection, schema)
             if version == schema.version and (not create or existing >= set(schema.metadata.tables)):
                 return
-            if version not in (None, schema.version):
-                raise StoreError(
-                    f"{self.where}: expected a {schema.what} of version {schema.version}, got version {version}; "
-                    "open it with the RoboGauntlet that wrote it, or name another"
-                )
-        if not create:
+        if version is None and not create:
             raise StoreError(f"{self.where}: expected a {schema.what}, this database has none of its tables")
-        if is_file:
+        if is_file and create:
             with self.engine.connect() as connection:
                 use_write_ahead_log(connection)
-        # Another process may be creating the tables now, or was killed between two: SQLite commits each.
-        with self.engine.begin() as connection:
-            # The marker comes first: a database with other tables and without it belongs to another program.
-            for table in sorted(schema.metadata.sorted_tables, key=lambda table: table is not marker):
-                connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
-                for index in table.indexes:
-                    connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
-            connection.execute(self.insert_new(marker).values(version=schema.version))
+        upgrading = f"upgrading it from version {version} to {schema.version}: " if version in schema.earlier else ""
+        with self.explained(upgrading), self.engine.begin() as connection:
+            self._complete(connection, schema)
+
+    def _version(self, connection: sa.Connection, schema: Schema) -> int | None:
+        """The version of the schema's tables, None if their creation was cut short. Raises StoreError for others."""
+        version = connection.scalar(sa.select(sa.func.max(schema.version_table.c.version)))
+        if version in (None, schema.version) or version in schema.earlier:
+            return version
+        raise StoreError(
+            f"{self.where}: expected a {schema.what} of version {schema.version}, got version {version}; "
+            "open it with the RoboGauntlet that wrote it, or name another"
+        )
+
+    def _complete(self, connection: sa.Connection, schema: Schema) -> None:
+        """Create missing tables, columns and indexes, and write the version, all in the connection's transaction."""
+        marker = schema.version_table
+        self._wait_for_others(connection, marker.name)
+        connection.execute(sa.schema.CreateTable(marker, if_not_exists=True))
+        self._version(connection, schema)  # Another process may have upgraded it meanwhile, to a later version too.
+        inspector = sa.inspect(connection)
+        for table in schema.metadata.sorted_tables:
+            connection.execute(sa.schema.CreateTable(table, if_not_exists=True))
+            there = {column["name"] for column in inspector.get_columns(table.name)}
+            for column in table.columns:
+                if column.name not in there:
+                    definition = sa.schema.CreateColumn(column).compile(dialect=connection.dialect)
+                    connection.exec_driver_sql(f"ALTER TABLE {table.name} ADD COLUMN {definition}")
+            for index in table.indexes:
+                connection.execute(sa.schema.CreateIndex(index, if_not_exists=True))
+        connection.execute(sa.delete(marker).where(marker.c.version != schema.version))
+        connection.execute(self.insert_new(marker).values(version=schema.version))
+
+    def _wait_for_others(self, connection: sa.Connection, name: str) -> None:
+        """Until the end of the transaction, let no other process change the tables that go by a name."""
+        if connection.dialect.name == "sqlite":
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+        else:
+            connection.exec_driver_sql(f"SET LOCAL lock_timeout = '{BUSY_S:.0f}s'")
+            connection.execute(sa.select(sa.func.pg_advisory_xact_lock(sa.func.hashtext(name))))
 
     def _computed(self, schema: Schema) -> str | None:
         """A view in place of a table of the schema, or a trigger on one, of which people have made endless ones."""
@@ -151,8 +183,8 @@ class Database:
             yield connection
 
     @contextlib.contextmanager
-    def explained(self) -> Iterator[None]:
-        """Raise database errors of the block as StoreError with one line."""
+    def explained(self, doing: str = "") -> Iterator[None]:
+        """Raise database errors of the block as StoreError with one line, which says what was being done."""
         try:
             yield
         except (sa.exc.DataError, sa.exc.IntegrityError) as error:
@@ -165,7 +197,7 @@ class Database:
                 reason = why_not_opened(self.file) or reason
             if "readonly database" in reason:
                 reason = "expected a store in a place that can be written, which reading takes too; copy it to one"
-            raise StoreError(f"{self.where}: {reason}") from error
+            raise StoreError(f"{self.where}: {doing}{reason}") from error
         except sa.exc.SQLAlchemyError as error:
             raise StoreError(f"{self.where}: {str(error).splitlines()[0]}") from error
         except (OverflowError, TypeError, ValueError) as error:  # of the driver

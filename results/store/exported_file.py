@@ -11,7 +11,7 @@ import math
 import re
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from enum import StrEnum
 from functools import cache
@@ -21,9 +21,9 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import sqlite
 
-from robogauntlet.results.record import FIELDS, EpisodeResult, Status, describe_fields
+from robogauntlet.results.record import FIELDS, EpisodeResult, FailureKind, Status, describe_fields
 from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, RunStatus, parse_run
-from robogauntlet.results.store.schema import SCHEMA, forgotten_runs, imported_runs
+from robogauntlet.results.store.schema import SCHEMA, columns_after, episodes, forgotten_runs, imported_runs
 from robogauntlet.results.store.sqlite_file import why_no_database
 from robogauntlet.suites.episode import RenderProfile
 from robogauntlet.suites.ranges import MAX_STEPS
@@ -42,6 +42,12 @@ _TYPES: dict[type, frozenset[type]] = {
     bool: frozenset({int}),
     float: frozenset({float}),
 }
+_BOUNDS = {
+    **dict.fromkeys(("path_length", "time_to_success", "contact_force"), (0.0, math.inf)),
+    **{"smoothness": (-math.inf, 0.0), "progress": (-1.0, 1.0)},
+}
+_STEPS = ("gripper_openings", "contact_steps", "joint_limit_steps", "workspace_steps")
+"""Counts of which a control step adds at most one."""
 
 
 class ExportedRun:
@@ -50,13 +56,13 @@ class ExportedRun:
     def __init__(self, file: Path, size: int, connection: sqlite3.Connection) -> None:
         """See `open_exported`."""
         self._file, self._size, self._connection = file, size, connection
-        _check_schema(file, connection)
+        self._missing = columns_after(_check_schema(file, connection))
         self.document = _read_document(file, connection)
 
     def rows(self) -> Iterator[EpisodeResult]:
         """Yield all rows. Raises RunError for one that this program has not written for this run."""
         check, left = _RowCheck(self.document), self._size
-        names = ", ".join(FIELDS)
+        names = ", ".join("NULL" if name in self._missing else name for name in FIELDS)
         with explained(self._file):
             # Not through an index, which may tell something else than the table.
             for run_id, *values in self._connection.execute(f"SELECT run_id, {names} FROM episodes NOT INDEXED"):
@@ -90,7 +96,7 @@ def open_exported(file: Path) -> Iterator[ExportedRun]:
     """Open an exported run during the block.
 
     Raises:
-        RunError: It is not an exported run, or not one of this version.
+        RunError: It is not an exported run, or one of another version that is not upgraded.
     """
     size = exported_size(file)
     with explained(file):
@@ -128,13 +134,15 @@ def explained(file: Path) -> Iterator[None]:
 
 
 @cache
-def _own_schema() -> dict[tuple[str, str, str], str]:
-    """Our tables and indexes as SQLite describes them: (type, name, table) to the normalised SQL."""
+def _own_schema(version: int) -> dict[tuple[str, str, str], str]:
+    """Tables and indexes of a version as SQLite describes them: (type, name, table) to the normalised SQL."""
     with closing(sqlite3.connect(":memory:")) as connection:
         for table in SCHEMA.metadata.sorted_tables:
             connection.execute(str(sa.schema.CreateTable(table).compile(dialect=sqlite.dialect())))
             for index in table.indexes:
                 connection.execute(str(sa.schema.CreateIndex(index).compile(dialect=sqlite.dialect())))
+        for name in columns_after(version):
+            connection.execute(f"ALTER TABLE {episodes.name} DROP COLUMN {name}")
         return _schema_of(connection)
 
 
@@ -145,24 +153,34 @@ def _schema_of(connection: sqlite3.Connection) -> dict[tuple[str, str, str], str
     return schema if len(schema) == len(found) else {}
 
 
-def _check_schema(file: Path, connection: sqlite3.Connection) -> None:
-    """Refuse a file whose schema is not ours to the letter; tables that early exports lack may be absent."""
-    own, found = _own_schema(), _schema_of(connection)
-    version = ("table", SCHEMA.version_table.name, SCHEMA.version_table.name)
-    if found.get(version) == own[version]:
-        versions = connection.execute(f"SELECT version FROM {SCHEMA.version_table.name} LIMIT 2").fetchall()
-        if versions != [(SCHEMA.version,)]:
-            got = f"version {versions[0][0]}" if len(versions) == 1 and type(versions[0][0]) is int else "no version"
-            raise RunError(
-                f"{file}: expected an exported run of version {SCHEMA.version}, got {got}; "
-                "import it with the RoboGauntlet that wrote it"
-            )
+def _check_schema(file: Path, connection: sqlite3.Connection) -> int:
+    """Return the version of a file. Refuse a schema that is not ours to the letter; early exports lack two tables."""
+    found = _schema_of(connection)
+    version = _version_of(file, connection, found)
+    own = _own_schema(version)
     late = {imported_runs.name, forgotten_runs.name}
     needed = {key for key in own if key[2] not in late}
     if not needed <= found.keys() <= own.keys() or any(own[key] != sql for key, sql in found.items()):
         raise RunError(
             f"{file}: expected an exported run (`robogauntlet export`), its tables are not those of this program"
         )
+    return version
+
+
+def _version_of(file: Path, connection: sqlite3.Connection, found: Mapping[tuple[str, str, str], str]) -> int:
+    """Return the version that a file states in a table of ours; the present one if that table is not ours."""
+    marker = ("table", SCHEMA.version_table.name, SCHEMA.version_table.name)
+    if found.get(marker) != _own_schema(SCHEMA.version)[marker]:
+        return SCHEMA.version
+    versions = connection.execute(f"SELECT version FROM {SCHEMA.version_table.name} LIMIT 2").fetchall()
+    version = versions[0][0] if len(versions) == 1 else None
+    if type(version) is int and version in {SCHEMA.version, *SCHEMA.earlier}:
+        return version
+    got = f"version {version}" if type(version) is int else "no version"
+    raise RunError(
+        f"{file}: expected an exported run of version {SCHEMA.version}, got {got}; "
+        "import it with the RoboGauntlet that wrote it"
+    )
 
 
 def _read_document(file: Path, connection: sqlite3.Connection) -> RunDocument:
@@ -225,7 +243,7 @@ class _RowCheck:
                     return f"{name} is of another type"
             self._known_types.add(types)
         for place in self._places[int]:
-            if not 0 <= values[place] <= MAX_COUNT:
+            if values[place] is not None and not 0 <= values[place] <= MAX_COUNT:
                 return f"{FIELDS[place]} is out of bounds"
         for place in self._places[float]:
             if values[place] is not None and not math.isfinite(values[place]):
@@ -258,7 +276,23 @@ class _RowCheck:
             return "its id is not that of its episode"
         if row.routing_scores is not None and not _are_scores(row.routing_scores):
             return "routing_scores are no scores by name"
-        return None
+        return _behaviour_fault(row)
+
+
+def _behaviour_fault(row: EpisodeResult) -> str | None:
+    """Return in what the behaviour in an episode contradicts its meaning or the rest of the row, or None."""
+    for name, (least, most) in _BOUNDS.items():
+        value = getattr(row, name)
+        if value is not None and not least <= value <= most:
+            return f"{name} is out of bounds"
+    for name in _STEPS:
+        if (getattr(row, name) or 0) > row.steps:
+            return f"{name} is larger than its steps"
+    if row.failure is not None and not _is_one_of(FailureKind, row.failure):
+        return "its failure is of an unknown kind"
+    if row.failure is not None and row.status != Status.FAILURE:
+        return "it has a kind of failure and another status"
+    return None
 
 
 def _is_one_of(kind: type[StrEnum], text: str) -> bool:

@@ -10,10 +10,12 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import CELL, describe_fields
+from robogauntlet.results.record import BEHAVIOUR, CELL, describe_fields
 from robogauntlet.results.store.database import Schema
 
-VERSION = 1
+VERSION = 2
+LATER_COLUMNS = {2: BEHAVIOUR}
+"""Columns of `episodes` by the version that they came with, after 1. All may be null."""
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 
 metadata = sa.MetaData()
@@ -98,4 +100,9 @@ def counted_cells() -> sa.Select[Any]:
     return sa.select(*key, *counts).group_by(*key)
 
 
-SCHEMA = Schema(metadata, _version, VERSION, "store")
+def columns_after(version: int) -> tuple[str, ...]:
+    """Columns of `episodes` that came after a version."""
+    return tuple(name for later, names in LATER_COLUMNS.items() if later > version for name in names)
+
+
+SCHEMA = Schema(metadata, _version, VERSION, "store", earlier=frozenset({1}))
