@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.record import FIELDS
+from robogauntlet.results.record import FIELDS, describe_fields
 from robogauntlet.results.store.episode_store import Store
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_NUMBERS = tuple(name for name, (kind, nullable, _) in describe_fields().items() if nullable and kind in (int, float))
+"""Fields that are numbers or missing. A column of them is `float64` with NaN, also if all are missing."""
 
 
 def read_episodes(url: str, run_id: str, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
@@ -22,7 +25,8 @@ def frame_of(store: Store, fields: Sequence[str] = FIELDS) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        pieces = [pd.DataFrame(batch, columns=list(fields)) for batch in store.batches(50_000, fields)]
+        types = {name: "float64" for name in fields if name in _NUMBERS}
+        pieces = [pd.DataFrame(batch, columns=list(fields)).astype(types) for batch in store.batches(50_000, fields)]
     finally:
         store.close()
     return pd.concat(pieces, ignore_index=True) if pieces else pd.DataFrame({name: [] for name in fields})

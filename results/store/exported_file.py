@@ -287,7 +287,7 @@ def _behaviour_fault(row: EpisodeResult) -> str | None:
             return f"{name} is out of bounds"
     for name in _STEPS:
         if (getattr(row, name) or 0) > row.steps:
-            return f"{name} is larger than its steps"
+            return f"{name} is larger than steps"
     if row.failure is not None and not _is_one_of(FailureKind, row.failure):
         return "its failure is of an unknown kind"
     if row.failure is not None and row.status != Status.FAILURE:

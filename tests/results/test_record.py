@@ -9,16 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robogauntlet.results.record import (
+    BEHAVIOUR,
     FIELDS,
     OUTCOME,
     TELEMETRY,
     EpisodeResult,
+    FailureKind,
     Status,
     describe_fields,
     outcome_row,
     rows_hash,
 )
-from tests.results.synthetic import cells, row
+from tests.results.synthetic import cells, row, rows
 
 EPISODE = cells()[0].episode(3)
 ROW = row(cells()[0], 3)
@@ -32,13 +34,13 @@ def test_every_field_has_a_sentence_and_a_type(name):
     assert len(sentence.split()) > 1
 
 
-def test_fields_are_outcome_or_telemetry_and_only_routing_perturbation_answers_and_error_may_be_none():
+def test_fields_are_outcome_or_telemetry_and_only_routing_perturbation_behaviour_answers_and_error_may_be_none():
     assert set(OUTCOME) | set(TELEMETRY) == set(FIELDS)
     assert not set(OUTCOME) & set(TELEMETRY)
     described = describe_fields()
     routing = {"inferred_task", "routing_scores", "unknown_score", "rejected"}
     answers = {"query_p50_s", "query_p95_s", "query_max_s"}
-    optional = {*routing, *answers, "delivered", "delivered_statistics", "error"}
+    optional = {*routing, *answers, *BEHAVIOUR, "delivered", "delivered_statistics", "error"}
     assert {name for name in FIELDS if described[name][1]} == optional
 
 
@@ -91,6 +93,25 @@ def test_the_hash_of_rows_differs_for_any_two_outcomes(text, steps, reward, once
     other = dataclasses.replace(ROW, error=text, steps=steps, reward_sum=reward, success_once=once)
     same = outcome_row(other) == outcome_row(ROW)
     assert (rows_hash([outcome_row(other)]) == rows_hash([outcome_row(ROW)])) == same
+
+
+def test_rows_whose_behaviour_was_not_measured_keep_the_hash_that_version_1_gave_them():
+    results = rows(planned=3, errors=1)
+    assert rows_hash(map(outcome_row, results)) == "f273f4cf173fdee0"
+    results[1] = dataclasses.replace(results[1], contact_steps=0)
+    assert rows_hash(map(outcome_row, results)) != "f273f4cf173fdee0"
+
+
+@pytest.mark.parametrize("name", BEHAVIOUR)
+def test_a_row_with_any_measured_behaviour_is_hashed_with_all_of_it(name):
+    value = {str: "dropped", int: 0, float: -0.0}[describe_fields()[name][0]]
+    found = outcome_row(dataclasses.replace(ROW, **{name: value}))
+    assert len(found) == len(outcome_row(ROW)) + len(BEHAVIOUR) == len(OUTCOME)
+    assert str(found[OUTCOME.index(name)]) in ("dropped", "0", "0.0")
+
+
+def test_every_kind_of_failure_has_a_word_of_its_own():
+    assert len({str(kind) for kind in FailureKind}) == len(FailureKind) == 7
 
 
 def test_the_hash_of_rows_counts_a_row_that_is_there_twice():

@@ -18,6 +18,7 @@ from robogauntlet.results.store.exported_file import reading_time_s
 from robogauntlet.results.store.run_archive import export_run
 from tests.orchestrator.dashboard.conftest import serving
 from tests.orchestrator.dashboard.filled import nightly_run
+from tests.results.store.earlier import as_version_1
 from tests.results.synthetic import document
 
 LIMIT = 1_000_000
@@ -54,6 +55,15 @@ def test_an_uploaded_run_gets_a_folder_and_a_report(served, exported):
     while served.get(f"/runs/{run.run_id}/files/report.html").status_code != 200:
         time.sleep(0.05)  # it is written after the answer
     assert left_over(served.root) == []
+
+
+def test_an_uploaded_run_of_version_1_gets_a_folder(served, exported, tmp_path):
+    run, body = exported
+    file = tmp_path / "run.robogauntlet"
+    file.write_bytes(body)
+    answer = served.post("/runs", content=as_version_1(file).read_bytes())
+    assert answer.status_code == 201
+    assert "30 of 30 episodes done" in served.get(f"/runs/{run.run_id}").text
 
 
 def test_an_existing_run_is_refused_and_unchanged(served, exported):

@@ -1,5 +1,6 @@
 """Rows replayed in one process per simulator."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ from robogauntlet.adapters.contract import SimulatorUnavailable
 from robogauntlet.orchestrator.environments.resolver import EnvironmentResolver
 from robogauntlet.orchestrator.episodes.video_recorder import VideoRecorder
 from robogauntlet.orchestrator.ray_runtime.simulator_processes import ProcessEnded, run_in_simulator_environment
-from robogauntlet.orchestrator.replay.replay import NotReplayed, replay_rows
+from robogauntlet.orchestrator.replay.replay import NotReplayed, differences, replay_rows
 from tests.results.synthetic import cells, row
 
 ROWS = [row(cell, seed) for seed in range(2) for cell in cells(("p",), ("maniskill/A", "pybullet/B"))]
@@ -37,6 +38,24 @@ def test_each_row_gets_its_own_result_or_the_reason_why_its_simulator_gave_none(
         ("pybullet/B", 1, missing),
         ("maniskill/A", 1, "second"),
     ]
+
+
+MEASURED = {"path_length": 1.25, "contact_steps": 3, "failure": "dropped"}
+
+
+def test_behaviour_is_not_compared_with_a_row_of_a_version_that_did_not_measure_it():
+    stored, now = (row(cells()[0], 0, "failure", **measured) for measured in ({}, MEASURED))
+    assert differences(stored, now) == ()
+    assert differences(stored, replace(now, steps=99)) == ("steps: stored 100, now 99",)
+
+
+def test_behaviour_is_compared_with_a_row_that_has_it():
+    stored = row(cells()[0], 0, "failure", **MEASURED)
+    assert differences(stored, replace(stored)) == ()
+    assert differences(stored, replace(stored, path_length=1.5, failure=None)) == (
+        "path_length: stored 1.25, now 1.5",
+        'failure: stored "dropped", now null',
+    )
 
 
 def squares(count):

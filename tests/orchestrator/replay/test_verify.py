@@ -1,16 +1,21 @@
 """A run checked against itself."""
 
+import shutil
 import sqlite3
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robogauntlet.orchestrator.replay.replay import differences
 from robogauntlet.orchestrator.replay.verify import sample_rows
-from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.record import has_behaviour, outcome_row, rows_hash
+from robogauntlet.results.run_document import RunStatus, read_run, write_run
 from tests.orchestrator.cli.test_cli import SUITE
+from tests.orchestrator.runs.playing import rows_of
 from tests.processes import run_gauntlet
-from tests.results.synthetic import cells, row
+from tests.results.store.earlier import as_version_1
+from tests.results.synthetic import cells, execute, row
 
 CELL = cells()[0]
 ROWS = [row(CELL, seed, "error" if seed % 5 == 4 else "success") for seed in range(40)]
@@ -72,6 +77,26 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
     assert first.startswith("robogauntlet: expected the hash ")
     assert second == f"robogauntlet: {wanted} null/Reach, oracle, clean, seed 1: steps: stored 999, now {steps}"
     assert without.stderr.splitlines() == [first]
+
+
+@pytest.mark.ray
+def test_a_run_that_version_1_began_is_continued_and_passes(played, tmp_path):
+    folder = shutil.copytree(played, tmp_path / "run")
+    before = rows_of(folder)
+    execute(folder / "episodes.sqlite", "DELETE FROM episodes WHERE seed > 2")
+    as_version_1(folder / "episodes.sqlite")
+    begun = read_run(folder).model_copy(update={"status": RunStatus.INTERRUPTED, "rows_hash": None})
+    write_run(folder, begun)
+    again = run_gauntlet("run", played.parent / "suite.yaml", "--out", folder, "--no-media")
+    assert again.returncode == 0, again.stderr
+    assert "continuing: 6 of 10 episodes already done" in again.stdout + again.stderr
+    rows = rows_of(folder)
+    assert [has_behaviour(one) for one in rows if one.seed <= 2] == [False] * 6
+    assert [differences(one, other) for one, other in zip(rows, before, strict=True)] == [()] * 10
+    assert read_run(folder).rows_hash == rows_hash(map(outcome_row, rows))
+    done = run_gauntlet("verify", folder, "--sample", 10)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("10 of 10 episodes replayed: all the same\n")
 
 
 def test_a_folder_that_is_no_run_is_one_line(run_command, tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.results.record import outcome_row, rows_hash
+from robogauntlet.results.record import BEHAVIOUR, FailureKind, outcome_row, rows_hash
 from robogauntlet.results.run_document import RunError, store_url
 from robogauntlet.results.store import exported_file
 from robogauntlet.results.store.database import StoreError
@@ -20,7 +20,9 @@ from robogauntlet.results.store.episode_store import Store
 from robogauntlet.results.store.exported_file import LONGEST_VALUE, ExportedRun, open_exported
 from robogauntlet.results.store.limited_reader import Copier
 from robogauntlet.results.store.run_archive import export_run, import_run
+from robogauntlet.results.store.schema import VERSION
 from tests.errors import one_line_error
+from tests.results.store.earlier import SQL, as_version_1
 from tests.results.synthetic import cells, document, execute, row, run_folder
 
 RESULTS = [row(cell, seed) for cell in cells() for seed in range(3)]
@@ -114,6 +116,24 @@ VALUES = {
     "endless": ("horizon = 1000000000", "horizon is out of bounds"),
     "scores": ("routing_scores = '[]'", "routing_scores are no scores by name"),
     "nested scores": ("routing_scores = printf('%.*c', 90000, '[')", "routing_scores are no scores by name"),
+    "a path backwards": ("path_length = -0.5", "path_length is out of bounds"),
+    "an endless path": ("path_length = 9e999", "path_length is no finite number"),
+    "smoother than smooth": ("smoothness = 0.5", "smoothness is out of bounds"),
+    "success before the start": ("time_to_success = -1.0", "time_to_success is out of bounds"),
+    "beyond the goal": ("progress = 1.5", "progress is out of bounds"),
+    "far from the goal": ("progress = -1.5", "progress is out of bounds"),
+    "a force that pulls": ("contact_force = -0.1", "contact_force is out of bounds"),
+    "force in words": ("contact_force = 'much'", "contact_force is of another type"),
+    "half a step": ("contact_steps = 1.5", "contact_steps is of another type"),
+    "negative steps": ("workspace_steps = -1", "workspace_steps is out of bounds"),
+    "openings beyond the steps": ("gripper_openings = steps + 1", "gripper_openings is larger than steps"),
+    "contacts beyond the steps": ("contact_steps = steps + 1", "contact_steps is larger than steps"),
+    "limits beyond the steps": ("joint_limit_steps = steps + 1", "joint_limit_steps is larger than steps"),
+    "outside beyond the steps": ("workspace_steps = steps + 1", "workspace_steps is larger than steps"),
+    "unknown failure": ("failure = 'bored'", "its failure is of an unknown kind"),
+    "failed success": ("failure = 'dropped'", "it has a kind of failure and another status"),
+    "a failure as bytes": ("failure = x'00'", "failure is of another type"),
+    "another measurement": ("path_length = 1.0", "it was changed"),
     "another run": ("run_id = 'x'", "rows of several"),
     "another outcome": ("steps = steps + 1", "it was changed"),
 }
@@ -171,6 +191,64 @@ def test_an_export_of_before_the_tables_of_marks_is_taken(tmp_path):
     file = export(tmp_path)
     execute(file, "DROP TABLE imported_runs", "DROP TABLE forgotten_runs")
     import_run(file, tmp_path / "there")
+
+
+@pytest.mark.parametrize("version", SQL)
+def test_the_tables_of_each_version_are_kept_to_the_letter(version):
+    with closing(sqlite3.connect(":memory:")) as connection:
+        connection.executescript(SQL[version])
+        assert exported_file._own_schema(version) == exported_file._schema_of(connection)
+    assert max(SQL) == VERSION
+
+
+def test_an_export_of_version_1_is_taken_and_its_rows_have_no_behaviour(tmp_path):
+    file = as_version_1(export(tmp_path))
+    before = file.read_bytes()
+    folder, run = import_run(file, tmp_path / "there")
+    with closing(Store.open(store_url(folder, run), run.run_id, create=False)) as store:
+        found = list(store.results())
+    assert sorted(found, key=lambda r: r.episode_id) == sorted(RESULTS, key=lambda r: r.episode_id)
+    assert rows_hash(map(outcome_row, found)) == run.rows_hash
+    assert file.read_bytes() == before
+
+
+OTHER_TABLES = {
+    "version 1 called 2": ("UPDATE robogauntlet_schema SET version = 2",),
+    "one later column": ("ALTER TABLE episodes ADD COLUMN path_length FLOAT",),
+    "all later columns at the end": [f"ALTER TABLE episodes ADD COLUMN {name}" for name in BEHAVIOUR],
+    "column beside": ("ALTER TABLE episodes ADD COLUMN beside",),
+    "index missing": ("DROP INDEX robogauntlet_what_is_there",),
+}
+
+
+@pytest.mark.parametrize("statements", OTHER_TABLES.values(), ids=OTHER_TABLES)
+def test_a_schema_that_is_not_version_1_to_the_letter_is_refused(tmp_path, statements):
+    file = as_version_1(export(tmp_path))
+    execute(file, *statements)
+    refuse(file, "its tables are not those of this program")
+
+
+def test_tables_of_this_version_that_are_called_version_1_are_refused(tmp_path):
+    file = export(tmp_path)
+    execute(file, "UPDATE robogauntlet_schema SET version = 1")
+    refuse(file, "its tables are not those of this program")
+
+
+@pytest.mark.parametrize("version", ["0", "3", "-1", "9223372036854775807"])
+def test_an_export_of_another_version_is_refused(tmp_path, version):
+    file = export(tmp_path)
+    execute(file, f"UPDATE robogauntlet_schema SET version = {version}")
+    refuse(file, f"expected an exported run of version 2, got version {version}; import it with")
+
+
+def test_measured_behaviour_is_imported_with_every_kind_of_failure(tmp_path):
+    numbers = {"path_length": 0.0, "smoothness": -12.5, "progress": -1.0, "contact_steps": 100, "contact_force": 3.5}
+    failed = [row(cells()[0], 5 + n, "failure", failure=str(kind), **numbers) for n, kind in enumerate(FailureKind)]
+    won = row(cells()[0], 0, time_to_success=1.25, gripper_openings=1, joint_limit_steps=0, workspace_steps=40)
+    lost = row(cells()[0], 1, "error")
+    folder, run = import_run(export(tmp_path, [*failed, won, lost]), tmp_path / "there")
+    with closing(Store.open(store_url(folder, run), run.run_id, create=False)) as store:
+        assert sorted(store.results(), key=lambda r: r.seed) == [won, lost, *failed]
 
 
 @cache
