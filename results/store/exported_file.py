@@ -21,7 +21,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import sqlite
 
-from robogauntlet.results.record import FIELDS, EpisodeResult, FailureKind, Status, describe_fields
+from robogauntlet.results.record import FIELDS, EpisodeResult, FailureKind, Status, describe_fields, has_behaviour
 from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, RunStatus, parse_run
 from robogauntlet.results.store.schema import SCHEMA, columns_after, episodes, forgotten_runs, imported_runs
 from robogauntlet.results.store.sqlite_file import why_no_database
@@ -292,6 +292,10 @@ def _behaviour_fault(row: EpisodeResult) -> str | None:
         return "its failure is of an unknown kind"
     if row.failure is not None and row.status != Status.FAILURE:
         return "it has a kind of failure and another status"
+    if row.time_to_success is not None and row.status != Status.SUCCESS:
+        return "it has a time to success and another status"
+    if row.status == Status.ERROR and has_behaviour(row):
+        return "it is an error and has a behaviour"
     return None
 
 

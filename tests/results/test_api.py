@@ -8,7 +8,7 @@ from robogauntlet.results.analysis.comparison import Difference, Verdict
 from robogauntlet.results.record import FIELDS
 from robogauntlet.results.run_document import RunError
 from tests.errors import one_line_error
-from tests.results.synthetic import cells, document, rows_where, run_folder
+from tests.results.synthetic import cells, document, row, rows_where, run_folder
 
 
 @pytest.fixture
@@ -26,6 +26,15 @@ def test_episodes_are_a_table_with_a_row_each_and_the_fields_of_the_record(folde
     assert isinstance(frame, pd.DataFrame)
     assert tuple(frame.columns) == FIELDS
     assert len(frame) == robogauntlet.open_run(str(folders[0])).document.planned
+
+
+def test_numbers_that_are_missing_are_nan_also_if_all_are(tmp_path):
+    results = [row(cells()[0], seed, contact_steps=3 if seed else None) for seed in range(3)]
+    folder = run_folder(tmp_path / "run", document(3), results)
+    frame = robogauntlet.open_run(folder).episodes(("contact_steps", "path_length", "failure", "seed"))
+    assert list(map(str, frame.dtypes)) == ["float64", "float64", "object", "int64"]
+    assert frame["contact_steps"].tolist()[1:] == [3.0, 3.0]
+    assert frame["path_length"].isna().all()
 
 
 def test_a_field_that_episodes_do_not_have_is_refused(folders):

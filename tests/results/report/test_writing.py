@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from html.parser import HTMLParser
@@ -100,6 +101,7 @@ def test_a_report_is_five_files_and_nothing_is_printed(tmp_path, capsys):
 
 def test_parquet_has_every_row_and_every_field_with_its_sentence(tmp_path):
     results = rows(planned=4, errors=1)
+    results[1] = dataclasses.replace(results[1], path_length=1.25, contact_steps=3, failure="dropped")
     table = pq.read_table(report(tmp_path, results=results).episodes)
     assert table.schema.names == list(FIELDS)
     for name, (_, nullable, sentence) in describe_fields().items():

@@ -132,6 +132,11 @@ VALUES = {
     "outside beyond the steps": ("workspace_steps = steps + 1", "workspace_steps is larger than steps"),
     "unknown failure": ("failure = 'bored'", "its failure is of an unknown kind"),
     "failed success": ("failure = 'dropped'", "it has a kind of failure and another status"),
+    "success of a failure": (
+        "status = 'failure', time_to_success = 1.0",
+        "it has a time to success and another status",
+    ),
+    "behaviour of an error": ("status = 'error', path_length = 1.0", "it is an error and has a behaviour"),
     "a failure as bytes": ("failure = x'00'", "failure is of another type"),
     "another measurement": ("path_length = 1.0", "it was changed"),
     "another run": ("run_id = 'x'", "rows of several"),
