@@ -4,6 +4,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
+from functools import partial
 from itertools import count
 
 import psycopg
@@ -99,6 +100,14 @@ def test_an_upgraded_store_takes_rows_whose_behaviour_was_measured(url):
         assert store.add([later]) == 1
         assert store.find(later.episode_id) == later
         assert rows_hash(map(outcome_row, store.results())) == rows_hash(map(outcome_row, [*ROWS, later]))
+
+
+def test_several_may_create_a_store_at_the_same_time(empty):
+    with ThreadPoolExecutor(4) as threads:
+        for _ in range(5):
+            url = empty()
+            assert list(threads.map(partial(stored, create=True), [url] * 4)) == [[]] * 4
+            assert versions_of(url) == NEW
 
 
 def test_several_may_open_a_store_of_version_1_at_the_same_time(empty):
