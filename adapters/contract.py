@@ -11,6 +11,7 @@ Conventions, the same in every simulator:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -136,6 +137,23 @@ class Goal:
     """Entry with the place that the tool has to go to first; `entry` if empty."""
     grasped: bool = False
     """Whether the gripper has to hold it."""
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ValueError: One of them cannot be measured; the message has its name.
+        """
+        if not self.entry:
+            raise ValueError("entry: expected the name of an entry of the privileged state")
+        if not self.axes or set(self.axes) - set("xyz") or len(set(self.axes)) != len(self.axes):
+            raise ValueError(
+                f"axes: expected letters out of 'xyz', each at most once, such as 'xy', found {self.axes!r}"
+            )
+        if len(self.offset) not in (1, 3) or not all(math.isfinite(number) for number in self.offset):
+            raise ValueError(f"offset: expected 1 or 3 finite numbers, found {self.offset!r}")
+        if not (math.isfinite(self.tolerance) and self.tolerance >= 0.0):
+            raise ValueError(f"tolerance: expected a finite number, 0 or more, found {self.tolerance!r}")
 
 
 @dataclass(frozen=True, slots=True)
