@@ -61,7 +61,7 @@ class MetaWorldSimulation(BaseSimulation):
         Raises:
             SimulatorUnavailable: Meta-World or MuJoCo is missing.
         """
-        import_mujoco()
+        self._mujoco = import_mujoco()
         try:
             from metaworld.env_dict import ALL_V3_ENVIRONMENTS_GOAL_OBSERVABLE as ENVIRONMENTS
         except ImportError as error:
@@ -76,9 +76,15 @@ class MetaWorldSimulation(BaseSimulation):
         super().__init__(view, TASKS[task].instruction, spec)
 
     def reset(self, seed: int) -> None:
-        """Start the episode of `seed`, from which Meta-World draws object and goal."""
+        """Start the episode of `seed`, from which Meta-World draws object and goal.
+
+        Meta-World leaves the poses of bodies that it has moved as they were before, until the first step.
+        """
         self._env.seed(seed)
         self._env.reset()
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_comPos(self._model, self._data)
+        self._mujoco.mj_camlight(self._model, self._data)
 
     def step(self, action: FloatArray) -> StepOutcome:
         """Apply `action` (7,) for one control step of five physics steps. The reward is Meta-World's, 0 to 10."""

@@ -1,5 +1,7 @@
 """Tests of the Meta-World adapter only; the conformance tests are common to all adapters."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,17 @@ def test_an_episode_may_go_on_after_as_many_steps_as_meta_world_allows(opened):
 def test_the_oracle_succeeds_within_the_horizon(task):
     pytest.importorskip("metaworld")
     assert None not in steps_to_success(SIMULATOR, task, range(2))
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["drawer-open-v3", "window-close-v3", "dial-turn-v3"])
+def test_the_state_after_a_reset_is_the_present_one(task):
+    pytest.importorskip("metaworld")
+    with closing(SIMULATOR.open(task, FAST)) as simulation:
+        simulation.reset(3)
+        before = simulation.privileged_state()["object_position"]
+        simulation.step(np.zeros(7))
+        np.testing.assert_allclose(simulation.privileged_state()["object_position"], before, atol=1e-3)
 
 
 def test_the_two_frames_are_turned_by_a_quarter():
