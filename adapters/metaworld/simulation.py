@@ -12,8 +12,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -24,13 +25,17 @@ from robogauntlet.adapters.base_simulation import BaseSimulation
 from robogauntlet.adapters.contract import (
     ActionSpec,
     FloatArray,
+    Goal,
     Image,
+    Motion,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
     TaskDescription,
 )
 from robogauntlet.adapters.frames import hash_state
+from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_scene import MujocoScene, drawing_device, engine_time, import_mujoco, mujoco_state
 from robogauntlet.suites.episode import View
 
@@ -44,9 +49,26 @@ TOOL = Rotation.from_euler("y", 90, degrees=True)
 CLOSED = np.array([0.04, -0.03])
 """Joint positions of the right and the left finger at which they meet (m)."""
 
+FINGERS = ("r_close", "l_close")
+SURROUNDINGS = {"world", "tablelink", "RetainingWall", "wall", ""}
+"""Bodies of the model beside the robot that are no objects of a task: floor, table and its edge, obstacle, and the
+unnamed block with the hole of pick-out-of-hole."""
+
+_DECLARED = yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8"))
+HANDLES = {name: np.array(task["handle"]) for name, task in _DECLARED.items() if "handle" in task}
+"""Where the tool is when the hand touches the object, relative to `object_position`, in tasks where it is beside it."""
+
+
+def declared_goal(task: str, values: Mapping[str, Any]) -> Goal:
+    """Return a task's goal: that the object reaches `goal_position`, with the changes of `tasks.yaml`."""
+    handle = {"handle": "handle_position"} if task in HANDLES else {}
+    goal = {"entry": "object_position", "to": "goal_position", **handle, **values}
+    return Goal(**goal | {"offset": tuple(goal.get("offset", Goal.offset))})
+
+
 TASKS = {
-    name: TaskDescription(**description)
-    for name, description in yaml.safe_load(Path(__file__).with_name("tasks.yaml").read_text(encoding="utf-8")).items()
+    name: TaskDescription(task["instruction"], task["horizon"], goal=declared_goal(name, task["goal"]))
+    for name, task in _DECLARED.items()
 }
 
 
@@ -71,6 +93,10 @@ class MetaWorldSimulation(BaseSimulation):
         self._env.max_path_length = sys.maxsize  # The horizon is ours.
         self._model, self._data = self._env.model, self._env.data
         self._model.camera("corner2").pos = NEARBY
+        physics = MujocoPhysics(self._mujoco, self._model, self._data, "base")
+        roots = {self._model.body(root).name for root in self._model.body_rootid}
+        self._contacts = MujocoContacts(physics, "base", FINGERS, roots - SURROUNDINGS - {"base", "mocap"})
+        self._handle = BASE.apply(HANDLES[task]) if task in HANDLES else None
         self._scene = MujocoScene(self._model, self._data, view.render_profile)
         spec = ActionSpec(self._env.action_scale, 0.0, control_hz=1.0 / self._env.dt, ignored=("rx", "ry", "rz"))
         super().__init__(view, TASKS[task].instruction, spec)
@@ -94,18 +120,46 @@ class MetaWorldSimulation(BaseSimulation):
         return StepOutcome(reward=float(reward), success=bool(info["success"]))
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """Return tool, fingers, `hand_position`, `goal_position`, `object_position` and, in some, `other_position`."""
+        """Return tool, fingers and `hand_position`, `goal_position`, `object_position`.
+
+        Some tasks have `other_position` too, of a second object, or `handle_position`, of the place of `HANDLES`.
+        """
         world, hand = BASE.inv(), self._data.body("hand")
-        fingers = np.concatenate([self._data.joint("r_close").qpos, self._data.joint("l_close").qpos])
-        state = {
-            "tcp_position": world.apply(self._env.tcp_center),
-            "tcp_quaternion": (world * Rotation.from_matrix(hand.xmat.reshape(3, 3)) * TOOL).as_quat(),
-            "finger_positions": (CLOSED - fingers) * (1.0, -1.0),
-            "hand_position": world.apply(hand.xpos),
-            "goal_position": world.apply(self._env._get_pos_goal()),
+        orientation = (world * Rotation.from_matrix(hand.xmat.reshape(3, 3)) * TOOL).as_quat()
+        state = {"tcp_quaternion": orientation, "finger_positions": self._fingers()}
+        return state | {name: world.apply(position) for name, position in self._positions().items()}
+
+    def motion(self, entries: Sequence[str]) -> Motion:
+        """Return tool and fingers, these positions, and contacts.
+
+        Objects are all bodies except the robot and `SURROUNDINGS`, since Meta-World does not name those of a task.
+        Joint limits are not measured: the weld pulls the hand, and the shoulder leans on its limit all the time.
+        """
+        positions, base = self._positions(), BASE.as_matrix()
+        return Motion(
+            tool=positions["tcp_position"] @ base,
+            opening=float(self._fingers().sum()),
+            entries=tuple(positions[entry] @ base for entry in entries),
+            contact_force=self._contacts.contact_force(),
+        )
+
+    def _fingers(self) -> FloatArray:
+        """Return how far each finger is from where they meet, (2,) (m)."""
+        fingers = np.concatenate([self._data.joint(name).qpos for name in FINGERS])
+        return np.asarray((CLOSED - fingers) * (1.0, -1.0))
+
+    def _positions(self) -> dict[str, FloatArray]:
+        """Return all positions of the privileged state, in Meta-World's world."""
+        positions = {
+            "tcp_position": self._env.tcp_center,
+            "hand_position": self._data.body("hand").xpos,
+            "goal_position": self._env._get_pos_goal(),
         }
-        objects = world.apply(self._env._get_pos_objects().reshape(-1, 3))
-        return state | dict(zip(("object_position", "other_position"), objects, strict=False))
+        objects = self._env._get_pos_objects().reshape(-1, 3)
+        positions |= dict(zip(("object_position", "other_position"), objects, strict=False))
+        if self._handle is not None:
+            positions["handle_position"] = objects[0] + self._handle
+        return positions
 
     def state_hash(self) -> str:
         """Hash joints, mocap body, fixed bodies and goal."""
