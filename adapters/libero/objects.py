@@ -43,16 +43,26 @@ class LiberoObject:
 def libero_object(model: Any, data: Any, name: str) -> LiberoObject:
     """Return a movable object by its name."""
     body = model.body(f"{name}_main").id
-    solid = (model.geom_bodyid == body) & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
-    points = np.concatenate([_corners(model, geom) for geom in np.flatnonzero(solid)])
+    fixed = model.body_weldid[model.geom_bodyid] == body  # One object has its shapes in a body that is fixed to it.
+    solid = fixed & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+    points = np.concatenate([_corners(model, geom, body) for geom in np.flatnonzero(solid)])
     return LiberoObject(data.body(body), (points.min(axis=0) + points.max(axis=0)) / 2.0)
 
 
-def _corners(model: Any, geom: int) -> FloatArray:
-    """Return the corners (8, 3) of a shape's bounding box, in its body's frame."""
+def _corners(model: Any, geom: int, body: int) -> FloatArray:
+    """Return the corners (8, 3) of a shape's bounding box, in the frame of a body to which it is fixed."""
     box = model.geom_aabb[geom]
-    turn = Rotation.from_quat(wxyz_to_xyzw(model.geom_quat[geom]))
-    return np.asarray(turn.apply(box[:3] + CORNERS * box[3:]) + model.geom_pos[geom])
+    points = _moved(box[:3] + CORNERS * box[3:], model.geom_pos[geom], model.geom_quat[geom])
+    carrier = model.geom_bodyid[geom]
+    while carrier != body:
+        points = _moved(points, model.body_pos[carrier], model.body_quat[carrier])
+        carrier = model.body_parentid[carrier]
+    return points
+
+
+def _moved(points: FloatArray, position: FloatArray, quaternion: FloatArray) -> FloatArray:
+    """Return points (n, 3) of a frame, by its position and quaternion wxyz, in the frame around it."""
+    return np.asarray(Rotation.from_quat(wxyz_to_xyzw(quaternion)).apply(points) + position)
 
 
 class LiberoObjects:
