@@ -70,6 +70,8 @@ def _scene_facts(problem: Mapping[str, Any], states: FloatArray) -> dict[str, An
         for relation, name, *where in problem["initial_state"]
         if relation == "on" and where[0] in problem["regions"] and problem["regions"][where[0]]["target"] in ground
     ]
+    predicates = problem["goal_state"]
+    single = len(predicates) == 1 and predicates[0][0] in ("on", "in") and predicates[0][1] in free
     places = {name: states[:, FREE + 7 * number :][:, :2] for number, name in enumerate(free)}
     return {
         "arena": arena,
@@ -78,6 +80,7 @@ def _scene_facts(problem: Mapping[str, Any], states: FloatArray) -> dict[str, An
         "on_ground": [
             name for name in objects if name in stands_on_ground and (np.ptp(places[name], axis=0) > SAME).all()
         ],
+        "goal": predicates[0] if single else [],
     }
 
 

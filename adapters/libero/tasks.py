@@ -7,12 +7,13 @@ then LIBERO's name without filler words and the words that the whole suite share
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from robogauntlet.adapters.contract import TaskDescription
+from robogauntlet.adapters.contract import Goal, TaskDescription
 
 SUITES = {name: f"libero_{name}" for name in ("spatial", "object", "goal", "10", "90")}
 """Our names of suites to LIBERO's."""
@@ -21,6 +22,23 @@ HORIZONS = {"spatial": 220, "object": 280, "goal": 300, "10": 520, "90": 400}
 ones: a little more than the longest demonstration."""
 TABLES = ("tabletop", "kitchen_tabletop")
 """Arenas whose table is a box and can be painted."""
+
+ON_OBJECT = 0.03
+"""Horizontal distance between two objects below which LIBERO's predicate `on` holds (m)."""
+REGIONS = {
+    r"two_layer_shelf_1_(top|bottom)_region": (0.09, "xyz"),
+    r"cabinet_1_(top|middle|bottom)_region": (0.08, "xyz"),
+    r"cabinet_1_top_side|shelf_1_top_side": (0.09, "xy"),
+    r"tray_1_contain_region|cook_region": (0.08, "xy"),
+    r"basket_1_contain_region|caddy_1_(left|right)_contain_region": (0.06, "xy"),
+    r"caddy_1_(front|back)_contain_region": (0.04, "xy"),
+    r"table_.*_region": (0.05, "xy"),
+}
+"""Places of the predicates `on` and `in` to half their width (m), and the axes that tell them from their neighbours."""
+ORIGIN_ELSEWHERE = ("wine_bottle", "frypan")
+"""Objects whose origin, of which LIBERO's predicates are, is 8 cm from the centre of their shape, `<name>_position`."""
+BROAD = ("plate", "book", "mug", "moka_pot")
+"""Objects that can be held, or pushed, more than 6 cm from their centre."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +58,8 @@ class LiberoTask:
     """The movable objects among LIBERO's objects of interest, in its order."""
     on_ground: tuple[str, ...]
     """Those that stand on table or floor and whose places differ between the stored states."""
+    goal: tuple[str, ...]
+    """Predicate, object and place of the goal, if it is that one object is on or in something; else empty."""
 
     @property
     def libero_suite(self) -> str:
@@ -54,7 +74,23 @@ class LiberoTask:
     @property
     def description(self) -> TaskDescription:
         """The task, as the catalog shows it."""
-        return TaskDescription(self.instruction, HORIZONS[self.suite], self._fixed())
+        return TaskDescription(self.instruction, HORIZONS[self.suite], self._fixed(), goal=self._goal())
+
+    def _goal(self) -> Goal | None:
+        """Return the goal, unless it has several parts, is about a fixture, or is not about an object's centre."""
+        if not self.goal or any(name in self.goal[1] for name in ORIGIN_ELSEWHERE):
+            return None
+        _, moved, place = self.goal
+        sizes = (size for pattern, size in REGIONS.items() if re.search(pattern, place))
+        tolerance, axes = next(sizes, (ON_OBJECT, "xy"))
+        return Goal(
+            f"{moved}_position",
+            "goal_position",
+            axes=axes,
+            tolerance=tolerance,
+            handle="tcp_position" if any(name in moved for name in BROAD) else "",
+            grasped=not moved.startswith("plate"),
+        )
 
     def _fixed(self) -> dict[str, str]:
         fixed = {}
@@ -72,6 +108,6 @@ class LiberoTask:
 def libero_tasks() -> Mapping[str, LiberoTask]:
     """Return the tasks by name, in the order of suites and numbers."""
     entries = json.loads(Path(__file__).with_name("tasks.json").read_text(encoding="utf-8"))
-    lists = ("fixtures", "objects", "on_ground")
+    lists = ("fixtures", "objects", "on_ground", "goal")
     tasks = [LiberoTask(**(entry | {name: tuple(entry[name]) for name in lists})) for entry in entries]
     return {task.task: task for task in tasks}

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from robogauntlet.orchestrator.adapter_kit.checks import CHECKS
 from robogauntlet.orchestrator.adapter_kit.checks.checked_task import CheckedTask
 from robogauntlet.policies.remote.libero import ROTATION, TRANSLATION, native_proprioception
 from robogauntlet.suites.episode import CAMERAS, FIRST_TRAINING_SEED, View
+from tests.adapters.goals import check_goal
 
 pytestmark = [
     pytest.mark.simulator,
@@ -205,6 +207,22 @@ def test_a_scene_without_room_is_an_error_and_no_endless_loop(floor, monkeypatch
     monkeypatch.setattr(floor._env, "reset", full)
     with pytest.raises(AdapterError, match="found no room for its objects in 100 attempts"):
         floor.reset(0)
+
+
+@pytest.mark.parametrize("task", ["spatial-8-next-to-plate", "object-2-salad-dressing", "goal-1-put-bowl-on-stove"])
+def test_success_is_progress_and_idling_is_none_by_a_task_s_goal(task):
+    with closing(SIMULATOR.open(task, View(CAMERAS, SIZE))) as simulation:
+        check_goal(SIMULATOR, task, simulation, SEED, steps=20)
+
+
+def test_an_object_whose_shapes_are_in_a_body_fixed_to_it_stands_on_the_floor():
+    task = "90-62-livingroom4-pick-salad-dressing-put-in-tray"
+    with closing(SIMULATOR.open(task, View(CAMERAS, SIZE))) as simulation:
+        simulation.reset(SEED)
+        height = simulation.privileged_state()["new_salad_dressing_1_position"][2]
+        bowl = simulation.privileged_state()["akita_black_bowl_1_position"][2]
+        assert 0.03 < height - bowl < 0.06
+        assert simulation.scene_controls.dynamics.dynamics().mass == 1.0
 
 
 def test_the_stored_tasks_are_those_of_the_package():

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robogauntlet.adapters.contract import AdapterError, SimulatorUnavailable
+from robogauntlet.adapters.contract import AdapterError, Goal, SimulatorUnavailable
 from robogauntlet.adapters.libero import assets
 from robogauntlet.adapters.libero.assets import PARTS, STAND_INS, VARIABLE, Assets, find_assets, unpack
 from robogauntlet.adapters.libero.libero_import import check_versions, configured, read_states
 from robogauntlet.adapters.libero.simulation import SIMULATOR
-from robogauntlet.adapters.libero.tasks import HORIZONS, libero_tasks
+from robogauntlet.adapters.libero.tasks import HORIZONS, ON_OBJECT, libero_tasks
 from tests.errors import one_line_error
 
 
@@ -56,6 +56,30 @@ def test_a_task_says_what_cannot_be_adjusted_in_it():
     assert libero_tasks()["spatial-3-on-cookie-box"].description.fixed.keys() == {"objects"}
     assert libero_tasks()["object-0-alphabet-soup"].description.fixed.keys() == {"objects", "table"}
     assert not libero_tasks()["goal-8-put-bowl-on-plate"].description.fixed
+
+
+def test_the_goal_of_a_task_is_that_its_object_comes_to_its_place():
+    goals = {name: task.description.goal for name, task in libero_tasks().items()}
+    assert goals["goal-8-put-bowl-on-plate"] == Goal(
+        "akita_black_bowl_1_position", "goal_position", axes="xy", tolerance=ON_OBJECT, grasped=True
+    )
+    drawer, pushed = (
+        goals["90-02-kitchen10-put-black-bowl-in-top-drawer-cabinet"],
+        goals["goal-5-push-plate-to-front-stove"],
+    )
+    assert (drawer.axes, drawer.tolerance) == ("xyz", 0.08)
+    assert (pushed.grasped, pushed.handle) == (False, "tcp_position")
+    assert sum(goal is not None for goal in goals.values()) == 89
+
+
+@pytest.mark.parametrize(
+    "number",
+    ["goal-7", "90-63", "10-3", "90-41", "goal-9"],
+    ids=["fixture", "two-objects", "object-and-fixture", "frying-pan", "wine-bottle"],
+)
+def test_a_task_about_more_than_the_place_of_one_object_s_centre_has_no_goal(number):
+    (task,) = (task for name, task in libero_tasks().items() if name.startswith(f"{number}-"))
+    assert task.description.goal is None
 
 
 @pytest.mark.parametrize("mujoco", ["3.4.0", "3.8.1", "4.0.0"])

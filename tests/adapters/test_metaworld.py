@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.metaworld import SIMULATOR
-from robogauntlet.policies.oracles import scripts
 from robogauntlet.policies.oracles.metaworld import SCRIPTS, in_base, in_world, observation
-from robogauntlet.suites.episode import SUCCESS_HOLD
+from tests.adapters.goals import check_goal, motions, oracle_actions
 from tests.policies.playing import FAST, steps_to_success
 
-NEAR = 0.06
-"""Distance of the tool from the handle at which it has reached it (m)."""
 MOVES_BY_ITSELF = {"door-close-v3": 0.2, "handle-press-v3": 0.2}
 """The hand starts on the object and moves it a little, without an action."""
 
@@ -76,48 +73,13 @@ def test_the_oracle_succeeds_within_the_horizon(task):
     assert None not in steps_to_success(SIMULATOR, task, range(2))
 
 
-def measure(simulation, goal, actions):
-    """Progress at the end of the present episode, and the smallest distance of the tool from the handle."""
-    entries, axes = [goal.entry, goal.to, goal.handle or goal.entry], ["xyz".index(axis) for axis in goal.axes]
-    distances, reached = [], []
-    for number, motion in enumerate(played(simulation, entries, actions)):
-        moved, target, handle = motion.entries
-        distances.append(max(0.0, np.linalg.norm((moved - target - goal.offset)[axes]) - goal.tolerance))
-        if number:
-            reached.append(np.linalg.norm(motion.tool - handle))
-    return 1.0 - distances[-1] / distances[0], min(reached)
-
-
-def played(simulation, entries, actions):
-    yield simulation.motion(entries)
-    for action in actions:
-        simulation.step(action)
-        yield simulation.motion(entries)
-
-
-def oracle_actions(simulation, task, seed):
-    """The actions with which the oracle succeeds, or None."""
-    script, spec, actions, held = scripts()[f"metaworld/{task}"](), simulation.action_spec, [], 0
-    simulation.reset(seed)
-    while held < SUCCESS_HOLD and len(actions) < SIMULATOR.tasks[task].horizon:
-        actions.append(np.clip(script(simulation.privileged_state()), spec.low, spec.high))
-        held = held + 1 if simulation.step(actions[-1]).success else 0
-    return actions if held == SUCCESS_HOLD else None
-
-
 @pytest.mark.simulator
 @pytest.mark.parametrize("task", SIMULATOR.tasks)
 def test_success_is_progress_and_idling_is_none_by_the_goal_of_every_task(task):
     pytest.importorskip("metaworld")
-    goal = SIMULATOR.tasks[task].goal
     with closing(SIMULATOR.open(task, FAST)) as simulation:
-        seed, actions = next((n, found) for n in range(5) if (found := oracle_actions(simulation, task, n)))
-        simulation.reset(seed)
-        progress, reached = measure(simulation, goal, actions)
-        assert progress >= 0.9
-        assert reached <= NEAR
-        simulation.reset(seed)
-        assert measure(simulation, goal, np.zeros((40, 7)))[0] <= MOVES_BY_ITSELF.get(task, 0.1)
+        seed = next(n for n in range(5) if oracle_actions(SIMULATOR, task, simulation, n))
+        check_goal(SIMULATOR, task, simulation, seed, idle=MOVES_BY_ITSELF.get(task, 0.1))
 
 
 @pytest.mark.simulator
@@ -137,9 +99,9 @@ def test_contacts_with_the_table_count_and_those_with_the_object_do_not(task, to
     """The oracle presses the first button with the fingertips on the table, the other from above."""
     pytest.importorskip("metaworld")
     with closing(SIMULATOR.open(task, FAST)) as simulation:
-        actions = oracle_actions(simulation, task, 0)
+        actions = oracle_actions(SIMULATOR, task, simulation, 0)
         simulation.reset(0)
-        assert any(motion.contact_force > 0.0 for motion in played(simulation, [], actions)) == touches
+        assert any(motion.contact_force > 0.0 for motion in motions(simulation, [], actions)) == touches
 
 
 @pytest.mark.simulator
