@@ -46,6 +46,7 @@ from robogauntlet.adapters.contract import (
 from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
 from robogauntlet.adapters.maniskill.cameras import PICTURE, SENSORS, ManiSkillCameras
+from robogauntlet.adapters.maniskill.contacts import ManiSkillContacts
 from robogauntlet.adapters.maniskill.culling import ManiSkillCulling
 from robogauntlet.adapters.maniskill.dynamics import ManiSkillDynamics, renew_physics, wake
 from robogauntlet.adapters.maniskill.lights import ManiSkillLights
@@ -116,9 +117,7 @@ class ManiSkillSimulation(BaseSimulation):
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
         self._places = {**self._objects, "goal": self._goal}
-        self._links = {link.entity.name for link in self._robot.links}
-        self._touchable = self._links | {entity.name for entity in self._objects.values()}
-        self._limits = self._robot.qlimits[:-2].T
+        self._contacts = ManiSkillContacts(self._robot, self._objects.values())
         self._base_from_world = self._robot.pose.inv()
         self._base_inverse = env.agent.controller.controllers["arm"].root_link.pose.inv()
         self._low, self._high = self.action_spec.low, self.action_spec.high
@@ -183,14 +182,13 @@ class ManiSkillSimulation(BaseSimulation):
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return tool and fingers, these entries of `privileged_state`, contacts and joint limits."""
-        joints, fingers = np.split(self._robot.qpos, [-2])
-        low, high = self._limits
+        first, second = self._robot.qpos[-2:].tolist()
         return Motion(
             tool=self._position("tcp_position"),
-            opening=float(fingers[0] + fingers[1]),
+            opening=first + second,
             entries=tuple(map(self._position, entries)),
-            contact_force=self._contact_force(),
-            joint_margin=float(np.minimum(joints - low, high - joints).min()),
+            contact_force=self._contacts.contact_force(self._env.scene.px),
+            joint_margin=self._contacts.joint_margin(),
         )
 
     def _position(self, entry: str) -> FloatArray:
@@ -198,15 +196,6 @@ class ManiSkillSimulation(BaseSimulation):
         name = entry.removesuffix("_position")
         pose = self._tcp.entity_pose if name == "tcp" else self._places[name].pose
         return np.array((self._base_from_world * pose).p, dtype=np.float64)
-
-    def _contact_force(self) -> float:
-        """Return the sum of normal forces between the robot and all but itself and the objects (N)."""
-        physics, total = self._env.scene.px, 0.0
-        for contact in physics.get_contacts():
-            names = {body.entity.name for body in contact.bodies}
-            if names & self._links and not names <= self._touchable:
-                total += sum(abs(float(point.impulse @ point.normal)) for point in contact.points)
-        return total / physics.timestep
 
     def state_hash(self) -> str:
         """Hash joint positions and velocities, and the poses and velocities of all actors, including the goal."""

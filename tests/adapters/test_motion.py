@@ -46,8 +46,8 @@ def test_entries_are_those_of_the_state(task):
 def test_the_table_is_a_contact_and_the_object_and_the_fingers_themselves_are_not(task):
     task.reset(3)
     cube = task.privileged_state()["cube_position"]
-    free = go(task, (*cube, 0.0, 0.0, 0.08))
-    on_cube = go(task, (*cube, 0.0, 0.0, 0.022), steps=20)
+    free = go(task, cube + np.array([0.0, 0.0, 0.08]))
+    on_cube = go(task, cube + np.array([0.0, 0.0, 0.022]), steps=20)
     assert {motion.contact_force for motion in free + on_cube} == {0.0}
     side = np.array([0.0, 0.12, 0.0])
     go(task, cube + side + (0.0, 0.0, 0.08))
