@@ -2,6 +2,7 @@
 
 import shutil
 import sqlite3
+from contextlib import closing
 
 import pytest
 from hypothesis import given
@@ -62,7 +63,7 @@ def test_an_unchanged_run_passes(played):
 
 @pytest.mark.ray
 def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
-    with sqlite3.connect(played / "episodes.sqlite") as database:
+    with closing(sqlite3.connect(played / "episodes.sqlite")) as database, database:
         (wanted,) = database.execute("select episode_id from episodes where policy = 'oracle' and seed = 1").fetchone()
         (steps,) = database.execute("select steps from episodes where episode_id = ?", (wanted,)).fetchone()
         database.execute("update episodes set steps = 999 where episode_id = ?", (wanted,))
@@ -70,8 +71,7 @@ def test_a_changed_row_is_found_by_the_hash_and_by_replay(played):
         done = run_gauntlet("verify", played, "--sample", 10)
         without = run_gauntlet("verify", played, "--sample", 0)
     finally:
-        with sqlite3.connect(played / "episodes.sqlite") as database:
-            database.execute("update episodes set steps = ? where episode_id = ?", (steps, wanted))
+        execute(played / "episodes.sqlite", f"update episodes set steps = {steps} where episode_id = '{wanted}'")
     assert (done.returncode, without.returncode) == (1, 1)
     first, second = done.stderr.splitlines()
     assert first.startswith("robogauntlet: expected the hash ")
