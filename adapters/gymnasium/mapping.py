@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from robogauntlet.adapters.contract import AdapterError, TaskDescription
+from robogauntlet.adapters.contract import AdapterError, Goal, TaskDescription
 from robogauntlet.adapters.gymnasium.expressions import LARGEST, check_attribute, check_expression, undeclared
 from robogauntlet.suites.episode import CAMERAS, content_hash
 from robogauntlet.suites.plugins import did_you_mean
@@ -67,6 +67,27 @@ class Base(_Strict):
     """Degrees about z."""
 
 
+class MappedGoal(_Strict):
+    """The fields of a `robogauntlet.adapters.contract.Goal`, in entries of the mapping's `state`."""
+
+    entry: str
+    to: str = ""
+    offset: tuple[float, ...] = Goal.offset
+    axes: str = Goal.axes
+    tolerance: float = Goal.tolerance
+    handle: str = ""
+    grasped: bool = False
+
+    @model_validator(mode="after")
+    def _measurable(self) -> MappedGoal:
+        self.goal()
+        return self
+
+    def goal(self) -> Goal:
+        """Return the goal; raises ValueError if it cannot be measured."""
+        return Goal(**self.model_dump())
+
+
 class EnvironmentMapping(_Strict):
     """A mapping file."""
 
@@ -92,6 +113,8 @@ class EnvironmentMapping(_Strict):
     """Rotates `tcp_quaternion` so that z points out of the gripper and the fingers open along y: intrinsic Euler angles
     xyz (degrees)."""
     success: Expression
+    goal: MappedGoal | None = None
+    """What has to be brought about, from which progress and the kinds of failures are measured."""
     terminates: bool = False
     """Whether the environment cannot be stepped after `terminated`."""
     cameras: Cameras = Cameras()
@@ -108,6 +131,15 @@ class EnvironmentMapping(_Strict):
             for text in source if isinstance(source, list | tuple) else [source]:
                 if isinstance(text, str) and (path := undeclared(text, self.reads)):
                     raise ValueError(f"{place}: '{text}' reads '{path}' of the environment; add it to `reads`")
+        return self
+
+    @model_validator(mode="after")
+    def _goal_in_state(self) -> EnvironmentMapping:
+        """Check that the goal is one of entries of the state."""
+        for field in ("entry", "to", "handle") if self.goal else ():
+            name = getattr(self.goal, field)
+            if name and name not in self.state:
+                raise ValueError(f"goal.{field}: no '{name}' in `state`{did_you_mean(name, self.state)}")
         return self
 
 
@@ -156,7 +188,13 @@ def load_description(path: Path) -> TaskDescription:
         return TaskDescription(f"cannot be opened: {first_line(error)}", 1)
     cameras = CAMERAS if mapping.cameras.wrist else CAMERAS[:1]
     module, colon, _ = mapping.env.partition(":")
-    return TaskDescription(mapping.instruction, mapping.horizon, cameras=cameras, modules=(module,) if colon else ())
+    return TaskDescription(
+        mapping.instruction,
+        mapping.horizon,
+        cameras=cameras,
+        modules=(module,) if colon else (),
+        goal=mapping.goal.goal() if mapping.goal else None,
+    )
 
 
 def _in_a_line(path: Path, message: str) -> str:
@@ -171,7 +209,7 @@ def _message(problem: Any) -> str:
     place = ".".join(where)
     match problem["type"]:
         case "extra_forbidden":
-            models: dict[str, type[_Strict]] = {"base": Base, "action": Drive, "cameras": Cameras}
+            models: dict[str, type[_Strict]] = {"base": Base, "action": Drive, "goal": MappedGoal, "cameras": Cameras}
             model = models.get(where[0], EnvironmentMapping) if len(where) > 1 else EnvironmentMapping
             return f"unknown key '{place}'{did_you_mean(where[-1], model.model_fields)}"
         case "missing":

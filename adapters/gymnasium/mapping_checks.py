@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import ACTION_DIM, ACTION_NAMES, ActionSpec, FloatArray, Image, SimulatorUnavailable
 from robogauntlet.adapters.frames import relative_pose
+from robogauntlet.adapters.goals import goal_mistakes
 from robogauntlet.adapters.gymnasium.mapping import EnvironmentMapping
 from robogauntlet.suites.plugins import did_you_mean
 
@@ -120,10 +121,12 @@ def scaled(image: Image, size: int) -> Image:
     return np.array(ImageOps.fit(Pillow.fromarray(image), (size, size)))
 
 
-def check_state(state: Mapping[str, FloatArray]) -> None:
-    """Check the required entries of a state and their sizes. Raises ValueError."""
+def check_state(mapping: EnvironmentMapping, state: Mapping[str, FloatArray]) -> None:
+    """Check the required entries of a state and their sizes, and that the goal fits them. Raises ValueError."""
     for name, size in SIZES.items():
         if name not in state:
             raise ValueError(f"state: missing key '{name}'")
         if state[name].size != size:
             raise ValueError(f"state.{name}: expected {size} numbers, got {state[name].size}")
+    for field, expected, seen in goal_mistakes(mapping.goal.goal(), state) if mapping.goal else ():
+        raise ValueError(f"goal.{field}: expected {expected}, found {seen}")

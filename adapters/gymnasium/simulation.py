@@ -59,7 +59,7 @@ class GymnasiumSimulation(BaseSimulation):
             check_camera(camera, mapping, self._world)
         self.reset(0)
         self.step(np.zeros(ACTION_DIM))
-        check_state(self.privileged_state())
+        check_state(mapping, self.privileged_state())
 
     def reset(self, seed: int) -> None:
         """Start the episode of `seed`, from which the environment draws its state."""

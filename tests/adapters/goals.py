@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from robogauntlet.adapters.goals import goal_distance
 from robogauntlet.adapters.motion import motion_of
 from robogauntlet.policies.oracles import scripts
 from robogauntlet.suites.episode import SUCCESS_HOLD
@@ -30,11 +31,10 @@ def motions(simulation, entries, actions):
 
 def measure(simulation, goal, actions):
     """Progress at the end of these actions, and the smallest distance of the tool from the handle (m)."""
-    entries, axes = [goal.entry, goal.to, goal.handle or goal.entry], ["xyz".index(axis) for axis in goal.axes]
-    distances, reached = [], []
+    entries, distances, reached = [goal.entry, goal.to, goal.handle or goal.entry], [], []
     for motion in motions(simulation, entries, actions):
         moved, target, handle = motion.entries
-        distances.append(max(0.0, np.linalg.norm((moved - target - goal.offset)[axes]) - goal.tolerance))
+        distances.append(max(0.0, goal_distance(goal, moved, target) - goal.tolerance))
         reached.append(np.linalg.norm(motion.tool - handle))
     return 1.0 - distances[-1] / distances[0], min(reached)
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import yaml
 
-from robogauntlet.adapters.contract import AdapterError
+from robogauntlet.adapters.contract import AdapterError, Goal
 from robogauntlet.adapters.gymnasium import mapping as mappings
 from robogauntlet.adapters.gymnasium import simulation as adapter
 from robogauntlet.adapters.gymnasium.expressions import check_expression, value_of
 from robogauntlet.suites.episode import CAMERAS, View
+from tests.adapters.goals import check_goal
 
 VIEW = View(CAMERAS[:1], 32)
 REACHER = {
@@ -137,6 +138,22 @@ def test_a_task_has_the_cameras_that_its_mapping_names(tmp_path):
     assert mappings.load_description(write_mapping(tmp_path, {"cameras.wrist": "render"})).cameras == CAMERAS
 
 
+def test_a_task_has_the_goal_of_its_mapping(tmp_path):
+    goal = {"entry": "tcp_position", "offset": [0, 0, 0.1], "axes": "z"}
+    assert mappings.load_description(write_mapping(tmp_path, {"goal": goal})).goal == Goal(
+        "tcp_position", offset=(0.0, 0.0, 0.1), axes="z"
+    )
+    assert mappings.load_description(write_mapping(tmp_path)).goal is None
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["FetchReach-v4", "FetchPickAndPlace-v4", "PandaReach-v3"])
+def test_success_is_progress_and_idling_is_none_by_the_goal_of_a_shipped_mapping(task):
+    pytest.importorskip("gymnasium_robotics")
+    with closing(adapter.open_environment(task, VIEW)) as simulation:
+        check_goal(adapter.SIMULATOR, task, simulation, seed=1, steps=10)
+
+
 def test_an_expression_only_reads():
     names = {"observation": {"goal": np.arange(5)}, "reward": 0.5}
     assert value_of(check_expression('observation["goal"][1:3]'), names).tolist() == [1, 2]
@@ -162,6 +179,11 @@ def test_an_expression_only_reads():
         ({"state.tcp_position": 'unwrapped.data.body("finger").xpos'}, "Invalid name 'finger'"),
         ({"state": {"tcp_position": [0, 0, 0]}}, "state: missing key 'tcp_quaternion'"),
         ({"success": 'info["done"]'}, "KeyError: 'done'"),
+        (
+            {"goal": {"entry": "finger_positions", "to": "tcp_position"}},
+            "goal.to: expected 'tcp_position' to have the shape of 'finger_positions'",
+        ),
+        ({"goal": {"entry": "finger_positions", "axes": "xy"}}, "goal.axes: expected 'xyz', since 'finger_positions'"),
         ({"cameras.third_person": "front"}, "no camera 'front' in the model"),
         ({"cameras.third_person": "render"}, "Reacher-v5 is of MuJoCo, name one of its cameras or an orbit"),
     ],

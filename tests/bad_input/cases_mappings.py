@@ -35,6 +35,24 @@ WRONG = [
         }.items()
     ),
     *(("cameras.third_person", value, "cameras.third_person") for value in (5, None, [], {"at": [0, 0, 0]})),
+    *(("goal", value, "goal: should be") for value in (5, "tcp_position", [])),
+    *(
+        ("goal", {"entry": "tcp_position", **values}, says)
+        for values, says in (
+            ({"to": "tcp_postion"}, "goal.to: no 'tcp_postion' in `state`; did you mean 'tcp_position'?"),
+            ({"handle": "lid"}, "goal.handle: no 'lid' in `state`; known: "),
+            ({"entry": ""}, "goal: entry: expected the name of an entry"),
+            ({"entry": "x" * 10_001}, "goal.entry: "),
+            ({"axes": "xw"}, "goal: axes: expected letters out of 'xyz', each at most once, such as 'xy', found 'xw'"),
+            ({"axes": ""}, "goal: axes: expected letters out of 'xyz'"),
+            ({"offset": [0.1, 0.2]}, "goal: offset: expected 1 or 3 finite numbers"),
+            ({"offset": [float("nan")]}, "goal.offset.0: should be a finite number"),
+            ({"tolerance": -1}, "goal: tolerance: expected a finite number, 0 or more, found -1"),
+            ({"grasped": "perhaps"}, "goal.grasped: should be a valid boolean"),
+            ({"tolerence": 1}, "unknown key 'goal.tolerence'; did you mean 'tolerance'?"),
+        )
+    ),
+    ("goal", {"to": "tcp_position"}, "missing key 'goal.entry'"),
     ("tcp", 1, "unknown key 'tcp'; known: "),
     ("y" * 5_000, 1, "unknown key 'yyy"),
     ("a\nb", 1, "unknown key 'a\\nb'"),
