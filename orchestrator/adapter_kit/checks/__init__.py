@@ -10,6 +10,7 @@ from robogauntlet.orchestrator.adapter_kit.checks import (
     axes,
     cameras,
     culling,
+    motion,
     observations,
     resources,
     scene,
@@ -19,6 +20,6 @@ from robogauntlet.orchestrator.adapter_kit.checks import (
 )
 from robogauntlet.orchestrator.adapter_kit.checks.check import Check
 
-FAMILIES = (types, seeds, observations, actions, cameras, scene_control, scene, culling, axes, resources)
+FAMILIES = (types, motion, seeds, observations, actions, cameras, scene_control, scene, culling, axes, resources)
 CHECKS: Mapping[str, Check] = MappingProxyType({check.name: check for family in FAMILIES for check in family.CHECKS})
 """Every check by name, in the order in which they run: the foundations of the others first."""

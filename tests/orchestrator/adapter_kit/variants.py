@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robogauntlet.adapters.contract import AdapterError, SimulatorUnavailable
+from robogauntlet.adapters.contract import AdapterError, Goal, Motion, SimulatorUnavailable
 from robogauntlet.adapters.frames import proprioception
 from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim import adapter
 from robogauntlet.orchestrator.adapter_kit.scaffold.template.robogauntlet_toysim.adapter import ToysimSimulation
@@ -99,6 +99,48 @@ for _name, _changed in CHANGED_RESULTS.items():
     _with_result(_name, *_changed)
 for _name, _factors in ACTION_FACTORS.items():
     _with_factors(_name, _factors)
+
+# Goal and motion
+
+
+def _with_goal(name, goal):
+    task = replace(adapter.TASKS["Reach"], goal=goal)
+    VARIANTS[name] = replace(VARIANTS["correct"], name=name, tasks={"Reach": task})
+
+
+_with_goal("nogoal", None)
+_with_goal("goalmisspelt", Goal("tcp_position", "bal_position"))
+_with_goal("goalofanangle", Goal("finger_positions", axes="xy"))
+_with_goal("goalreached", Goal("tcp_position", "ball_position", tolerance=2.0))
+
+
+class Moves(Variant):
+    def motion(self, entries):
+        state = ToysimSimulation.privileged_state(self)
+        opening = float(state["finger_positions"].sum())
+        return Motion(state["tcp_position"], opening, tuple(state[entry] for entry in entries), 0.0, 0.5)
+
+
+class MotionElsewhere(Moves):
+    def motion(self, entries):
+        return replace(super().motion(entries), tool=self._world.tool + 0.02)
+
+
+class MotionOfFewer(Moves):
+    def motion(self, entries):
+        return super().motion(entries[:1])
+
+
+class MotionSteps(Moves):
+    def motion(self, entries):
+        self._world.tool[2] += 0.001
+        return super().motion(entries)
+
+
+class MotionPulls(Moves):
+    def motion(self, entries):
+        return replace(super().motion(entries), contact_force=-1.0)
+
 
 # Exceptions
 

@@ -9,16 +9,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.base_simulation import BaseSimulation
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, Simulator, StepOutcome, TaskDescription
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Goal, Image, Simulator, StepOutcome, TaskDescription
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import View
 
 from .cameras import OWN_VIEWPOINTS, ToysimCameras
 
-TASKS = {"Reach": TaskDescription(instruction="touch the red ball", horizon=60)}
 TOUCHING = 0.03
 """Distance between tool and ball at which the task is done (m)."""
+TASKS = {
+    "Reach": TaskDescription(
+        instruction="touch the red ball",
+        horizon=60,
+        goal=Goal(entry="tcp_position", to="ball_position", tolerance=TOUCHING),
+    )
+}
 
 
 class ToysimSimulation(BaseSimulation):
