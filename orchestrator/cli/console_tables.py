@@ -9,7 +9,7 @@ from rich.text import Text
 
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.results.analysis.tables import Tables
-from robogauntlet.results.report import Report, combinations
+from robogauntlet.results.report import Report, combinations, failures
 from robogauntlet.results.report.formatting import NOTHING, TextTable, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
 from robogauntlet.suites.episode import Condition
@@ -40,6 +40,8 @@ def print_summary(report: Report) -> None:
     if report.combinations is not None:
         sentences = [combinations.sentences(one, report.combinations.axes) for one in report.combinations.policies]
         findings = (*(sentence for three in sentences for sentence in three), *findings)
+    if report.failures is not None:
+        findings = (*findings, *failures.sentences(report.failures))
     for finding in findings:
         print_line(f"- {finding}")
     if findings:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from robogauntlet.results.analysis.eligible_episodes import LEAST_SOLVED
+from robogauntlet.results.analysis.failures import OTHER
 from robogauntlet.results.analysis.tables import NotRun, Tables
 from robogauntlet.results.report import formatting
+from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.results.run_document import RunDocument, RunStatus
 from robogauntlet.suites.episode import SUCCESS_HOLD
 from robogauntlet.support.text import counted
@@ -101,6 +103,17 @@ DEFINITIONS = {
     "from which the rates are; p adjusted by Holm's method over all candidates. Lift: failure there divided by failure "
     "elsewhere.",
     "agreement on axes": "Kendall's tau-b of the total indices in two simulators, with a one-sided p-value.",
+    **{str(kind): f"The robot {did}." for kind, did in PHRASES.items()},
+    OTHER: "A failure of a task that declares no goal, or of a kind that this version does not know.",
+    "path length": "Of the tool centre point.",
+    "time to success": "Simulated time until the task's predicate began to hold for good.",
+    "smoothness": "Spectral arc length of the tool's speed, without a unit: lower is jerkier.",
+    "progress": "Share of the distance to the goal that was covered at the end; below 0 if the distance grew, at least "
+    "-1.",
+    "contact": "With what is neither the robot itself nor an object of the task: share of control steps, and largest "
+    "force of any episode.",
+    "limits": "Share of control steps within 0.01 rad of a joint limit, and of those with the tool more than 0.2 m "
+    "outside the box of the start positions.",
     "skipped": "The simulator cannot run on this machine; its episodes count as missing.",
 }
 """Definition per term, shown where the term first appears."""
@@ -109,6 +122,7 @@ ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
 COMBINATION_TERMS = ("sensitivity index", "failure cluster")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "letters")
+BEHAVIOUR_TERMS = ("path length", "time to success", "smoothness", "progress", "contact", "limits")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
 _STATUS = {

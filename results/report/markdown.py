@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robogauntlet.results.analysis.behaviour import BehaviourRow
 from robogauntlet.results.analysis.combinations import Combinations
 from robogauntlet.results.analysis.condition_comparison import ConditionComparison
+from robogauntlet.results.analysis.failures import Failures
 from robogauntlet.results.analysis.merging_cost import Merging
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.analysis.timing import PHASES
+from robogauntlet.results.report import behaviour as behaviour_text
 from robogauntlet.results.report import combinations as combinations_text
 from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
+from robogauntlet.results.report import failures as failures_text
 from robogauntlet.results.report import merging_cost as merging_text
 from robogauntlet.results.report import pairwise as pairwise_text
 from robogauntlet.results.report import robustness as robustness_text
@@ -38,6 +42,8 @@ def render_markdown(report: Report) -> str:
     for simulator in tables.simulators:
         parts += [f"### {escape(simulator)}", markdown(formatting.task_table(tables, simulator))]
     parts.append(_define("done", "error", "bounds"))
+    parts += _failures(report.failures) if report.failures else []
+    parts += _behaviour(report.behaviour) if report.behaviour else []
     parts += _pairwise(report.pairwise) if report.pairwise else []
     parts += _combinations(report.combinations) if report.combinations else []
     parts += _robustness(report.robustness, report.findings) if report.robustness else []
@@ -53,6 +59,30 @@ def render_markdown(report: Report) -> str:
 
 def _define(*terms: str) -> str:
     return "\n".join(f"- {term}: {escape(DEFINITIONS[term])}" for term in terms)
+
+
+def _failures(found: Failures) -> list[str]:
+    sentences = "\n".join(f"- {escape(sentence)}" for sentence in failures_text.sentences(found))
+    parts = ["## How it fails", sentences, _define(*found.kinds)]
+    parts.append("Numbers of failures, and shares of all failures of the row with their 95 % Wilson intervals:")
+    for one in found.policies:
+        if one.total.failures:
+            table = markdown(failures_text.failure_table(found, one))
+            parts += [f"### {escape(one.policy)}, {escape(one.simulator)}: kinds of failures", table]
+    return parts
+
+
+def _behaviour(rows: Sequence[BehaviourRow]) -> list[str]:
+    parts = ["## How it moves", "Clean episodes: medians, with quartiles in parentheses."]
+    tables = [markdown(behaviour_text.success_table(rows)), markdown(behaviour_text.episode_table(rows))]
+    return [
+        *parts,
+        _define(*facts.BEHAVIOUR_TERMS),
+        "### Successes",
+        tables[0],
+        "### Successes and failures",
+        tables[1],
+    ]
 
 
 def _pairwise(found: PairwiseComparisons) -> list[str]:

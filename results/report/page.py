@@ -11,9 +11,11 @@ from pathlib import Path
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables
 from robogauntlet.results.analysis.timing import PHASES
 from robogauntlet.results.record import Status
+from robogauntlet.results.report import behaviour as behaviour_text
 from robogauntlet.results.report import combinations as combinations_text
 from robogauntlet.results.report import condition_comparison as condition_texts
 from robogauntlet.results.report import facts, formatting
+from robogauntlet.results.report import failures as failures_text
 from robogauntlet.results.report import merging_cost as merging_text
 from robogauntlet.results.report import pairwise as pairwise_text
 from robogauntlet.results.report import robustness as robustness_text
@@ -102,6 +104,11 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
             combinations_text=combinations_text,
             combination_terms=list(facts.COMBINATION_TERMS),
             combination_failures=partial(combinations_text.videos_of, media.new_failures),
+            failures=report.failures,
+            failures_text=failures_text,
+            behaviour=report.behaviour,
+            behaviour_text=behaviour_text,
+            behaviour_terms=list(facts.BEHAVIOUR_TERMS),
             findings=report.findings,
             shift_terms=list(facts.SHIFT_TERMS),
             robustness_terms=list(facts.ROBUSTNESS_TERMS),

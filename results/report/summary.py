@@ -10,7 +10,9 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from robogauntlet.results.analysis.behaviour import BehaviourRow
 from robogauntlet.results.analysis.combinations import Combinations
+from robogauntlet.results.analysis.failures import Failures
 from robogauntlet.results.analysis.merging_cost import Merging
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
 from robogauntlet.results.analysis.robustness import Robustness
@@ -76,6 +78,10 @@ class Report:
     """The policies compared with each other, if there are several."""
     combinations: Combinations | None = None
     """Results under combinations of axes, if there are any."""
+    failures: Failures | None = None
+    """Kinds of failures, if any is known."""
+    behaviour: tuple[BehaviourRow, ...] | None = None
+    """How robots move in clean episodes, if it was measured."""
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -140,6 +146,10 @@ class Summary(BaseModel):
     """The policies compared with each other on clean episodes, if there are several."""
     combinations: Combinations | None = None
     """Which axes matter and where failures gather, if axes were combined. An infinite lift is "Infinity"."""
+    failures: Failures | None = None
+    """Kinds of failures, if any is known."""
+    behaviour: tuple[BehaviourRow, ...] | None = None
+    """How robots move in clean episodes, if it was measured."""
     findings: tuple[str, ...] = ()
     """Sentences derived from the tests of `robustness`."""
 
@@ -166,6 +176,8 @@ def build_summary(report: Report) -> Summary:
         robustness=report.robustness,
         pairwise=report.pairwise,
         combinations=report.combinations,
+        failures=report.failures,
+        behaviour=report.behaviour,
         findings=report.findings,
     )
 

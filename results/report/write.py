@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
-from robogauntlet.results.analysis import combinations, merging_cost, pairwise, robustness
+from robogauntlet.results.analysis import behaviour, combinations, failures, merging_cost, pairwise, robustness
 from robogauntlet.results.analysis.comparison import Run
 from robogauntlet.results.analysis.merging_cost import build_merging
 from robogauntlet.results.analysis.tables import build_tables
@@ -55,7 +55,9 @@ def write_report(folder: Path, *, store_url: str | None = None, video_budget: in
         compared = pairwise.compare_all(Run(folder.absolute().name, document, rows))
         del rows
     combined = combinations.build_combinations(document, read_frame(paths.episodes, combinations.COLUMNS))
-    report = Report(paths, document, tables, merging, perturbed, compared, combined)
+    failed = failures.build_failures(document, read_frame(paths.episodes, failures.COLUMNS))
+    moved = behaviour.build_behaviour(document, read_frame(paths.episodes, behaviour.COLUMNS))
+    report = Report(paths, document, tables, merging, perturbed, compared, combined, failed, moved)
     write_whole(paths.summary, build_summary(report).model_dump_json(indent=1) + "\n")
     write_whole(paths.cells, render_csv(tables))
     write_whole(paths.markdown, render_markdown(report))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import sqlite3
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pandas as pd
@@ -103,6 +103,28 @@ def rows_where(is_success, plan, seeds):
     return [
         row(cell, seed, "success" if is_success(cell, seed) else "failure") for cell in plan for seed in range(seeds)
     ]
+
+
+def with_behaviour(results, kind=lambda result: "not-reached"):
+    """The rows with plausible behaviour; `kind(row)` is the kind of each failure."""
+    return [result if result.status == "error" else replace(result, **_behaviour(result, kind)) for result in results]
+
+
+def _behaviour(result, kind):
+    won, generator = result.status == "success", random.Random(f"{result.episode_id}")
+    contact = generator.random() < 0.2
+    return {
+        "path_length": round(generator.gauss(0.45, 0.04) if won else generator.gauss(0.7, 0.1), 4),
+        "smoothness": round(generator.gauss(-3.0, 0.3), 3),
+        "time_to_success": round(0.05 * result.steps - generator.random(), 3) if won else None,
+        "progress": round(generator.uniform(0.9, 1.0) if won else generator.uniform(-0.4, 0.6), 3),
+        "gripper_openings": generator.choice([1, 1, 2]),
+        "contact_steps": 3 if contact else 0,
+        "contact_force": round(generator.uniform(5, 40), 1) if contact else 0.0,
+        "joint_limit_steps": 0,
+        "workspace_steps": 0 if won else generator.choice([0, 0, 9]),
+        "failure": None if won else kind(result),
+    }
 
 
 def run_folder(folder: Path, run: RunDocument, results) -> Path:

@@ -1,0 +1,183 @@
+"""How policies fail: counts of the kinds of failures, and their shares, by condition."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from robogauntlet.results.record import FailureKind, Status
+from robogauntlet.results.run_document import RunDocument
+from robogauntlet.results.statistics.rates import Interval, wilson_intervals
+from robogauntlet.suites.episode import CLEAN, Condition
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("simulator", "task", "policy", "policy_digest", "axis", "severity", "status", "failure")
+"""Fields of the record that are needed."""
+OTHER = "other"
+"""Failures without a kind, or of a kind that this version does not know."""
+KINDS = (*map(str, FailureKind), OTHER)
+OUTCOMES = (str(Status.SUCCESS), *KINDS, str(Status.ERROR))
+"""What an episode can come to, in the order of plots and tables."""
+COMBINATIONS = "combinations"
+"""Name of the group of all combinations of axes."""
+
+
+@dataclass(frozen=True, slots=True)
+class KindCount:
+    """Failures of one kind."""
+
+    kind: str
+    """One of `KINDS`."""
+    failures: int
+    share: float
+    """Of all failures of the group."""
+    interval: Interval | None
+    """Wilson interval of the share, 95 %."""
+
+
+@dataclass(frozen=True, slots=True)
+class FailureGroup:
+    """Episodes of one policy in one simulator, and how they failed."""
+
+    name: str
+    """Axis, `clean`, `combinations`, an axis of combinations with its lowest severity, a task, or `all`."""
+    successes: int
+    failures: int
+    errors: int
+    kinds: tuple[KindCount, ...]
+    """Those that occur, in the order of `KINDS`."""
+
+    @property
+    def episodes(self) -> int:
+        """All episodes with a row."""
+        return self.successes + self.failures + self.errors
+
+    @property
+    def most(self) -> KindCount | None:
+        """The most frequent known kind; None if no failure has one."""
+        known = [one for one in self.kinds if one.kind != OTHER]
+        return max(known, key=lambda one: one.failures, default=None)
+
+    def count(self, outcome: str) -> int:
+        """Number of episodes with one of `OUTCOMES`."""
+        found = {one.kind: one.failures for one in self.kinds}
+        return {OUTCOMES[0]: self.successes, OUTCOMES[-1]: self.errors, **found}.get(outcome, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyFailures:
+    """One policy in one simulator."""
+
+    policy: str
+    simulator: str
+    total: FailureGroup
+    groups: tuple[FailureGroup, ...]
+    """By condition: clean, each axis with all its severities, and combinations; by task if all episodes are clean."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failures:
+    """How the policies of a run fail, without its oracle gate and no-skill baselines."""
+
+    by_task: bool
+    """Whether groups are tasks."""
+    policies: tuple[PolicyFailures, ...]
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """Those of `OUTCOMES` that occur."""
+        return tuple(name for name in OUTCOMES if any(one.total.count(name) for one in self.policies))
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Those of `KINDS` that occur."""
+        return tuple(name for name in self.outcomes if name in KINDS)
+
+
+def known_kind(failure: object) -> FailureKind | None:
+    """Return the kind that a row's field `failure` names; None if it is empty or of another version."""
+    return FailureKind(failure) if failure in _KNOWN else None
+
+
+_KNOWN = frozenset(map(str, FailureKind))
+
+
+def build_failures(document: RunDocument, frame: pd.DataFrame) -> Failures | None:
+    """Count the kinds of failures of a run from its rows with the columns `COLUMNS`; None if no failure has a kind.
+
+    All episodes count: an oracle gate rejects none of them.
+    """
+    fields = list(COLUMNS)
+    counts = frame[fields].groupby(fields, sort=False, observed=True, dropna=False).size().reset_index(name="n")
+    counts[fields] = counts[fields].astype(object)
+    counts["outcome"] = [_outcome(*row) for row in zip(counts["status"], counts["failure"], strict=True)]
+    if not counts["outcome"].isin(list(FailureKind)).any():
+        return None
+    names = {cell.policy_digest: cell.policy for cell in document.plan}
+    rows = zip(counts["policy_digest"], counts["policy"], strict=True)
+    counts["policy"] = [names.get(digest, name) for digest, name in rows]
+    conditions = _conditions(document, counts["axis"])
+    by_task = list(conditions) == [CLEAN]
+    left_out = {document.suite.oracle_gate, *document.suite.no_skill_baselines}
+    found = []
+    for policy in dict.fromkeys([*names.values(), *counts["policy"]]):
+        own = counts[counts["policy"] == policy]
+        for simulator in dict.fromkeys(own["simulator"]):
+            here = own[own["simulator"] == simulator]
+            column = "task" if by_task else "axis"
+            parts = {task: [task] for task in here["task"]} if by_task else conditions
+            chosen = {name: here[here[column].isin(values)] for name, values in parts.items()}
+            groups = [_group(name, part) for name, part in chosen.items() if len(part)]
+            found.append(PolicyFailures(str(policy), str(simulator), _group("all", here), tuple(groups)))
+    shown = [one for one in found if one.policy not in left_out] or found
+    return Failures(by_task, tuple(shown))
+
+
+def _outcome(status: str, failure: object) -> str:
+    return str(known_kind(failure) or OTHER) if status == Status.FAILURE else str(status)
+
+
+def _group(name: str, counts: pd.DataFrame) -> FailureGroup:
+    numbers = {str(outcome): int(n) for outcome, n in counts.groupby("outcome")["n"].sum().items()}
+    of_kinds = [(kind, numbers[kind]) for kind in KINDS if kind in numbers]
+    failures = sum(n for _, n in of_kinds)
+    intervals = wilson_intervals([n for _, n in of_kinds], [failures] * len(of_kinds))
+    kinds = (KindCount(kind, n, n / failures, ends) for (kind, n), ends in zip(of_kinds, intervals, strict=True))
+    errors = sum(numbers.values()) - failures - numbers.get(OUTCOMES[0], 0)
+    return FailureGroup(name, numbers.get(OUTCOMES[0], 0), failures, errors, tuple(kinds))
+
+
+def _conditions(document: RunDocument, axes: Iterable[str]) -> Mapping[str, Sequence[str]]:
+    """Name of each group of conditions to the values of the column `axis` that belong to it.
+
+    Clean comes first, then axes in the order of the plan with all their severities, and combinations: all of them
+    together, and for each axis those at which it is at half of its highest severity or above.
+    """
+    present = set(axes)
+    order = dict.fromkeys([CLEAN, *(cell.axis for cell in document.plan), *sorted(present)])
+    conditions = {axis: Condition(axis, 1) for axis in order if axis in present}
+    groups = {axis: [axis] for axis, condition in conditions.items() if not condition.is_combination}
+    combined = [axis for axis in conditions if axis not in groups]
+    if not combined:
+        return groups
+    groups[COMBINATIONS] = combined
+    severities: dict[str, dict[str, float]] = {}
+    for axis in combined:
+        for name, severity in _severities(conditions[axis]):
+            severities.setdefault(name, {})[axis] = severity
+    for name, of_axis in sorted(severities.items()):
+        half = round(max(of_axis.values()) / 2, 1)
+        chosen = [axis for axis, severity in of_axis.items() if severity >= half]
+        if len(chosen) < len(combined):
+            groups[f"{name} from {half:g}"] = chosen
+    return groups
+
+
+def _severities(condition: Condition) -> Iterator[tuple[str, float]]:
+    try:
+        yield from ((part.axis, part.severity) for part in condition.perturbations)
+    except ValueError:  # of another version
+        return

@@ -1,0 +1,106 @@
+"""How policies fail, as sentences, tables and bars, and in the files of a report."""
+
+import json
+
+import pytest
+
+from robogauntlet.results.analysis.failures import COLUMNS, OUTCOMES, build_failures
+from robogauntlet.results.record import FailureKind
+from robogauntlet.results.report import Summary, failures, write_report
+from robogauntlet.suites.episode import Condition
+from tests import ROOT
+from tests.results.synthetic import cells, columns_of, document, rows, rows_where, run_folder, with_behaviour
+
+CONDITIONS = (Condition(), Condition("camera-orbit", 2), Condition("camera-orbit", 4))
+PLAN = cells(("zoo:experts",), ("maniskill/A",), CONDITIONS)
+
+
+def outcome(cell, seed):
+    return cell.condition == Condition() and seed != 3
+
+
+def kind(row):
+    return "dropped" if row.axis == "clean" else "not-reached" if row.seed < 7 else "unsafe"
+
+
+def built(of=PLAN, won=outcome, kind=kind):
+    results = with_behaviour(rows_where(won, of, 10), kind)
+    return build_failures(document(10, of), columns_of(results, COLUMNS))
+
+
+def test_a_sentence_names_the_most_frequent_kind_and_where_it_fails_most():
+    assert failures.sentences(built()) == [
+        "zoo:experts in maniskill: in 14 of 21 failures the robot never reached the object or the goal (not-reached); "
+        "under camera-orbit, which has the most of them, in 14 of 20."
+    ]
+
+
+def test_a_policy_without_failures_or_kinds_is_said_to_have_none():
+    plan = cells(("a", "b", "c"), ("maniskill/A",))
+
+    def of_policy(row):
+        return "dropped" if row.policy == "b" else None
+
+    found = failures.sentences(built(plan, lambda cell, seed: cell.policy == "a", of_policy))
+    assert found[0] == "a in maniskill: no failure in 10 episodes."
+    assert found[2] == "c in maniskill: 10 failures, none with a known kind."
+
+
+def test_the_table_has_numbers_shares_and_intervals():
+    found = built()
+    table = failures.failure_table(found, found.policies[0])
+    assert table.header == ("condition", "episodes", "failures", "unsafe", "not-reached", "dropped", "errors")
+    assert table.rows[1] == ("camera-orbit", "20", "20", "6: 30 % [15, 52]", "14: 70 % [48, 85]", "–", "0")
+    assert [row[0] for row in table.rows] == ["clean", "camera-orbit", "all"]
+
+
+def test_a_bar_is_filled_by_all_episodes():
+    found = built()
+    for bar in failures.bars(found, found.policies[0]):
+        assert sum(segment.width for segment in bar.segments) == pytest.approx(100, abs=0.01)
+        assert sum(segment.episodes for segment in bar.segments) == bar.episodes
+    assert [segment.text for segment in bar.segments] == [
+        "unsafe: 6 of 20 episodes",
+        "not-reached: 14 of 20 episodes",
+    ]
+
+
+def test_every_outcome_has_a_colour_and_every_kind_a_phrase():
+    style = (ROOT / "results/report/report.css").read_text()
+    assert [name for name in OUTCOMES if f".outcome-{name} {{ --fill: " not in style] == []
+    assert set(failures.PHRASES) == set(FailureKind)
+
+
+@pytest.mark.parametrize(
+    ("status", "failure", "shown"),
+    [
+        ("failure", "dropped", "failure: dropped"),
+        *[("failure", unknown, "failure") for unknown in (None, "", "melted", float("nan"))],
+        ("success", "dropped", "success"),
+    ],
+)
+def test_a_caption_names_a_known_kind_of_a_failure(status, failure, shown):
+    assert failures.outcome_text(status, failure) == shown
+
+
+def test_the_files_of_a_report_have_the_section_after_the_success_tables(tmp_path):
+    results = with_behaviour(rows_where(outcome, PLAN, 10), kind)
+    paths = write_report(run_folder(tmp_path / "run", document(10, PLAN), results)).paths
+    page, text = paths.html.read_text(), paths.markdown.read_text()
+    assert page.index('id="tasks"') < page.index('id="failures"') < page.index('id="movement"')
+    assert page.index('id="movement"') < page.index('id="robustness"')
+    assert text.index("## Success rates") < text.index("## How it fails") < text.index("## How it moves")
+    for shown in (page, text):
+        assert "in 14 of 21 failures the robot never reached the object or the goal (not-reached)" in shown
+        assert "path length (m)" in shown
+    summary = Summary.model_validate_json(paths.summary.read_text())
+    assert summary.failures.policies[0].total.failures == 21
+    assert summary.behaviour[0].successes == 9
+
+
+def test_runs_of_earlier_versions_have_no_such_sections(tmp_path):
+    paths = write_report(run_folder(tmp_path / "run", document(4), rows(planned=4))).paths
+    page, text = paths.html.read_text(), paths.markdown.read_text()
+    assert not any(words in page + text for words in ("How it fails", "How it moves", 'id="failures"'))
+    content = json.loads(paths.summary.read_text())
+    assert (content["failures"], content["behaviour"]) == (None, None)
