@@ -216,6 +216,20 @@ def has_behaviour(result: EpisodeResult) -> bool:
     return any(getattr(result, name) is not None for name in BEHAVIOUR)
 
 
+def known_kind(failure: object) -> FailureKind | None:
+    """Return the kind that a row's field `failure` names; None if it is empty or of another version."""
+    return FailureKind(failure) if failure in _KINDS else None
+
+
+_KINDS = frozenset(map(str, FailureKind))
+
+
+def outcome_text(status: str, failure: object) -> str:
+    """The outcome of an episode for captions: `success`, or `failure: dropped` if its kind is known."""
+    kind = known_kind(failure) if status == Status.FAILURE else None
+    return status if kind is None else f"{status}: {kind}"
+
+
 def rows_hash(rows: Iterable[tuple[Any, ...]]) -> str:
     """Hash a set of outcome rows in any order: equal for two runs with the same outcomes."""
     digests = sorted(hashlib.sha256(json.dumps(row).encode()).digest() for row in rows)

@@ -18,7 +18,7 @@ from robogauntlet.orchestrator.replay.replay import (
 )
 from robogauntlet.orchestrator.runs.plan import why_impossible
 from robogauntlet.results.media_paths import changed_video_path, video_path
-from robogauntlet.results.record import EpisodeResult, Status
+from robogauntlet.results.record import EpisodeResult, Status, outcome_text
 from robogauntlet.results.run_document import read_run
 from robogauntlet.results.store.episode_store import Store
 from robogauntlet.suites.conditions import changed_condition
@@ -69,7 +69,7 @@ def replay_episode(
     except RayLost as error:
         raise BadInput(str(error)) from None
     for result in (replay.result, *played):
-        ended = f"{result.status} after {counted(result.steps, 'step')}"
+        ended = f"{outcome_text(result.status, result.failure)} after {counted(result.steps, 'step')}"
         outcome = result.error if result.status == Status.ERROR else ended
         under = f", {result.episode.condition}" if changes else ""
         print_line(f"{row.task}, {row.policy}, seed {row.seed}{under}: {outcome}")

@@ -17,7 +17,7 @@ from starlette.responses import Response
 from robogauntlet.orchestrator.dashboard import queries
 from robogauntlet.orchestrator.dashboard.app_state import AppState, CurrentAppState
 from robogauntlet.results.media_paths import MEDIA, SHARED_BY, picture_path, snapshot_path, videos_folder
-from robogauntlet.results.record import Status
+from robogauntlet.results.record import FailureKind, Status, outcome_text
 from robogauntlet.results.run_document import RunError
 from robogauntlet.results.store.database import StoreError
 from robogauntlet.results.store.episode_store import Store
@@ -38,11 +38,12 @@ async def failures(
     run: str = "",
     policy: str = "",
     task: str = "",
+    kind: str = "",
     page: Annotated[int, Query(ge=1, le=10_000)] = 1,
 ) -> Response:
     """List videos of failures, the newest runs first."""
-    key = ("failures", run, policy, task, page)
-    shown = await app_state.browsing.run(key, lambda: _shown(app_state, run, policy, task, page))
+    key = ("failures", run, policy, task, kind, page)
+    shown = await app_state.browsing.run(key, lambda: _shown(app_state, run, policy, task, kind, page))
     tasks = await run_in_threadpool(queries.tasks, app_state.history, policy or None)
     return await run_in_threadpool(
         app_state.page,
@@ -52,13 +53,14 @@ async def failures(
         more=len(shown) > PAGE,
         page=page,
         searched=RUNS,
-        wanted={"run": run, "policy": policy, "task": task},
+        wanted={"run": run, "policy": policy, "task": task, "kind": kind},
+        kinds=list(FailureKind),
         names=await run_in_threadpool(app_state.choices),
         tasks=tasks,
     )
 
 
-def _shown(app_state: AppState, run: str, policy: str, task: str, page: int) -> list[dict[str, Any]]:
+def _shown(app_state: AppState, run: str, policy: str, task: str, kind: str, page: int) -> list[dict[str, Any]]:
     """The videos of a page, and one more if there is a next page."""
     wanted = queries.Filter(policy=policy or None)
     entries = [app_state.run_named(run)] if run else queries.page_of_runs(app_state.history, wanted, RUNS, 0)
@@ -66,7 +68,7 @@ def _shown(app_state: AppState, run: str, policy: str, task: str, page: int) -> 
         video
         for entry in entries
         for video in failure_videos(app_state, entry)
-        if policy in ("", video["policy"]) and task in ("", video["task"])
+        if policy in ("", video["policy"]) and task in ("", video["task"]) and kind in ("", video["failure"])
     )
     return list(islice(videos, PAGE * (page - 1), PAGE * page + 1))
 
@@ -93,6 +95,7 @@ def _read_videos(app_state: AppState, entry: RunEntry, folder: Path) -> Iterator
             "run_id": entry.run_id,
             "run": entry.name,
             "condition": str(condition),
+            "outcome": outcome_text(Status.FAILURE, row.failure),
             "video": _address(entry, f"{MEDIA}/videos/{video}.mp4"),
             "poster": _poster(entry, folder, row.task, condition),
         }
@@ -103,7 +106,7 @@ def _failed(url: str, run_id: str, ids: Sequence[str]) -> list[tuple[Any, str]]:
     e = episodes.c
     shared = [e[name] for name in SHARED_BY]
     videos = sa.select(*shared, e.episode_id).where(e.run_id == run_id, e.episode_id.in_(ids))
-    columns = (e.episode_id, e.policy, e.task, e.axis, e.severity, e.seed, e.steps)
+    columns = (e.episode_id, e.policy, e.task, e.axis, e.severity, e.seed, e.steps, e.failure)
     query = sa.select(*columns, *shared).where(e.run_id == run_id, e.status == str(Status.FAILURE))
     query = query.order_by(e.task, e.policy, e.axis, e.severity, e.seed)
     with closing(Store.open(url, run_id, create=False)) as store, store.database.reading() as connection:

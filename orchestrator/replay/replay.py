@@ -23,7 +23,7 @@ from robogauntlet.orchestrator.replay.joined_videos import join_videos
 from robogauntlet.orchestrator.runs.trust import require_trust
 from robogauntlet.policies import catalog as policies
 from robogauntlet.policies.contract import PolicyError
-from robogauntlet.results.record import BEHAVIOUR, OUTCOME, EpisodeResult, has_behaviour
+from robogauntlet.results.record import BEHAVIOUR, OUTCOME, EpisodeResult, has_behaviour, outcome_text
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.suites.conditions import change_text
 from robogauntlet.suites.episode import Condition
@@ -185,10 +185,16 @@ def _record_both(
         with VideoRecorder(after, steps=row.horizon) as recorder:
             changed = runner.play_one(replace(row.episode, condition=condition), recorder)
         if before.exists() and after.exists():
-            titles = [f"as stored: {replayed.result.status}"]
-            titles.append(f"{change_text(row.episode.condition, condition)}: {changed.status}")
-            join_videos((before, after), titles, video)
+            join_videos((before, after), titles(row.episode.condition, replayed.result, changed), video)
     return replayed, changed
+
+
+def titles(stored: Condition, result: EpisodeResult, changed: EpisodeResult) -> list[str]:
+    """The titles of both videos: under which condition an episode was played, and how it ended."""
+    under = ("as stored", change_text(stored, changed.episode.condition))
+    return [
+        f"{how}: {outcome_text(row.status, row.failure)}" for how, row in zip(under, (result, changed), strict=True)
+    ]
 
 
 def _run_job(job: Job[Row], rows: Sequence[Row], sources: Mapping[str, PolicySource]) -> Iterator[Any]:

@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.episodes.lease import Readiness
 from robogauntlet.orchestrator.runs.live_display import Display
 from robogauntlet.orchestrator.runs.plan import Plan
 from robogauntlet.results.live_status import LiveSimulator
-from robogauntlet.results.record import EpisodeResult
+from robogauntlet.results.record import EpisodeResult, outcome_text
 from robogauntlet.suites.episode import CLEAN, Cell, Condition
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.errors import first_line
@@ -103,7 +103,8 @@ class Progress(Display):
             condition = "" if row.axis == CLEAN else f" under {Condition(row.axis, row.severity)}"
             reason = f": {first_line(row.error)}" if row.error else ""
             episode = f"{row.task}, {row.policy}{condition}, seed {row.seed}"
-            self.log(f"{episode}: {row.status} in {counted(row.steps, 'step')}, {row.wall_s:.2f} s{reason}")
+            outcome = outcome_text(row.status, row.failure)
+            self.log(f"{episode}: {outcome} in {counted(row.steps, 'step')}, {row.wall_s:.2f} s{reason}")
         for (name, status), count in Counter((r.simulator, r.status) for r in results).items():
             progress = self._simulators[name]
             setattr(progress, status, getattr(progress, status) + count)

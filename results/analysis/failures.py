@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.record import FailureKind, Status
+from robogauntlet.results.record import FailureKind, Status, known_kind
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.statistics.rates import Interval, wilson_intervals
 from robogauntlet.suites.episode import CLEAN, Condition
@@ -95,14 +95,6 @@ class Failures:
     def kinds(self) -> tuple[str, ...]:
         """Those of `KINDS` that occur."""
         return tuple(name for name in self.outcomes if name in KINDS)
-
-
-def known_kind(failure: object) -> FailureKind | None:
-    """Return the kind that a row's field `failure` names; None if it is empty or of another version."""
-    return FailureKind(failure) if failure in _KNOWN else None
-
-
-_KNOWN = frozenset(map(str, FailureKind))
 
 
 def build_failures(document: RunDocument, frame: pd.DataFrame) -> Failures | None:

@@ -11,9 +11,8 @@ from robogauntlet.results.analysis.failures import (
     Failures,
     KindCount,
     PolicyFailures,
-    known_kind,
 )
-from robogauntlet.results.record import FailureKind, Status
+from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, counted, percent, short_task, span
 from robogauntlet.suites.episode import CLEAN
 
@@ -48,12 +47,6 @@ class Bar:
     name: str
     episodes: int
     segments: tuple[Segment, ...]
-
-
-def outcome_text(status: str, failure: object) -> str:
-    """The outcome of an episode for captions: `success`, or `failure: dropped` if its kind is known."""
-    kind = known_kind(failure)
-    return f"{status}: {kind}" if kind is not None and status == Status.FAILURE else status
 
 
 def sentences(failures: Failures) -> list[str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robogauntlet.results.media_paths import SHARED_BY, picture_path, snapshot_path, videos_folder
-from robogauntlet.results.record import Status
+from robogauntlet.results.record import Status, outcome_text
 from robogauntlet.results.report.parquet import read_frame
 from robogauntlet.results.report.summary import ReportPaths
 from robogauntlet.results.run_document import RunDocument
@@ -47,11 +47,18 @@ class Video:
     """Data URI of the last frame."""
     same_as: Video | None = None
     """The video of another policy that acted identically, which the report shows in place of this one."""
+    failure: str | None = None
+    """Kind of the failure, as the row has it."""
 
     @property
     def simulator(self) -> str:
         """Simulator of the task."""
         return self.task.partition("/")[0]
+
+    @property
+    def outcome(self) -> str:
+        """The status for captions, with the kind of a failure if it is known."""
+        return outcome_text(self.status, self.failure)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +129,9 @@ def _with_video(folder: Path, frame: pd.DataFrame, recorded: Collection[str]) ->
     """The rows that the videos of these episodes show, with the id of the recorded episode as `video`."""
     path, columns = ReportPaths.in_folder(folder).episodes, ("episode_id", *SHARED_BY)
     videos = read_frame(path, columns, where=("episode_id", recorded)).drop_duplicates(SHARED_BY)
-    rows = read_frame(path, columns, where=("pair_id", videos["pair_id"]))
+    rows = read_frame(path, (*columns, "failure"), where=("pair_id", videos["pair_id"]))
     shown = rows.merge(videos.rename(columns={"episode_id": "video"}), on=list(SHARED_BY))
-    return frame.merge(shown[["episode_id", "video"]], on="episode_id")
+    return frame.merge(shown[["episode_id", "video", "failure"]], on="episode_id")
 
 
 def _new_failures(recorded: pd.DataFrame, frame: pd.DataFrame, excluded: Collection[str]) -> pd.DataFrame:
@@ -185,6 +192,7 @@ def _video(row: Any, names: Mapping[str, str], files: Mapping[str, Path]) -> Vid
         condition=Condition(str(row.axis), int(row.severity)),
         path=path,
         size=path.stat().st_size,
+        failure=row.failure,
     )
 
 

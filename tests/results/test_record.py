@@ -17,7 +17,9 @@ from robogauntlet.results.record import (
     FailureKind,
     Status,
     describe_fields,
+    known_kind,
     outcome_row,
+    outcome_text,
     rows_hash,
 )
 from tests.results.synthetic import cells, row, rows
@@ -122,3 +124,19 @@ def test_a_reward_hashes_the_same_however_a_database_returns_it():
     """SQLite returns -0.0 as 0.0, and a worker may hand over a whole number."""
     hashes = {rows_hash([outcome_row(dataclasses.replace(ROW, reward_sum=zero))]) for zero in (0, 0.0, -0.0)}
     assert len(hashes) == 1
+
+
+@pytest.mark.parametrize(
+    ("status", "failure", "shown"),
+    [
+        ("failure", "dropped", "failure: dropped"),
+        *[("failure", unknown, "failure") for unknown in (None, "", "melted", float("nan"))],
+        ("success", "dropped", "success"),
+    ],
+)
+def test_a_caption_names_a_known_kind_of_a_failure(status, failure, shown):
+    assert outcome_text(status, failure) == shown
+
+
+def test_every_kind_is_known():
+    assert {known_kind(str(kind)) for kind in FailureKind} == set(FailureKind)

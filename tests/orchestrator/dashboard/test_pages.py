@@ -277,6 +277,26 @@ def test_a_video_that_policies_share_is_shown_for_each(served, tmp_path):
     assert re.findall(r'aria-label="Failure of (\w+) on', page) == ["experts", "merged"]
 
 
+def test_videos_of_failures_name_their_kind_and_are_filtered_by_it(served, tmp_path):
+    (cell,) = cells(("experts",), ("robosuite/Lift",))
+    kinds = ("dropped", "misplaced", "<b>melted")
+    failed = [row(cell, seed, "failure", failure=kind) for seed, kind in enumerate(kinds)]
+    run = document(3, [cell], run_id="kinds")
+    folder = run_folder(tmp_path / "kinds", run, failed)
+    add_videos(folder, run, failed)
+    served.history.record(run, folder)
+    page = served.get("/failures?run=kinds").text
+    assert re.findall(r'aria-label="([^"]+) of experts on', page) == [
+        "Failure: dropped",
+        "Failure: misplaced",
+        "Failure",
+    ]
+    assert "<br>failure: dropped<br>" in page
+    assert '<option value="dropped">' in page
+    shown = served.get("/failures?run=kinds&kind=misplaced").text
+    assert re.findall(r'aria-label="([^"]+) of experts on', shown) == ["Failure: misplaced"]
+
+
 def test_a_part_of_a_video_can_be_requested(filled):
     video = re.search(r'<video[^>]* src="([^"]+)"', filled.get("/failures").text)[1]
     part = filled.get(video, headers={"range": "bytes=10-19"})

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from robogauntlet.results.analysis.failures import COLUMNS, COMBINATIONS, OTHER, build_failures, known_kind
-from robogauntlet.results.record import FailureKind
+from robogauntlet.results.analysis.failures import COLUMNS, COMBINATIONS, OTHER, build_failures
 from robogauntlet.results.statistics.rates import wilson_interval
 from robogauntlet.suites.episode import Condition, Perturbation
 from tests.results.synthetic import CLEAN, cells, columns_of, document, row, rows, rows_where, with_behaviour
@@ -71,7 +70,6 @@ def test_a_clean_run_is_counted_by_task():
 
 @pytest.mark.parametrize("unknown", ["melted", "", "<script>", "DROPPED"])
 def test_a_kind_of_another_version_is_counted_as_other(unknown):
-    assert known_kind(unknown) is None
     plan, results = played(kind=lambda row: unknown if row.seed else "dropped")
     (one,) = found(plan, results).policies
     assert {kind.kind: kind.failures for kind in one.total.kinds} == {"dropped": 1, OTHER: 4}
@@ -103,7 +101,3 @@ def test_the_oracle_gate_and_no_skill_baselines_are_left_out():
     plan, results = played(policies=("a", "oracle", "random"))
     suite = {"policies": ["a", "oracle", "random"], "oracle_gate": "oracle", "no_skill_baselines": ["random"]}
     assert [one.policy for one in found(plan, results, **suite).policies] == ["a"]
-
-
-def test_every_kind_is_known():
-    assert {known_kind(str(kind)) for kind in FailureKind} == set(FailureKind)

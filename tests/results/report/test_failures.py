@@ -71,18 +71,6 @@ def test_every_outcome_has_a_colour_and_every_kind_a_phrase():
     assert set(failures.PHRASES) == set(FailureKind)
 
 
-@pytest.mark.parametrize(
-    ("status", "failure", "shown"),
-    [
-        ("failure", "dropped", "failure: dropped"),
-        *[("failure", unknown, "failure") for unknown in (None, "", "melted", float("nan"))],
-        ("success", "dropped", "success"),
-    ],
-)
-def test_a_caption_names_a_known_kind_of_a_failure(status, failure, shown):
-    assert failures.outcome_text(status, failure) == shown
-
-
 def test_the_files_of_a_report_have_the_section_after_the_success_tables(tmp_path):
     results = with_behaviour(rows_where(outcome, PLAN, 10), kind)
     paths = write_report(run_folder(tmp_path / "run", document(10, PLAN), results)).paths

@@ -47,6 +47,18 @@ def cell_of(policy, task, condition):
     return next(c for c in PLAN if (c.policy, c.task, c.condition) == (policy, task, condition))
 
 
+def test_videos_are_captioned_with_the_kind_of_failure(tmp_path):
+    (cell,) = cells(("a",), ("robosuite/Lift",))
+    rows = [row(cell, 0), row(cell, 1, "failure", failure="dropped")]
+    folder = run_folder(tmp_path / "run", document(2, [cell]), rows)
+    for seed in (0, 1):
+        save_video(folder, cell, seed)
+    page = write_report(folder).paths.html.read_text()
+    assert "</span> failure: dropped, seed 1</figcaption>" in page
+    assert "</span> success, seed 0</figcaption>" in page
+    assert 'aria-label="failure: dropped of a on robosuite/Lift, seed 1"' in page
+
+
 def test_new_failures_are_the_mildest_recorded_ones_of_each_simulator_and_not_of_the_gate(folder):
     for task in TASKS:
         save_video(folder, cell_of("experts", task, BLUR4), 0)
