@@ -150,13 +150,16 @@ def conclude(comparison: Comparison, form: Format, file: Path | None, *, tables:
     Raises:
         BadInput: The file cannot be written.
     """
-    from robogauntlet.results.report.comparison import FORMATS, table
+    from robogauntlet.results.report.comparison import FORMATS, behaviour_tables, table
 
     text = FORMATS[form](comparison)
     if file is None:
         for policy in comparison.policies if tables and form is Format.TEXT else ():
             out.print(rich_table(table(policy, comparison.alpha), title=policy.policy))
             out.print()
+            for moved in behaviour_tables(policy):
+                out.print(rich_table(moved, title=policy.policy))
+                out.print()
     write(text, file)
     raise typer.Exit(EXIT_CODES[comparison.verdict])
 

@@ -14,7 +14,8 @@ from enum import StrEnum
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.record import Status
+from robogauntlet.results.analysis.paired_behaviour import BehaviourComparison, adjusted, compare_behaviour
+from robogauntlet.results.record import BEHAVIOUR, Status
 from robogauntlet.results.run_document import EVERYWHERE, PlannedCell, Provenance, RunDocument, RunStatus
 from robogauntlet.results.statistics.multiplicity import ALPHA, holm
 from robogauntlet.results.statistics.pairs import (
@@ -34,7 +35,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 OWN = "the run's own environment"
-COLUMNS = ("pair_id", "policy", "policy_digest", "simulator", "task", "status", "state_hash", "actions_hash")
+COLUMNS = (
+    *("pair_id", "policy", "policy_digest", "simulator", "task", "seed", "status", "state_hash", "actions_hash"),
+    *BEHAVIOUR,
+)
 """Fields of the record that a comparison needs."""
 
 
@@ -91,6 +95,8 @@ class PolicyComparison:
     whole: Line
     no_worse: bool
     """Whether it is shown, over all tasks, to be worse than the baseline by less than the margin."""
+    behaviour: BehaviourComparison | None = None
+    """How it moves and fails in the run, against the baseline; None if that was not measured in both."""
 
     @property
     def lines(self) -> tuple[Line, ...]:
@@ -179,6 +185,7 @@ def _policy(name: str, pairs: pd.DataFrame, alpha: float, margin: float) -> Poli
         tasks=tuple(tasks),
         whole=_line(None, together, alpha),
         no_worse=is_no_worse(together, margin, 1 - 2 * alpha),
+        behaviour=compare_behaviour(pairs, alpha, (name,)),
     )
 
 
@@ -202,12 +209,14 @@ def family_p_values(family: Sequence[Pairs], alpha: float) -> list[tuple[float, 
 def _adjusted(policies: Sequence[PolicyComparison], alpha: float) -> list[PolicyComparison]:
     """Add p-values: all tasks of all policies, and each policy over several tasks, are one family."""
     p_values = iter(family_p_values([line.pairs for one in policies for line in one.lines], alpha))
-    adjusted = []
-    for one in policies:
+    moved = adjusted([one.behaviour for one in policies])
+    found_policies = []
+    for one, behaviour in zip(policies, moved, strict=True):
         found = zip(one.lines, islice(p_values, len(one.lines)), strict=True)
         lines = tuple(replace(line, p_worse=worse, p_better=better) for line, (worse, better) in found)
-        adjusted.append(replace(one, tasks=lines[: len(one.tasks)], whole=replace(lines[-1], task=None)))
-    return adjusted
+        whole = replace(lines[-1], task=None)
+        found_policies.append(replace(one, tasks=lines[: len(one.tasks)], whole=whole, behaviour=behaviour))
+    return found_policies
 
 
 def _verdict(policies: Sequence[PolicyComparison], alpha: float) -> Verdict:

@@ -13,9 +13,15 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from robogauntlet.results.analysis import comparison
+from robogauntlet.results.analysis import comparison, paired_behaviour
 from robogauntlet.results.analysis.comparison import Difference, Run, setting_differences
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow, PolicyEpisodes, leaderboard
+from robogauntlet.results.analysis.paired_behaviour import (
+    BehaviourComparison,
+    OutcomeChange,
+    compare_behaviour,
+    outcome_changes,
+)
 from robogauntlet.results.analysis.pairwise_conditions import (
     ConditionLine,
     adjusted_by_axis,
@@ -42,7 +48,7 @@ if TYPE_CHECKING:
 
 PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile")
 """Fields of the record that have the protocol of an episode."""
-COLUMNS = (*comparison.COLUMNS, "axis", "severity", "seed", *PROTOCOL)
+COLUMNS = (*comparison.COLUMNS, "axis", "severity", *PROTOCOL)
 """Fields of the record that a comparison needs."""
 ALL_PAIRS = 4
 """Number of policies up to which every pair is compared; letters summarise the pairs of more."""
@@ -127,6 +133,10 @@ class PairwiseComparison:
     """Perturbed conditions, controls excepted; in none of the lines above."""
     perturbed_left_out: tuple[int, int] = (0, 0)
     """Perturbed episodes of each that are in no pair."""
+    behaviour: BehaviourComparison | None = None
+    """How they move and fail in clean episodes; None if that was not measured for both."""
+    perturbed_changes: tuple[OutcomeChange, ...] = ()
+    """Outcomes of the perturbed pairs in which a side failed."""
 
     @property
     def parts(self) -> tuple[Line, ...]:
@@ -261,6 +271,8 @@ def _compare(
         unpaired=(len(sides[0]) - len(shared), len(sides[1]) - len(shared)),
         differences=differences | settings,
         conditions=condition_lines(perturbed, first.document, alpha),
+        behaviour=compare_behaviour(shared, alpha, (first.side.policy, second.side.policy)),
+        perturbed_changes=outcome_changes(perturbed),
         perturbed_left_out=(len(first.perturbed) - len(perturbed), len(second.perturbed) - len(perturbed)),
     )
 
@@ -325,11 +337,13 @@ def _adjusted(compared: Sequence[PairwiseComparison], alpha: float) -> tuple[Pai
 
     adjusted = []
     conditions = adjusted_by_axis([one.conditions for one in compared], alpha)
-    for one, p, shifts in zip(compared, overall, conditions, strict=True):
+    moved = paired_behaviour.adjusted([one.behaviour for one in compared])
+    for one, p, shifts, behaviour in zip(compared, overall, conditions, moved, strict=True):
         otherwise = 1.0 if one.parts else p  # A single task is the line over all tasks.
         simulators, tasks = with_p(one.simulators, otherwise), with_p(one.tasks, otherwise)
         line = replace(one.overall, adjusted=p)
-        adjusted.append(replace(one, overall=line, simulators=simulators, tasks=tasks, conditions=shifts))
+        with_tests = replace(one, overall=line, simulators=simulators, tasks=tasks, conditions=shifts)
+        adjusted.append(replace(with_tests, behaviour=behaviour))
     return tuple(adjusted)
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from xml.etree import ElementTree
 
 from robogauntlet.results.analysis.comparison import Comparison, Line, PolicyComparison, Verdict
+from robogauntlet.results.report import paired_behaviour
 from robogauntlet.results.report.formatting import NOTHING, TextTable, counted, escape, markdown, percent
 from robogauntlet.results.statistics.pairs import Pairs
 from robogauntlet.results.statistics.rates import Estimate, rate
@@ -19,6 +20,7 @@ MARKS = {
     Verdict.NOT_COMPARABLE: "NOT COMPARABLE",
 }
 ALL = "all tasks"
+NOW, BEFORE = "the run", "the baseline"
 
 
 def headline(comparison: Comparison) -> str:
@@ -42,6 +44,7 @@ def reasons(comparison: Comparison) -> list[str]:
         return lines
     for one in comparison.policies:
         lines += _found(one, comparison)
+        lines += _moved(one, comparison.alpha)
     for name, (now, before) in comparison.errors.items():
         lines.append(f"{name}: {counted(now, 'error')} (baseline: {before:,}), excluded from rates")
     for name, (now, before) in comparison.unpaired.items():
@@ -78,6 +81,21 @@ def _found(one: PolicyComparison, comparison: Comparison) -> Iterator[str]:
     if not any(line.p_worse <= alpha for line in changed):
         is_shown = "is shown" if one.no_worse else "is not shown"
         yield f"{one.policy}: {is_shown} to be no worse by more than {100 * comparison.margin:g} points"
+
+
+def _moved(one: PolicyComparison, alpha: float) -> Iterator[str]:
+    """How it moves and fails otherwise than before, unless all its actions are the same."""
+    if one.behaviour is not None and (one.changed or one.differing):
+        yield from (f"{one.policy}: {line}" for line in paired_behaviour.sentences(one.behaviour, NOW, BEFORE, alpha))
+
+
+def behaviour_tables(one: PolicyComparison) -> list[TextTable]:
+    """How a policy moves and fails in both runs; none where that was not measured."""
+    found = one.behaviour
+    if found is None or not (one.changed or one.differing):
+        return []
+    tables = [paired_behaviour.measure_table(found)] if found.measures else []
+    return tables + ([paired_behaviour.change_table(found.changes, NOW, BEFORE)] if found.changes else [])
 
 
 def _why(processor: str, before: str) -> str:
@@ -141,6 +159,7 @@ def as_markdown(comparison: Comparison) -> str:
     parts += [f"- {escape(line)}" for line in reasons(comparison)]
     for one in comparison.policies:
         parts += ["", f"<details><summary>{escape(one.policy)}</summary>", "", markdown(table(one, comparison.alpha))]
+        parts += [text for shown in behaviour_tables(one) for text in ("", markdown(shown))]
         parts += ["", "</details>"]
     return "\n".join([*parts, "", _method(comparison), ""])
 

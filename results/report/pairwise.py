@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 from robogauntlet.results.analysis.pairwise import ALL_PAIRS, Line, PairwiseComparison, PairwiseComparisons
 from robogauntlet.results.analysis.pairwise_conditions import ConditionLine
-from robogauntlet.results.report import formatting
+from robogauntlet.results.report import formatting, paired_behaviour
 from robogauntlet.results.report.facts import DEFINITIONS, PAIRWISE_TERMS
 from robogauntlet.results.report.formatting import (
     NOTHING,
@@ -25,6 +25,8 @@ from robogauntlet.results.statistics.pairs import POWER
 from robogauntlet.results.statistics.rates import rate
 
 ALL = "all tasks"
+CLEAN_TITLE = "Outcomes of the pairs in which one failed"
+PERTURBED_TITLE = "Outcomes of the perturbed pairs in which one failed"
 REACHES = (0.1, 0.25, 0.5, 1.0)
 """Possible ends of the axis of a forest plot, a difference of rates."""
 
@@ -93,7 +95,8 @@ def headline(one: PairwiseComparison) -> str:
 
 def sentences(one: PairwiseComparison, comparisons: PairwiseComparisons) -> list[str]:
     """What the comparison shows, and what was left out."""
-    return [*_found(one, comparisons), *_left_out(one)]
+    moved = () if one.behaviour is None else paired_behaviour.sentences(one.behaviour, *names(one), comparisons.alpha)
+    return [*_found(one, comparisons), *moved, *_left_out(one)]
 
 
 def _found(one: PairwiseComparison, comparisons: PairwiseComparisons) -> Iterator[str]:
@@ -167,7 +170,9 @@ def method(comparisons: PairwiseComparisons) -> str:
         "p: McNemar's exact test, two-sided; adjusted by Holm's method over all comparisons, and over those simulators "
         f"and tasks in which enough pairs disagree for the test to reach {comparisons.alpha:g}."
     )
-    return f"{clean} {DEFINITIONS['perturbed pairs']}" if under else clean
+    moved = any(one.behaviour and one.behaviour.measures for one in comparisons.comparisons)
+    used = [*(["perturbed pairs"] if under else []), *(["median difference"] if moved else [])]
+    return " ".join([clean, *(DEFINITIONS[term] for term in used)])
 
 
 def _lines(one: PairwiseComparison) -> list[tuple[str, str, Line]]:
@@ -198,6 +203,17 @@ def condition_table(one: PairwiseComparison) -> TextTable | None:
         return None
     rows = tuple((str(line.condition), f"{line.tasks:,}", *_numbers(line)) for line in one.conditions)
     return TextTable(("condition", "tasks", *_header(*names(one))), rows, 1)
+
+
+def behaviour_tables(one: PairwiseComparison) -> list[tuple[str, TextTable]]:
+    """How the two move and fail, titles and tables; none where that was not measured."""
+    found = one.behaviour
+    tables = []
+    if found is not None and found.measures:
+        tables.append(("How they move where both succeed", paired_behaviour.measure_table(found)))
+    changes = {CLEAN_TITLE: () if found is None else found.changes, PERTURBED_TITLE: one.perturbed_changes}
+    tables += [(title, paired_behaviour.change_table(own, *names(one))) for title, own in changes.items() if own]
+    return tables
 
 
 def overview_table(comparisons: PairwiseComparisons) -> TextTable:
@@ -249,6 +265,7 @@ def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:
     absent = set() if comparisons.comparisons else set(PAIRWISE_TERMS) - {"letters"}
     absent |= set() if comparisons.standings else {"letters"}
     absent |= set() if any(one.conditions for one in comparisons.comparisons) else {"perturbed pairs"}
+    absent |= set() if any(one.behaviour for one in comparisons.comparisons) else {"median difference"}
     return [(term, DEFINITIONS[term]) for term in PAIRWISE_TERMS if term not in absent]
 
 
@@ -312,6 +329,7 @@ def as_text(comparisons: PairwiseComparisons) -> str:
         parts += [f"{headline(one)}\n{found}", aligned(table(one))]
         if perturbed := condition_table(one):
             parts.append(aligned(perturbed))
+        parts += [f"{title}:\n{aligned(shown)}" for title, shown in behaviour_tables(one)]
     return "\n\n".join([*parts, *summary(comparisons), method(comparisons)]) + "\n"
 
 
@@ -332,6 +350,8 @@ def markdown_section(comparisons: PairwiseComparisons) -> str:
         parts += [f"### {escape(headline(one))}", found, markdown(table(one))]
         if perturbed := condition_table(one):
             parts.append(markdown(perturbed))
+        for title, shown in behaviour_tables(one):
+            parts += [f"{title}:", markdown(shown)]
     return "\n\n".join([*parts, *map(escape, summary(comparisons))])
 
 

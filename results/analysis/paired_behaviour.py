@@ -1,0 +1,131 @@
+"""How two sides move and fail on the same episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robogauntlet.results.analysis.failures import OTHER, OUTCOMES
+from robogauntlet.results.record import BEHAVIOUR, Status, known_kind
+from robogauntlet.results.statistics.multiplicity import holm
+from robogauntlet.results.statistics.paired_numbers import can_reject_symmetry, median_difference, signed_rank
+from robogauntlet.results.statistics.rates import Estimate
+from robogauntlet.suites.episode import content_hash
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("task", "seed", "status", *BEHAVIOUR)
+"""Fields of the record that are needed of each side."""
+MEASURES = ("path_length", "time_to_success", "smoothness", "gripper_openings", "contact_steps", "contact_force")
+"""Fields of the record that are compared."""
+LEAST_PAIRS = 6
+"""Pairs from which a measure is compared: of fewer, the signed-rank test never reaches 0.05."""
+DIGITS = 6
+"""To which differences are rounded, so that equal ones have equal ranks."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureLine:
+    """A measure in the pairs in which both succeeded."""
+
+    measure: str
+    """Field of the record, one of `MEASURES`."""
+    pairs: int
+    """Start states (task and seed); several pairs of one count as their mean."""
+    difference: Estimate
+    """Median of first minus second, in the unit of the field."""
+    p: float
+    """Wilcoxon's signed-rank test, two-sided."""
+    is_tested: bool
+    """Whether enough pairs differ for the test to reach alpha."""
+    adjusted: float = 1.0
+    """The p-value adjusted by Holm's method over all tested measures."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeChange:
+    """Pairs with these two outcomes."""
+
+    first: str
+    """Success, or the kind of the failure: one of `failures.OUTCOMES`."""
+    second: str
+    pairs: int
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviourComparison:
+    """How two sides move and fail on the same episodes."""
+
+    pairs: int
+    """Pairs in which both succeeded."""
+    measures: tuple[MeasureLine, ...]
+    """Empty with fewer than `LEAST_PAIRS`."""
+    changes: tuple[OutcomeChange, ...]
+    """Outcomes of all pairs in which a side failed."""
+
+
+def compare_behaviour(shared: pd.DataFrame, alpha: float, key: Sequence[str]) -> BehaviourComparison | None:
+    """Compare two sides.
+
+    Args:
+        shared: A row per pair with the columns `COLUMNS`; those of the second side end in `_before`.
+        alpha: 1 - alpha is the confidence of intervals.
+        key: Names the comparison; the bootstrap draws by it.
+
+    Returns:
+        The comparison, not yet adjusted; None if the behaviour of a side was not measured.
+    """
+    if any(shared[[f"{name}{side}" for name in BEHAVIOUR]].isna().to_numpy().all() for side in ("", "_before")):
+        return None
+    won = shared[(shared["status"] == str(Status.SUCCESS)) & (shared["status_before"] == str(Status.SUCCESS))]
+    generator = np.random.default_rng(int(content_hash(["behaviour", *key]), 16))
+    lines = [_line(won, name, alpha, generator) for name in MEASURES]
+    return BehaviourComparison(len(won), tuple(line for line in lines if line is not None), outcome_changes(shared))
+
+
+def _line(won: pd.DataFrame, name: str, alpha: float, generator: np.random.Generator) -> MeasureLine | None:
+    """None with too few pairs."""
+    values = (won[name].astype(float) - won[f"{name}_before"].astype(float)).rename("difference")
+    known = won[["task", "seed"]].astype({"task": str}).assign(difference=values).dropna()
+    trials = known.groupby(["task", "seed"])["difference"].mean().round(DIGITS).reset_index()
+    if len(trials) < LEAST_PAIRS:
+        return None
+    differences: NDArray[np.float64] = trials["difference"].to_numpy(float)
+    strata = np.unique(trials["task"], return_inverse=True)[1].reshape(-1)
+    estimate = median_difference(differences, strata, generator, 1 - alpha)
+    is_tested = can_reject_symmetry(differences, alpha)
+    return MeasureLine(name, len(trials), estimate, signed_rank(differences), is_tested)
+
+
+def outcome_changes(shared: pd.DataFrame) -> tuple[OutcomeChange, ...]:
+    """Count the pairs in which a side failed by their outcomes; empty if no failure has a known kind."""
+    sides = []
+    for side in ("", "_before"):
+        rows = zip(shared[f"status{side}"], shared[f"failure{side}"], strict=True)
+        sides.append(
+            [str(status) if status != Status.FAILURE else str(known_kind(kind) or OTHER) for status, kind in rows]
+        )
+    counts: dict[tuple[str, str], int] = {}
+    for both in zip(*sides, strict=True):
+        counts[both] = counts.get(both, 0) + 1
+    named = {outcome for both in counts for outcome in both}
+    if not named - {OUTCOMES[0], OTHER}:
+        return ()
+    order = sorted(counts, key=lambda both: tuple(map(OUTCOMES.index, both)))
+    return tuple(OutcomeChange(*both, counts[both]) for both in order if both != (OUTCOMES[0], OUTCOMES[0]))
+
+
+def adjusted(compared: Sequence[BehaviourComparison | None]) -> list[BehaviourComparison | None]:
+    """Add adjusted p-values: the tested measures of all comparisons are a family; the others have 1."""
+    tested = [line for one in compared if one is not None for line in one.measures if line.is_tested]
+    found = dict(zip(map(id, tested), holm([line.p for line in tested]), strict=True))
+
+    def with_p(lines: Sequence[MeasureLine]) -> tuple[MeasureLine, ...]:
+        return tuple(replace(line, adjusted=found.get(id(line), 1.0)) for line in lines)
+
+    return [None if one is None else replace(one, measures=with_p(one.measures)) for one in compared]
