@@ -12,6 +12,8 @@ from robogauntlet.orchestrator.cli.common import AsJson, HistoryUrl, open_histor
 from robogauntlet.orchestrator.cli.console_tables import rich_table
 from robogauntlet.results.report.formatting import TextTable, count
 from robogauntlet.results.report.history_plot import (
+    kind_history_table,
+    new_kinds,
     policy_history_table,
     run_rate,
     sparkline,
@@ -19,6 +21,7 @@ from robogauntlet.results.report.history_plot import (
     when,
     write_plot,
 )
+from robogauntlet.results.store.failure_history import kinds_by_run, kinds_in_run
 from robogauntlet.results.store.history_records import RunEntry
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
@@ -53,12 +56,18 @@ def history(
             known = history.policies(suite)
             hint = f" on '{task}'" if task and policy in known else did_you_mean(policy, known)
             raise BadInput(f"no run with a policy '{policy}'{hint}")
+        kinds = [] if as_json else kinds_by_run(results, lambda result: kinds_in_run(result, history.url, task))
     if as_json:
         print_json(results)
         return
     title = ", ".join(filter(None, (policy, task, suite and f"suite {suite}")))
     out.print(rich_table(policy_history_table(results), title=title))
     out.print(f"\n{sparkline(results)}  success, 0 to 100 %, newest on the right", markup=False)
+    if kinds:
+        out.print()
+        out.print(rich_table(kind_history_table(kinds), title="Failures in clean episodes by kind"))
+        for line in new_kinds(kinds):
+            print_line(f"- {line}")
     if file is not None:
         try:
             write_plot(file, results, f"{title}: success from run to run")

@@ -6,7 +6,7 @@ import hashlib
 import logging
 import threading
 import time
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
@@ -28,6 +28,7 @@ from robogauntlet.orchestrator.schedules.store import ScheduleStore
 from robogauntlet.results.analysis.comparison import Comparison
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
+from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report import formatting, page
 from robogauntlet.results.report.history_plot import verdict_text, when
 from robogauntlet.results.report.templates import template_environment
@@ -95,6 +96,7 @@ class AppState:
         self.pairwise: AnswerCache[tuple[Any, ...], PairwiseComparisons] = AnswerCache(64)
         self.standings: AnswerCache[str, tuple[Hashable, tuple[list[LeaderboardRow], list[str]]]] = AnswerCache(32)
         self.failure_videos: AnswerCache[tuple[Any, ...], tuple[Any, ...]] = AnswerCache(512)
+        self.failure_kinds: AnswerCache[tuple[Any, ...], Mapping[FailureKind, int]] = AnswerCache(2048)
         self.live_status: AnswerCache[str, bytes] = AnswerCache(64, LIVE_S)
         self.names: AnswerCache[str, Names] = AnswerCache(1, NAMES_S)
         self.slow, self.leaderboards, self.browsing = SlowWork(1, WAITING), SlowWork(1, WAITING), SlowWork(4, 20)

@@ -8,7 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from robogauntlet.results.analysis.leaderboard import LeaderboardRow
+from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report.formatting import NOTHING, TextTable, count, escape_html, percent, span
+from robogauntlet.results.store.failure_history import RunKinds
 from robogauntlet.results.store.history_records import Counts, PolicyRunResult
 from robogauntlet.support.text import counted
 
@@ -59,6 +61,34 @@ def policy_history_table(results: Sequence[PolicyRunResult]) -> TextTable:
         for result in results
     )
     return TextTable(header, rows, 5)
+
+
+def kind_history_table(found: Sequence[RunKinds]) -> TextTable:
+    """The kinds of a policy's failures, with a row per run and a column per kind that occurs."""
+    kinds = [kind for kind in FailureKind if any(kind in one.kinds for one in found)]
+    rows = tuple(
+        (
+            when(one.result.run.started_at),
+            one.result.run.name,
+            count(one.result.counts.failures),
+            *(count(one.kinds.get(kind)) for kind in kinds),
+        )
+        for one in found
+    )
+    return TextTable(("started (UTC)", "run", "failures", *kinds), rows, 2)
+
+
+def new_kinds(found: Sequence[RunKinds]) -> list[str]:
+    """A sentence for each run with kinds that no earlier one had, the newest first."""
+
+    def share(one: RunKinds, kind: FailureKind) -> str:
+        return f"{kind}, {one.kinds[kind]:,} of {counted(one.result.counts.failures, 'failure')}"
+
+    return [
+        f"first seen in {one.result.run.name}: {'; '.join(share(one, kind) for kind in one.new)}"
+        for one in reversed(found)
+        if one.new
+    ]
 
 
 def leaderboard_table(leaderboard: Sequence[LeaderboardRow]) -> TextTable:

@@ -51,6 +51,21 @@ def test_a_policys_history_has_intervals_and_verdicts(run_command, runs, tmp_pat
     assert (tmp_path / "plot.html").read_text().startswith("<!doctype html>")
 
 
+def test_a_policys_history_has_its_kinds_of_failures(run_command, tmp_path):
+    plan = cells(("p",), ("maniskill/A",))
+    for number, kinds in enumerate((["dropped"], ["dropped", "unsafe"])):
+        results = [row(plan[0], seed, "failure", failure=kind) for seed, kind in enumerate(kinds)]
+        run = document(2, plan, run_id=f"run-{number}", started_at=86_400.0 * number)
+        run_folder(tmp_path / "runs" / f"night-{number}", run, results)
+    out = run_command("history", "p").out
+    assert "Failures in clean episodes by kind" in out
+    assert "- first seen in night-1: unsafe, 1 of 2 failures" in out
+
+
+def test_a_history_without_kinds_has_no_such_table(run_command, runs):
+    assert "by kind" not in run_command("history", "p").out
+
+
 def test_a_worse_run_is_no_baseline_until_it_is_accepted(run_command, runs):
     assert run_command("gate", "runs/tuesday").code == 1
     save(runs / "wednesday", bad, run_id="5", started_at=4 * 86_400.0)

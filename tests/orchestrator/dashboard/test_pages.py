@@ -12,6 +12,7 @@ from robogauntlet.results.live_status import STALE_S
 from robogauntlet.results.report import write_report
 from robogauntlet.results.report.pairwise import headline
 from robogauntlet.results.run_document import RunStatus
+from robogauntlet.results.store.history_import import record_run_folder
 from robogauntlet.results.store.history_records import Counts
 from tests.orchestrator.dashboard.conftest import fill, serving
 from tests.orchestrator.dashboard.filled import add_videos, live_status, nightly_run, running
@@ -295,6 +296,21 @@ def test_videos_of_failures_name_their_kind_and_are_filtered_by_it(served, tmp_p
     assert '<option value="dropped">' in page
     shown = served.get("/failures?run=kinds&kind=misplaced").text
     assert re.findall(r'aria-label="([^"]+) of experts on', shown) == ["Failure: misplaced"]
+
+
+def test_the_history_of_a_policy_has_its_kinds_of_failures(served, tmp_path):
+    (cell,) = cells(("experts",), ("robosuite/Lift",))
+    for number, kind in enumerate(("dropped", "unsafe")):
+        run = document(1, [cell], run_id=f"kinds-{number}", started_at=1000.0 * number)
+        folder = run_folder(tmp_path / f"night-{number}", run, [row(cell, 0, "failure", failure=kind)])
+        record_run_folder(served.history, folder, run)
+    page = served.get("/history?policy=experts").text
+    assert "<li>first seen in night-1: unsafe, 1 of 1 failure</li>" in page
+    assert "Failures in clean episodes by kind" in page
+
+
+def test_the_history_of_earlier_runs_has_no_kinds_of_failures(filled):
+    assert "Kinds of failures" not in filled.get("/history?policy=merged").text
 
 
 def test_a_part_of_a_video_can_be_requested(filled):
