@@ -6,15 +6,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from robogauntlet.results.record import FailureKind, Status, known_kind
 from robogauntlet.results.run_document import RunDocument
-from robogauntlet.results.statistics.rates import Interval, wilson_intervals
-from robogauntlet.suites.episode import CLEAN, Condition
+from robogauntlet.results.statistics.rates import Interval, clustered_rate, wilson_interval
+from robogauntlet.suites.episode import AT, CLEAN, Condition
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COLUMNS = ("simulator", "task", "policy", "policy_digest", "axis", "severity", "status", "failure")
+COLUMNS = ("simulator", "task", "policy", "policy_digest", "axis", "severity", "seed", "status", "failure")
 """Fields of the record that are needed."""
 OTHER = "other"
 """Failures without a kind, or of a kind that this version does not know."""
@@ -35,7 +37,8 @@ class KindCount:
     share: float
     """Of all failures of the group."""
     interval: Interval | None
-    """Wilson interval of the share, 95 %."""
+    """Wilson interval of the share, 95 %, for as many failures as are equally informative, see `clustered_rate`:
+    failures from one start state (task and seed), or at one point of a design, are alike."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,15 +105,17 @@ def build_failures(document: RunDocument, frame: pd.DataFrame) -> Failures | Non
 
     All episodes count: an oracle gate rejects none of them.
     """
-    fields = list(COLUMNS)
+    fields = [name for name in COLUMNS if name != "seed"]
     counts = frame[fields].groupby(fields, sort=False, observed=True, dropna=False).size().reset_index(name="n")
     counts[fields] = counts[fields].astype(object)
     counts["outcome"] = [_outcome(*row) for row in zip(counts["status"], counts["failure"], strict=True)]
     if not counts["outcome"].isin(list(FailureKind)).any():
         return None
+    failed = _failed(frame)
     names = {cell.policy_digest: cell.policy for cell in document.plan}
-    rows = zip(counts["policy_digest"], counts["policy"], strict=True)
-    counts["policy"] = [names.get(digest, name) for digest, name in rows]
+    for table in (counts, failed):
+        policies = zip(table["policy_digest"], table["policy"], strict=True)
+        table["policy"] = [names.get(digest, name) for digest, name in policies]
     conditions = _conditions(document, counts["axis"])
     by_task = list(conditions) == [CLEAN]
     left_out = {document.suite.oracle_gate, *document.suite.no_skill_baselines}
@@ -119,11 +124,15 @@ def build_failures(document: RunDocument, frame: pd.DataFrame) -> Failures | Non
         own = counts[counts["policy"] == policy]
         for simulator in dict.fromkeys(own["simulator"]):
             here = own[own["simulator"] == simulator]
+            failures = failed[(failed["policy"] == policy) & (failed["simulator"] == simulator)]
             column = "task" if by_task else "axis"
             parts = {task: [task] for task in here["task"]} if by_task else conditions
-            chosen = {name: here[here[column].isin(values)] for name, values in parts.items()}
-            groups = [_group(name, part) for name, part in chosen.items() if len(part)]
-            found.append(PolicyFailures(str(policy), str(simulator), _group("all", here), tuple(groups)))
+            groups = [
+                _group(name, here[chosen], failures[failures[column].isin(values)])
+                for name, values in parts.items()
+                if (chosen := here[column].isin(values)).any()
+            ]
+            found.append(PolicyFailures(str(policy), str(simulator), _group("all", here, failures), tuple(groups)))
     shown = [one for one in found if one.policy not in left_out] or found
     return Failures(by_task, tuple(shown))
 
@@ -132,14 +141,33 @@ def _outcome(status: str, failure: object) -> str:
     return str(known_kind(failure) or OTHER) if status == Status.FAILURE else str(status)
 
 
-def _group(name: str, counts: pd.DataFrame) -> FailureGroup:
+def _failed(frame: pd.DataFrame) -> pd.DataFrame:
+    """The failures with their kind, and the numbers of their start state (`unit`) and point of a design (`point`)."""
+    rows = frame.loc[(frame["status"] == Status.FAILURE).to_numpy(), list(COLUMNS)].astype(object)
+    points = rows.groupby(["axis", "severity"]).ngroup()
+    combined = rows["axis"].str.contains(AT, regex=False).astype(bool)
+    return rows.assign(
+        kind=[_outcome(*row) for row in zip(rows["status"], rows["failure"], strict=True)],
+        unit=rows.groupby(["task", "seed"]).ngroup(),
+        # The severities of an axis are chosen, not drawn: there each failure is its own point.
+        point=points.where(combined, len(rows) + np.arange(len(rows))),
+    )
+
+
+def _group(name: str, counts: pd.DataFrame, failed: pd.DataFrame) -> FailureGroup:
     numbers = {str(outcome): int(n) for outcome, n in counts.groupby("outcome")["n"].sum().items()}
-    of_kinds = [(kind, numbers[kind]) for kind in KINDS if kind in numbers]
-    failures = sum(n for _, n in of_kinds)
-    intervals = wilson_intervals([n for _, n in of_kinds], [failures] * len(of_kinds))
-    kinds = (KindCount(kind, n, n / failures, ends) for (kind, n), ends in zip(of_kinds, intervals, strict=True))
-    errors = sum(numbers.values()) - failures - numbers.get(OUTCOMES[0], 0)
-    return FailureGroup(name, numbers.get(OUTCOMES[0], 0), failures, errors, tuple(kinds))
+    kinds = tuple(_kind_count(kind, failed) for kind in KINDS if kind in numbers)
+    successes, failures = numbers.get(OUTCOMES[0], 0), len(failed)
+    return FailureGroup(name, successes, failures, sum(numbers.values()) - successes - failures, kinds)
+
+
+def _kind_count(kind: str, failed: pd.DataFrame) -> KindCount:
+    of_kind = (failed["kind"] == kind).to_numpy(float)
+    number, failures = int(of_kind.sum()), len(failed)
+    if failed["unit"].is_unique:
+        return KindCount(kind, number, number / failures, wilson_interval(number, failures))
+    estimate = clustered_rate(of_kind, failed["point"].to_numpy(), failed["unit"].to_numpy())
+    return KindCount(kind, number, number / failures, estimate.interval)
 
 
 def _conditions(document: RunDocument, axes: Iterable[str]) -> Mapping[str, Sequence[str]]:
@@ -164,7 +192,7 @@ def _conditions(document: RunDocument, axes: Iterable[str]) -> Mapping[str, Sequ
         half = round(max(of_axis.values()) / 2, 1)
         chosen = [axis for axis, severity in of_axis.items() if severity >= half]
         if len(chosen) < len(combined):
-            groups[f"{name} from {half:g}"] = chosen
+            groups[f"{name} {half:g} or more"] = chosen
     return groups
 
 

@@ -64,7 +64,7 @@ def _define(*terms: str) -> str:
 def _failures(found: Failures) -> list[str]:
     sentences = "\n".join(f"- {escape(sentence)}" for sentence in failures_text.sentences(found))
     parts = ["## How it fails", sentences, _define(*found.kinds)]
-    parts.append("Numbers of failures, and shares of all failures of the row with their 95 % Wilson intervals:")
+    parts.append("Numbers of failures, and shares of all failures of the row with 95 % intervals:")
     for one in found.policies:
         if one.total.failures:
             table = markdown(failures_text.failure_table(found, one))

@@ -50,6 +50,16 @@ def test_shares_are_of_the_failures_with_wilson_intervals():
     assert (misplaced.failures, misplaced.share) == (2, 0.4)
 
 
+def test_failures_from_one_start_state_count_as_alike():
+    """Two severities, at both of which the same seeds fail in the same way: as informative as one of them."""
+    plan, results = played(ORBIT, kind=lambda row: "dropped" if row.seed < 6 else "misplaced")
+    (one,) = found(plan, results).policies
+    dropped = one.total.kinds[0]
+    single, double = wilson_interval(3, 5), wilson_interval(6, 10)
+    assert (dropped.failures, dropped.share) == (6, 0.6)
+    assert dropped.interval.high - dropped.interval.low >= single.high - single.low > double.high - double.low
+
+
 def test_severities_of_an_axis_are_counted_together_after_the_clean_condition():
     failures = found(*played((*ORBIT, Condition())))
     assert not failures.by_task
@@ -92,8 +102,8 @@ def test_thousands_of_combinations_are_counted_by_axis():
     (one,) = found(plan, results).policies
     assert [(group.name, group.failures) for group in one.groups] == [
         (COMBINATIONS, 2000),
-        ("noise from 2", 1005),
-        ("table from 2.5", 1200),
+        ("noise 2 or more", 1005),
+        ("table 2.5 or more", 1200),
     ]
 
 

@@ -50,8 +50,19 @@ def test_the_table_has_numbers_shares_and_intervals():
     found = built()
     table = failures.failure_table(found, found.policies[0])
     assert table.header == ("condition", "episodes", "failures", "unsafe", "not-reached", "dropped", "errors")
-    assert table.rows[1] == ("camera-orbit", "20", "20", "6: 30 % [15, 52]", "14: 70 % [48, 85]", "–", "0")
+    assert table.rows[1] == ("camera-orbit", "20", "20", "6: 30 % [10, 64]", "14: 70 % [36, 90]", "–", "0")
     assert [row[0] for row in table.rows] == ["clean", "camera-orbit", "all"]
+
+
+def test_many_combinations_are_a_few_bars():
+    """The bars of a design are by axis, not by point."""
+    points = [Condition(f"noise@{n / 100:g}+table@{5 - n / 100:g}", 1) for n in range(1, 300)]
+    plan = cells(("a",), ("maniskill/A",), points)
+    results = with_behaviour(rows_where(lambda cell, seed: seed, plan, 2))
+    found = build_failures(document(2, plan), columns_of(results, COLUMNS))
+    names = [bar.name for bar in failures.bars(found, found.policies[0])]
+    assert names == ["combinations", "noise 1.5 or more", "table 2.5 or more"]
+    assert " or more, which has the most of them, in " in failures.sentences(found)[0]
 
 
 def test_a_bar_is_filled_by_all_episodes():
