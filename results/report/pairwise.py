@@ -25,8 +25,8 @@ from robogauntlet.results.statistics.pairs import POWER
 from robogauntlet.results.statistics.rates import rate
 
 ALL = "all tasks"
-CLEAN_TITLE = "Outcomes of the pairs in which one failed"
-PERTURBED_TITLE = "Outcomes of the perturbed pairs in which one failed"
+CLEAN_TITLE = "Outcomes of the pairs in which one or both failed"
+PERTURBED_TITLE = "Outcomes of the perturbed pairs in which one or both failed"
 REACHES = (0.1, 0.25, 0.5, 1.0)
 """Possible ends of the axis of a forest plot, a difference of rates."""
 
@@ -170,9 +170,13 @@ def method(comparisons: PairwiseComparisons) -> str:
         "p: McNemar's exact test, two-sided; adjusted by Holm's method over all comparisons, and over those simulators "
         f"and tasks in which enough pairs disagree for the test to reach {comparisons.alpha:g}."
     )
-    moved = any(one.behaviour and one.behaviour.measures for one in comparisons.comparisons)
-    used = [*(["perturbed pairs"] if under else []), *(["median difference"] if moved else [])]
+    used = [*(["perturbed pairs"] if under else []), *(["median difference"] if _moves(comparisons) else [])]
     return " ".join([clean, *(DEFINITIONS[term] for term in used)])
+
+
+def _moves(comparisons: PairwiseComparisons) -> bool:
+    """Whether it is compared how policies move."""
+    return any(one.behaviour is not None and one.behaviour.measures for one in comparisons.comparisons)
 
 
 def _lines(one: PairwiseComparison) -> list[tuple[str, str, Line]]:
@@ -265,7 +269,7 @@ def terms(comparisons: PairwiseComparisons) -> list[tuple[str, str]]:
     absent = set() if comparisons.comparisons else set(PAIRWISE_TERMS) - {"letters"}
     absent |= set() if comparisons.standings else {"letters"}
     absent |= set() if any(one.conditions for one in comparisons.comparisons) else {"perturbed pairs"}
-    absent |= set() if any(one.behaviour for one in comparisons.comparisons) else {"median difference"}
+    absent |= set() if _moves(comparisons) else {"median difference"}
     return [(term, DEFINITIONS[term]) for term in PAIRWISE_TERMS if term not in absent]
 
 

@@ -76,7 +76,7 @@ def test_a_comparison_of_policies_has_them_in_every_format():
         assert "Both succeed in 14 pairs; there, medians of a minus b that differ from 0: path length +0.1" in text
         assert "Failures of a: 1 dropped." in text
         assert "How they move where both succeed:" in text
-        assert "Outcomes of the pairs in which one failed:" in text
+        assert "Outcomes of the pairs in which one or both failed:" in text
         assert "Wilcoxon's signed-rank test" in text or text == pairwise.as_markdown(found)
     assert '"behaviour": {' in pairwise.as_json(found)
 
