@@ -154,6 +154,8 @@ class Goal:
             raise ValueError(f"offset: expected 1 or 3 finite numbers, found {self.offset!r}")
         if not (math.isfinite(self.tolerance) and self.tolerance >= 0.0):
             raise ValueError(f"tolerance: expected a finite number, 0 or more, found {self.tolerance!r}")
+        if not self.to and not any(self.offset):
+            raise ValueError(f"offset: expected a change from the start, since there is no 'to', found {self.offset!r}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,18 +11,22 @@ from robogauntlet.adapters.contract import FloatArray, Goal
 AXES = "xyz"
 
 
-def goal_distance(goal: Goal, value: FloatArray, target: FloatArray) -> float:
-    """Return how far a goal's entry is from where it has to be (m, rad).
+def goal_distance(goal: Goal, value: FloatArray, target: FloatArray) -> FloatArray:
+    """Return how far a goal's entry is from where it has to be (m, rad), shape (...).
 
     Args:
         goal: The task's goal.
-        value: The present value of `goal.entry`.
-        target: That of `goal.to`, or that of `goal.entry` at the start if there is none.
+        value: Values of `goal.entry`, shape (..., n).
+        target: Those of `goal.to`, or that of `goal.entry` at the start if there is none; broadcast to `value`.
     """
-    missing: FloatArray = value - target - np.asarray(goal.offset)
-    if missing.shape == (3,):
-        missing = missing[[AXES.index(axis) for axis in goal.axes]]
-    return float(np.linalg.norm(missing))
+    offset, changed = np.asarray(goal.offset), value - target
+    if not goal.to:
+        way = float(np.linalg.norm(offset))
+        return np.asarray(np.maximum(0.0, way - (changed * (offset / way)).sum(axis=-1)))
+    missing: FloatArray = changed - offset
+    if missing.shape[-1] == len(AXES):
+        missing = missing[..., [AXES.index(axis) for axis in goal.axes]]
+    return np.asarray(np.linalg.norm(missing, axis=-1))
 
 
 def goal_mistakes(goal: Goal, state: Mapping[str, FloatArray]) -> Iterator[tuple[str, str, str]]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.contract import FloatArray, Goal, Motion, Simulation
+from robogauntlet.adapters.goals import goal_distance
 from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.orchestrator.episodes.failure_kind import Course, kind_of_failure
 from robogauntlet.results.record import Status
@@ -82,7 +83,7 @@ class BehaviourMeter:
         value, handle = self._entry(goal.entry), self._entry(goal.handle or goal.entry)
         start = self._start(goal)
         return Course(
-            remaining=remaining(goal, value, value[start], self._entry(goal.to) if goal.to else None),
+            remaining=goal_distance(goal, value, self._entry(goal.to) if goal.to else value[start]),
             reach=np.linalg.norm(handle - tool, axis=1),
             moved=np.linalg.norm(value - value[start], axis=1),
             lifted=handle[:, 2] - handle[start, 2],
@@ -99,16 +100,6 @@ class BehaviourMeter:
         starts = np.array([tool[0], *(entry for entry in self._motions[0].entries if len(entry) == 3)])
         low, high = starts.min(axis=0) - WORKSPACE_MARGIN, starts.max(axis=0) + WORKSPACE_MARGIN
         return int(((tool[1:] < low) | (tool[1:] > high)).any(axis=1).sum())
-
-
-def remaining(goal: Goal, value: FloatArray, start: FloatArray, to: FloatArray | None) -> FloatArray:
-    """Distance from the goal at each time (steps + 1,), of values of its entries (steps + 1, n); `start` is (n,)."""
-    offset = np.array(goal.offset)
-    if to is None:
-        way = float(np.linalg.norm(offset))
-        return np.maximum(0.0, way - (value - start) @ (offset / way))
-    counted = ["xyz".index(axis) for axis in goal.axes] if value.shape[1] == 3 else [0]
-    return np.asarray(np.linalg.norm((value - to - offset)[:, counted], axis=1))
 
 
 def progress(remaining: FloatArray, tolerance: float) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from robogauntlet.adapters.goals import goal_distance
-from robogauntlet.adapters.motion import motion_of
+from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.policies.oracles import scripts
 from robogauntlet.suites.episode import SUCCESS_HOLD
 
@@ -23,15 +23,16 @@ def oracle_actions(simulator, task, simulation, seed):
 
 def motions(simulation, entries, actions):
     """Yield the motion now and after each action."""
-    yield motion_of(simulation, entries)
+    read = motion_reader(simulation)
+    yield read(entries)
     for action in actions:
         simulation.step(action)
-        yield motion_of(simulation, entries)
+        yield read(entries)
 
 
 def measure(simulation, goal, actions):
     """Progress at the end of these actions, and the smallest distance of the tool from the handle (m)."""
-    entries, distances, reached = [goal.entry, goal.to, goal.handle or goal.entry], [], []
+    entries, distances, reached = [goal.entry, goal.to or goal.entry, goal.handle or goal.entry], [], []
     for motion in motions(simulation, entries, actions):
         moved, target, handle = motion.entries
         distances.append(max(0.0, goal_distance(goal, moved, target) - goal.tolerance))

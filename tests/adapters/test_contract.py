@@ -14,6 +14,7 @@ from robogauntlet.adapters.contract import Goal
             ({"offset": offset}, "offset: expected 1 or 3 finite numbers")
             for offset in ((), (0.0, 0.0), (float("nan"),))
         ),
+        ({"entry": "hinge_angle"}, "offset: expected a change from the start"),
         *(
             ({"tolerance": value}, "tolerance: expected a finite number")
             for value in (-0.01, float("inf"), float("nan"))

@@ -19,18 +19,21 @@ SAME = 0.005
 
 @check("goal", look="`goal` of the TaskDescription, and the entries of privileged_state")
 def goal(subject: CheckedTask) -> Iterator[Violation]:
-    """The goal is one of entries of the privileged state, and is not reached at the start."""
+    """The goal is one of entries of the privileged state, and is not always reached at the start."""
     declared = subject.description.goal
     if declared is None:
         raise NotApplicable("the task declares no goal")
+    distances = []
     for seed in SEEDS:
         state = subject.reset(seed).privileged_state()
         if mistakes := list(goal_mistakes(declared, state)):
             yield from (Violation(f"{field}: {expected}", seen) for field, expected, seen in mistakes)
             return
-        distance = goal_distance(declared, state[declared.entry], state[declared.to or declared.entry])
-        expected = f"the goal farther than its tolerance of {declared.tolerance:g} at the start of seed {seed}"
-        yield from expect(distance > declared.tolerance, expected, f"{distance:.3f} from `{declared.entry}`")
+        distances.append(float(goal_distance(declared, state[declared.entry], state[declared.to or declared.entry])))
+    expected = (
+        f"the goal farther than its tolerance of {declared.tolerance:g} at the start of one of {len(SEEDS)} seeds"
+    )
+    yield from expect(max(distances) > declared.tolerance, expected, f"at most {max(distances):.3f}")
 
 
 @check("motion", look="Simulation.motion")

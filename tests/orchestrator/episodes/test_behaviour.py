@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robogauntlet.adapters.catalog import goal_of, open_simulation
 from robogauntlet.adapters.contract import Goal, Motion
-from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter, openings, progress, remaining, smoothness
+from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter, openings, progress, smoothness
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.results.record import BEHAVIOUR, OUTCOME, FailureKind, Status
@@ -89,17 +89,6 @@ def test_progress_is_the_share_of_the_way_to_the_tolerance():
     assert progress(np.array([0.25, 0.01]), 0.05) == 1.0
     assert progress(np.array([0.25, 9.0]), 0.05) == -1.0
     assert [progress(np.array([0.01, last]), 0.05) for last in (0.02, 0.2)] == [1.0, -1.0]
-
-
-def test_a_goal_counts_its_axes_and_its_offset():
-    value, to = np.array([[0.0, 0.0, 0.5], [1.0, 1.0, 0.5]]), np.array([[1.0, 1.0, 0.0]] * 2)
-    flat = Goal("cube_position", "goal_position", offset=(0.0, 1.0, 0.0), axes="xy")
-    assert remaining(flat, value, value[0], to).tolist() == pytest.approx([5**0.5, 1.0])
-
-
-def test_a_goal_without_place_is_reached_by_more_than_its_offset():
-    heights = np.array([[0.0, 0.0, z] for z in (0.0, 0.04, 0.3, -0.1)])
-    assert remaining(LIFT, heights, heights[0], None).tolist() == pytest.approx([0.1, 0.06, 0.0, 0.2])
 
 
 @pytest.mark.parametrize(
