@@ -13,12 +13,15 @@ from robogauntlet.results.analysis.routing import Rate
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, Tables, Tally
 from robogauntlet.results.analysis.timing import PHASES, PhaseTiming
 from robogauntlet.results.statistics.rates import Estimate, Interval, RateBounds
+from robogauntlet.suites.episode import Condition
 from robogauntlet.support.durations import format_duration
 from robogauntlet.support.text import counted as counted
 from robogauntlet.support.text import visible
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """First characters of a text that a spreadsheet takes for a formula."""
+MANY_COMBINATIONS = 12
+"""Combinations of axes beyond which tables have one row for all of them; `cells.csv` has each."""
 NOTHING = "–"
 """Shown where there is no value."""
 
@@ -117,11 +120,34 @@ def summary_table(tables: Tables) -> TextTable:
     header = ("policy", *(("condition",) if several else ()), *tables.simulators, "all", "mean of tasks", "errors")
     rows = []
     for total in tables.by_policy:
+        if is_folded(tables, total.condition):
+            continue
         label = (total.policy, str(total.condition)) if several else (total.policy,)
         found = [aggregate_of(tables, total.policy, name, total.axis, total.severity) for name in tables.simulators]
         rates = (share(None if row is None else row.tally) for row in (*found, total))
         rows.append((*label, *rates, percent(total.task_mean), count(total.tally.errors)))
+    for policy in tables.policies if tables.combinations > MANY_COMBINATIONS else ():
+        cells = [cell for cell in tables.cells if cell.policy == policy and cell.condition.is_combination]
+        of_each = ([cell for cell in cells if cell.simulator == name] for name in tables.simulators)
+        rates = (_pooled_rate(group) for group in (*of_each, cells))
+        errors = sum(cell.tally.errors for cell in cells)
+        rows.append((policy, _all_combinations(tables), *rates, NOTHING, count(errors)))
     return TextTable(header, tuple(rows), 2 if several else 1)
+
+
+def is_folded(tables: Tables, condition: Condition) -> bool:
+    """Whether tables show this condition in a row with others."""
+    return condition.is_combination and tables.combinations > MANY_COMBINATIONS
+
+
+def _all_combinations(tables: Tables) -> str:
+    return f"{tables.combinations} combinations"
+
+
+def _pooled_rate(cells: Sequence[CellRow]) -> str:
+    """A rate without interval: combinations share start states."""
+    verdicts = sum(cell.tally.verdicts for cell in cells)
+    return percent(sum(cell.tally.successes for cell in cells) / verdicts if verdicts else None)
 
 
 def task_table(tables: Tables, simulator: str) -> TextTable:
@@ -130,7 +156,19 @@ def task_table(tables: Tables, simulator: str) -> TextTable:
     cells = [cell for cell in tables.cells if cell.simulator == simulator]
     header = ("task", "policy", *(("condition",) if several else ()), "planned", "done", "success", "failure", "error")
     header += ("missing", "rate", "interval", "bounds", "success once", "mean steps", "mean time")
-    return TextTable(header, tuple(_task_row(cell, several) for cell in cells), 3 if several else 2)
+    rows = [_task_row(cell, several) for cell in cells if not is_folded(tables, cell.condition)]
+    folded = [cell for cell in cells if is_folded(tables, cell.condition)]
+    for task, policy in dict.fromkeys((cell.task, cell.policy) for cell in folded):
+        of_pair = [cell for cell in folded if (cell.task, cell.policy) == (task, policy)]
+        rows.append(_folded_row(of_pair, _all_combinations(tables)))
+    return TextTable(header, tuple(rows), 3 if several else 2)
+
+
+def _folded_row(cells: Sequence[CellRow], label: str) -> tuple[str, ...]:
+    """A task's row over many conditions, without means and intervals."""
+    names = ("planned", "done", "successes", "failures", "errors", "missing")
+    counts = (count(sum(getattr(cell.tally, name) for cell in cells)) for name in names)
+    return (short_task(cells[0].task), cells[0].policy, label, *counts, _pooled_rate(cells), *[NOTHING] * 5)
 
 
 def _task_row(cell: CellRow, several: bool) -> tuple[str, ...]:

@@ -37,6 +37,7 @@ def render_markdown(report: Report) -> str:
         parts.append(escape(document.suite.description))
     if not tables.total.done:
         parts.append("**This run has no results yet.**")
+    parts += _combinations(report.combinations) if report.combinations else []
     parts += ["## Success rates", _define("success", "rate", "interval", "pooled")]
     parts.append(markdown(formatting.summary_table(tables)))
     for simulator in tables.simulators:
@@ -45,7 +46,6 @@ def render_markdown(report: Report) -> str:
     parts += _failures(report.failures) if report.failures else []
     parts += _behaviour(report.behaviour) if report.behaviour else []
     parts += _pairwise(report.pairwise) if report.pairwise else []
-    parts += _combinations(report.combinations) if report.combinations else []
     parts += _robustness(report.robustness, report.findings) if report.robustness else []
     parts += _merging(report.merging) if report.merging else []
     parts += _not_run(tables) + _errors(tables) + _timing(tables)

@@ -9,7 +9,7 @@ import pytest
 
 from robogauntlet.results.report import formatting, write_report
 from robogauntlet.results.statistics.rates import Interval, RateBounds
-from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import Condition, Perturbation
 from robogauntlet.suites.schema import CompareEntry
 from tests.results.synthetic import TASKS, cells, document, rows, run_folder, tables_of
 
@@ -67,6 +67,19 @@ def test_several_conditions_get_a_column_and_a_row_each():
     table = formatting.summary_table(tables_of(document(4, plan), rows(plan, 4)))
     assert table.header[:2] == ("policy", "condition")
     assert [line[:2] for line in table.rows] == list(product(("oracle", "random"), ("clean", "light@2")))
+
+
+def test_many_combinations_have_one_row_for_all_of_them():
+    combined = [Condition.of(Perturbation("noise", 1), Perturbation("blur", 1 + n / 100)) for n in range(13)]
+    for count, labels in ((12, 13), (13, 2)):
+        plan = cells(conditions=(Condition(), *combined[:count]))
+        tables = tables_of(document(4, plan), rows(plan, 4))
+        summary, tasks = formatting.summary_table(tables), formatting.task_table(tables, "maniskill")
+        assert len({line[1] for line in summary.rows}) == len({line[2] for line in tasks.rows}) == labels
+        assert all(len(line) == len(summary.header) for line in summary.rows)
+        assert all(len(line) == len(tasks.header) for line in tasks.rows)
+    of_one = [line for line in tasks.rows if line[:2] == tasks.rows[0][:2]]
+    assert [line[2:5] for line in of_one] == [("clean", "4", "4"), ("13 combinations", "52", "52")]
 
 
 def test_tables_of_tasks_and_times_are_rectangular():
