@@ -10,16 +10,13 @@ from rich.text import Text
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.results.analysis.tables import Tables
 from robogauntlet.results.report import Report, combinations, failures
-from robogauntlet.results.report.formatting import NOTHING, TextTable, share, summary_table
+from robogauntlet.results.report.formatting import NOTHING, TextTable, is_folded, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
 from robogauntlet.suites.episode import Condition
 from robogauntlet.support.text import visible
 
 MAX_CONDITIONS = 4
 """With more conditions, only the first is printed per task; the report has all of them."""
-
-MAX_COMBINATIONS = 20
-"""Combinations up to which each has a line."""
 
 
 def print_summary(report: Report) -> None:
@@ -86,7 +83,7 @@ def _per_condition(tables: Tables) -> TextTable:
     total_of = {(total.condition, total.policy): total for total in tables.by_policy}
     rows = []
     for condition in tables.conditions:
-        if condition.is_combination and tables.combinations > MAX_COMBINATIONS:
+        if is_folded(tables, condition):
             continue  # of a design; the report has them together
         totals = [total_of.get((condition, policy)) for policy in tables.policies]
         rows.append((str(condition), *(NOTHING if total is None else share(total.tally) for total in totals)))

@@ -20,7 +20,7 @@ from robogauntlet.support.text import visible
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 """First characters of a text that a spreadsheet takes for a formula."""
-MANY_COMBINATIONS = 12
+MANY_COMBINATIONS = 20
 """Combinations of axes beyond which tables have one row for all of them; `cells.csv` has each."""
 NOTHING = "–"
 """Shown where there is no value."""
