@@ -18,6 +18,8 @@ from robogauntlet.adapters.contract import FloatArray
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.support.errors import describe
 
+REMEDY = "With a processor that is newer than NumPy's OpenBLAS, OPENBLAS_CORETYPE=Haswell in the environment helps"
+"""NumPy's OpenBLAS takes it for one without AVX, SciPy's, which numba uses, does not, and both round otherwise."""
 TRIALS = 50
 """Random states in which robosuite's torques and those of the compiled code are compared."""
 
@@ -61,8 +63,9 @@ class ControlLoop:
         """Whether steps are those of the compiled code."""
         if problem:
             logging.getLogger(__name__).warning(
-                "the compiled control law %s; robosuite's own control step is used, which takes several times as long",
+                "the compiled control law %s; robosuite's own control step is used, which takes several times as long. %s",
                 problem,
+                REMEDY,
             )
 
     def step(self, action: FloatArray) -> None:
