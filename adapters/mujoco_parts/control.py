@@ -63,7 +63,7 @@ class ControlLoop:
         """Whether steps are those of the compiled code."""
         if problem:
             logging.getLogger(__name__).warning(
-                "the compiled control law %s; robosuite's own control step is used, which takes several times as long. %s",
+                "the compiled control law %s; robosuite's own step is used, which takes several times as long. %s",
                 problem,
                 REMEDY,
             )
