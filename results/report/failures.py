@@ -67,7 +67,7 @@ def _sentence(one: PolicyFailures, by_task: bool) -> str:
         return f"{found}."
     where = f"on {short_task(worst.name)}" if by_task else _under(worst.name)
     did = "" if worst.most.kind == total.most.kind else f" {_did(worst.most)}"
-    return f"{found}; {where}, which has the most of them, in {worst.most.failures:,} of {worst.failures:,}{did}."
+    return f"{found}; {where}, with {counted(worst.failures, 'failure')} the most, in {worst.most.failures:,}{did}."
 
 
 def _under(name: str) -> str:
