@@ -142,13 +142,17 @@ def _outcome(status: str, failure: object) -> str:
 
 
 def _failed(frame: pd.DataFrame) -> pd.DataFrame:
-    """The failures with their kind, and the numbers of their start state (`unit`) and point of a design (`point`)."""
+    """The failures with their kind, and the numbers of their start state (`unit`) and point of a design (`point`).
+
+    `combined` is whether the point is one of a design.
+    """
     rows = frame.loc[(frame["status"] == Status.FAILURE).to_numpy(), list(COLUMNS)].astype(object)
     points = rows.groupby(["axis", "severity"]).ngroup()
     combined = rows["axis"].str.contains(AT, regex=False).astype(bool)
     return rows.assign(
         kind=[_outcome(*row) for row in zip(rows["status"], rows["failure"], strict=True)],
         unit=rows.groupby(["task", "seed"]).ngroup(),
+        combined=combined,
         # The severities of an axis are chosen, not drawn: there each failure is its own point.
         point=points.where(combined, len(rows) + np.arange(len(rows))),
     )
@@ -166,6 +170,9 @@ def _kind_count(kind: str, failed: pd.DataFrame) -> KindCount:
     number, failures = int(of_kind.sum()), len(failed)
     if failed["unit"].is_unique:
         return KindCount(kind, number, number / failures, wilson_interval(number, failures))
+    if number == failures:  # Nothing tells how alike failures of one start state are: they count as one.
+        alike = max(failed["unit"].nunique(), failed.loc[failed["combined"], "point"].nunique())
+        return KindCount(kind, number, 1.0, wilson_interval(alike, alike))
     estimate = clustered_rate(of_kind, failed["point"].to_numpy(), failed["unit"].to_numpy())
     return KindCount(kind, number, number / failures, estimate.interval)
 

@@ -60,6 +60,12 @@ def test_failures_from_one_start_state_count_as_alike():
     assert dropped.interval.high - dropped.interval.low >= single.high - single.low > double.high - double.low
 
 
+def test_failures_that_are_all_of_one_kind_are_as_informative_as_their_start_states():
+    (one,) = found(*played(ORBIT, won=lambda cell, seed: seed >= 3)).policies
+    (dropped,) = one.total.kinds
+    assert (dropped.failures, dropped.share, dropped.interval) == (6, 1.0, wilson_interval(3, 3))
+
+
 def test_severities_of_an_axis_are_counted_together_after_the_clean_condition():
     failures = found(*played((*ORBIT, Condition())))
     assert not failures.by_task
