@@ -83,7 +83,7 @@ VIOLATIONS = [
     ("rollsaway", "objects-move", "ball to stay at rest there; seen: it drifts by [0.006"),
     ("goalmisspelt", "goal", "to: an entry of the privileged state, ball_position, finger_positions, tcp_position"),
     ("goalofanangle", "goal", "axes: 'xyz', since 'finger_positions' is no position; seen: 'xy'"),
-    ("goalreached", "goal", "the goal farther than its tolerance of 2 at the start of seed 0; seen: 0."),
+    ("goalreached", "goal", "the goal farther than its tolerance of 2 at the start of one of 4 seeds; seen: at most"),
     ("motionelsewhere", "motion", "tool: [0."),
     ("motionoffewer", "motion", "a Motion with 3 entries; seen: Motion("),
     ("motionsteps", "motion", "the same state before and after reading a motion"),

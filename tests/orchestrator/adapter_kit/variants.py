@@ -110,7 +110,7 @@ def _with_goal(name, goal):
 
 _with_goal("nogoal", None)
 _with_goal("goalmisspelt", Goal("tcp_position", "bal_position"))
-_with_goal("goalofanangle", Goal("finger_positions", axes="xy"))
+_with_goal("goalofanangle", Goal("finger_positions", offset=(0.01,), axes="xy", handle="tcp_position"))
 _with_goal("goalreached", Goal("tcp_position", "ball_position", tolerance=2.0))
 
 
