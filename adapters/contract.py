@@ -134,7 +134,7 @@ class Goal:
     tolerance: float = 0.0
     """Distance at which the goal is reached (m, rad)."""
     handle: str = ""
-    """Entry with the place that the tool has to go to first; `entry` if empty."""
+    """Entry with the place that the tool has to go to first; `entry` if empty, which is then a position."""
     grasped: bool = False
     """Whether the gripper has to hold it."""
 

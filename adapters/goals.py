@@ -45,5 +45,5 @@ def goal_mistakes(goal: Goal, state: Mapping[str, FloatArray]) -> Iterator[tuple
     if shape != (3,) and goal.axes != AXES:
         yield "axes", f"'{AXES}', since '{goal.entry}' is no position", repr(goal.axes)
     place = goal.handle or goal.entry
-    if goal.handle and np.shape(state[place]) != (3,):
+    if np.shape(state[place]) != (3,):
         yield "handle", f"a position, shape (3,), of '{place}'", str(np.shape(state[place]))

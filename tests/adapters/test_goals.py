@@ -21,7 +21,7 @@ STATE = {
         (Goal("cube_position", "goal_position", axes="xy"), 0.3),
         (Goal("cube_position", "goal_position", offset=(0.0, 0.0, -0.4)), 0.3),
         (Goal("cube_position", offset=(0.0, 0.3, 0.4), axes="z"), 0.5),
-        (Goal("hinge_angle", offset=(0.3,)), 0.3),
+        (Goal("hinge_angle", offset=(0.3,), handle="cube_position"), 0.3),
     ],
 )
 def test_the_distance_is_along_the_axes_from_the_target_and_the_offset(goal, distance):
@@ -47,9 +47,10 @@ def test_distances_of_many_times_are_those_of_each():
         (Goal("cub_position", "goal_position"), "entry", "'cub_position'"),
         (Goal("cube_position", "gaol_position"), "to", "'gaol_position'"),
         (Goal("cube_position", "goal_position", handle="lid_position"), "handle", "'lid_position'"),
-        (Goal("hinge_angle", "goal_position"), "to", "(3,)"),
-        (Goal("hinge_angle", offset=(0.0, 0.0, 0.3)), "offset", "3"),
-        (Goal("hinge_angle", offset=(0.1,), axes="z"), "axes", "'z'"),
+        (Goal("hinge_angle", "goal_position", handle="cube_position"), "to", "(3,)"),
+        (Goal("hinge_angle", offset=(0.0, 0.0, 0.3), handle="cube_position"), "offset", "3"),
+        (Goal("hinge_angle", offset=(0.1,), axes="z", handle="cube_position"), "axes", "'z'"),
+        (Goal("hinge_angle", offset=(0.1,)), "handle", "(1,)"),
         (Goal("hinge_angle", offset=(0.1,), handle="cube_quaternion"), "handle", "(4,)"),
     ],
 )
