@@ -82,11 +82,13 @@ class BehaviourMeter:
     def _course(self, goal: Goal, tool: FloatArray, opening: FloatArray, largest_force: float) -> Course:
         value, handle = self._entry(goal.entry), self._entry(goal.handle or goal.entry)
         start = self._start(goal)
+        # Where the tool itself is the handle, its height does not tell whether the object falls.
+        height = value if goal.handle == TOOL and value.shape[1] == 3 else handle
         return Course(
             remaining=goal_distance(goal, value, self._entry(goal.to) if goal.to else value[start]),
             reach=np.linalg.norm(handle - tool, axis=1),
             moved=np.linalg.norm(value - value[start], axis=1),
-            lifted=handle[:, 2] - handle[start, 2],
+            lifted=height[:, 2] - height[start, 2],
             opening=opening,
             largest_force=largest_force,
             tolerance=goal.tolerance,

@@ -42,7 +42,7 @@ class Course:
     moved: FloatArray
     """Change of the goal's entry from the start (m, rad)."""
     lifted: FloatArray
-    """Height of the handle above its start (m)."""
+    """Height of the handle above its start, or of the object if the tool itself is the handle (m)."""
     opening: FloatArray
     """Between the fingers (m)."""
     largest_force: float

@@ -84,6 +84,22 @@ def test_an_object_that_falls_onto_the_table_at_the_start_has_not_moved():
     assert (found["progress"], found["failure"]) == (0.0, "not-reached")
 
 
+@pytest.mark.parametrize("handle", ["", "tcp_position"])
+def test_an_object_that_falls_out_of_a_gripper_that_stays_up_was_dropped(handle):
+    """Also if no place of the tool is asked for, as with mugs of LIBERO."""
+    goal = Goal("mug_position", "goal_position", tolerance=0.03, handle=handle, grasped=True)
+    place = np.array([0.5, 0.5, 0.0])
+
+    def at(tool, mug, opening):
+        entries = {goal.entry: [0.5, 0.0, mug], "tcp_position": [0.5, 0.0, tool], goal.to: place}
+        names = dict.fromkeys((goal.entry, goal.handle or goal.entry, goal.to))
+        return Motion(np.array([0.5, 0.0, tool]), opening, tuple(np.array(entries[name]) for name in names))
+
+    motions = [at(0.2, 0.0, 0.08)] * 3 + [at(height, 0.0, 0.08) for height in (0.1, 0.0)]
+    motions += [at(height, height, 0.04) for height in (0.0, 0.1, 0.2)] + [at(0.2, 0.0, 0.08)] * 10
+    assert columns(motions, goal)["failure"] == FailureKind.DROPPED
+
+
 def test_progress_is_the_share_of_the_way_to_the_tolerance():
     assert progress(np.array([0.25, 0.3, 0.15]), 0.05) == 0.5
     assert progress(np.array([0.25, 0.01]), 0.05) == 1.0
