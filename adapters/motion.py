@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
-from robogauntlet.adapters.contract import Motion, Simulation
+from robogauntlet.adapters.contract import AdapterError, Motion, Simulation
 
 
 @runtime_checkable
@@ -19,13 +19,16 @@ class MeasuresMotion(Protocol):
 def motion_reader(simulation: Simulation) -> Callable[[Sequence[str]], Motion]:
     """Return a simulation's own `motion`, or one that reads its `privileged_state`.
 
-    The returned function raises KeyError for an entry that the state lacks.
+    The returned function raises AdapterError for an entry that the state lacks, if it reads the state.
     """
     if isinstance(simulation, MeasuresMotion):
         return simulation.motion
 
     def by_state(entries: Sequence[str]) -> Motion:
         state = simulation.privileged_state()
+        for entry in ("tcp_position", "finger_positions", *entries):
+            if entry not in state:
+                raise AdapterError(f"expected an entry '{entry}' in privileged_state, which behaviour is measured by")
         opening = float(state["finger_positions"].sum())
         return Motion(state["tcp_position"], opening, tuple(state[entry] for entry in entries))
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robogauntlet.adapters.catalog import open_simulation
+from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.adapters.wrapper import SimulationWrapper
 from robogauntlet.suites.episode import View
@@ -72,5 +73,5 @@ def test_a_simulation_without_a_motion_of_its_own_is_read_by_its_state():
     assert motion.tool.tolist() == state["tcp_position"].tolist()
     assert motion.entries[0].tolist() == state["goal_position"].tolist()
     assert (motion.contact_force, motion.joint_margin) == (None, None)
-    with pytest.raises(KeyError):
+    with pytest.raises(AdapterError, match="expected an entry 'cube_position' in privileged_state"):
         motion_reader(simulation)(["cube_position"])
