@@ -31,7 +31,7 @@ def sentences(found: BehaviourComparison, first: str, second: str, alpha: float)
     shown = [line for line in found.measures if line.adjusted <= alpha]
     if shown:
         listed = ", ".join(f"{NAMES[line.measure][0]} {difference(line)}" for line in shown)
-        yield f"{both}; there, medians of {first} minus {second} that differ from 0: {listed}."
+        yield f"{both}; differences shown there, medians of {first} minus {second}: {listed}."
     elif found.measures:
         yield f"{both}; no difference in how they move there is shown."
     else:

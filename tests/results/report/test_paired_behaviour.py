@@ -36,9 +36,16 @@ def results(names=("a", "b")):
 def test_what_is_shown_is_said_with_its_unit_and_how_each_fails():
     found = BehaviourComparison(31, (line(), line("smoothness", adjusted=0.4)), CHANGES)
     assert list(sentences(found, "a", "b", 0.05)) == [
-        "Both succeed in 31 pairs; there, medians of a minus b that differ from 0: path length +0.0312 m [0.01, 0.05].",
+        "Both succeed in 31 pairs; differences shown there, medians of a minus b: path length +0.0312 m [0.01, 0.05].",
         "Failures of a: 1 misplaced.",
         "Failures of b: 3 dropped.",
+    ]
+
+
+def test_a_difference_of_few_pairs_is_not_said_to_be_a_median_other_than_zero():
+    found = BehaviourComparison(31, (line("gripper_openings", 0.0, None),), ())
+    assert list(sentences(found, "a", "b", 0.05)) == [
+        "Both succeed in 31 pairs; differences shown there, medians of a minus b: gripper openings 0."
     ]
 
 
@@ -73,7 +80,7 @@ def test_tables_have_measures_and_outcomes():
 def test_a_comparison_of_policies_has_them_in_every_format():
     found = compare_all(Run("night", document(15, PLAN), columns_of(results(), COLUMNS)))
     for text in (pairwise.as_text(found), pairwise.as_markdown(found)):
-        assert "Both succeed in 14 pairs; there, medians of a minus b that differ from 0: path length +0.1" in text
+        assert "Both succeed in 14 pairs; differences shown there, medians of a minus b: path length +0.1" in text
         assert "Failures of a: 1 dropped." in text
         assert "How they move where both succeed:" in text
         assert "Outcomes of the pairs in which one or both failed:" in text
@@ -88,7 +95,7 @@ def test_a_comparison_of_runs_has_them_where_actions_differ():
     before["path_length"] -= [0.2 + seed / 1000 for seed in range(15)]
     runs = [Run(name, document(15, plan), frame) for name, frame in (("now", now), ("before", before))]
     text = comparison.as_markdown(compare_runs(*runs))
-    assert "medians of the run minus the baseline that differ from 0: path length +0.2" in text
+    assert "differences shown there, medians of the run minus the baseline: path length +0.2" in text
     assert "| rows the run, columns the baseline | dropped |" in text
     alike = comparison.as_markdown(compare_runs(runs[1], runs[1]))
     assert "Both succeed" not in alike
