@@ -10,14 +10,18 @@ import numpy as np
 from robogauntlet.orchestrator.runs.plan import why_impossible
 from robogauntlet.suites.axes import AXES, why_exclusive
 from robogauntlet.suites.conditions import read_condition, split_condition
-from robogauntlet.suites.episode import AT, CONTROLS, Condition, Perturbation, content_hash
+from robogauntlet.suites.episode import AT, CLEAN, CONTROLS, Condition, Perturbation, content_hash
 from robogauntlet.support.errors import BadInput
 
 PRESENT = 0.5
 """Probability of each axis to be present in an episode."""
 DEFAULT_SEVERITY = 2
-TEST_SENTENCES = "instruction"
-"""The axis whose paraphrases are for evaluation alone."""
+NOT_VARIED = {
+    CLEAN: "no axis",
+    **dict.fromkeys(CONTROLS, "a control"),
+    "instruction": "for evaluation: policies must not see its sentences",
+}
+"""What cannot be varied, and why: paraphrases of instructions are for evaluation alone."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +36,9 @@ class Variation:
         highest: dict[str, float] = {}
         for text in texts:
             axis, severity = split_condition(text)
-            if axis in (*CONTROLS, TEST_SENTENCES):
-                what = "a control" if axis in CONTROLS else "for evaluation: policies must not see its sentences"
+            if what := NOT_VARIED.get(axis):
                 raise BadInput(f"--vary {text}: expected an axis to be varied, '{axis}' is {what}")
-            (part,) = _parts(text if severity else f"{axis}{AT}{DEFAULT_SEVERITY}", text)
+            (part,) = _parts(text if severity is not None else f"{axis}{AT}{DEFAULT_SEVERITY}", text)
             if axis in highest:
                 raise BadInput(f"--vary {text}: expected each axis once, got '{axis}' twice")
             highest[axis] = part.severity
