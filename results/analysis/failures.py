@@ -180,14 +180,20 @@ def _kind_count(kind: str, failed: pd.DataFrame) -> KindCount:
 def _conditions(document: RunDocument, axes: Iterable[str]) -> Mapping[str, Sequence[str]]:
     """Name of each group of conditions to the values of the column `axis` that belong to it.
 
-    Clean comes first, then axes in the order of the plan with all their severities, and combinations: all of them
-    together, and for each axis those at which it is at half of its highest severity or above.
+    Clean comes first, then axes in the order of the plan with all their severities, fractional ones too, and
+    combinations: all of them together, and for each axis those at which it is at half of its highest severity or above.
     """
     present = set(axes)
     order = dict.fromkeys([CLEAN, *(cell.axis for cell in document.plan), *sorted(present)])
     conditions = {axis: Condition(axis, 1) for axis in order if axis in present}
-    groups = {axis: [axis] for axis, condition in conditions.items() if not condition.is_combination}
-    combined = [axis for axis in conditions if axis not in groups]
+    groups: dict[str, list[str]] = {}
+    combined = []
+    for axis, condition in conditions.items():
+        parts = [name for name, _ in _severities(condition)] if condition.is_combination else [axis]
+        if len(parts) == 1:
+            groups.setdefault(parts[0], []).append(axis)
+        else:
+            combined.append(axis)
     if not combined:
         return groups
     groups[COMBINATIONS] = combined

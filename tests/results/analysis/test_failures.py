@@ -75,6 +75,17 @@ def test_severities_of_an_axis_are_counted_together_after_the_clean_condition():
     ]
 
 
+def test_a_severity_between_the_whole_ones_is_counted_with_its_axis():
+    between = Condition.of(Perturbation("camera-orbit", 2.5))
+    both = Condition.of(Perturbation("camera-orbit", 2.5), Perturbation("noise", 1))
+    (one,) = found(*played((Condition(), between, *ORBIT, both))).policies
+    assert [(group.name, group.episodes) for group in one.groups] == [
+        ("clean", 10),
+        ("camera-orbit", 30),
+        (COMBINATIONS, 10),
+    ]
+
+
 def test_a_clean_run_is_counted_by_task():
     failures = found(*played(tasks=("maniskill/A", "maniskill/B", "pybullet/C")))
     assert failures.by_task
