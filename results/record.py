@@ -40,7 +40,7 @@ class FailureKind(StrEnum):
     MISPLACED = "misplaced"
     """The object, or the tool if there is none, was brought elsewhere than to the goal, or did not stay there."""
     TIMED_OUT = "timed-out"
-    """It came closer to its goal until the end of the episode."""
+    """The tool came closer to the object, or the object to the goal, until the end of the episode."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,7 +23,7 @@ PHRASES = {
     FailureKind.NOT_MOVED: "reached the object but did not move it",
     FailureKind.DROPPED: "lost the object far from the goal",
     FailureKind.MISPLACED: "brought the object, or the tool, elsewhere than to the goal",
-    FailureKind.TIMED_OUT: "came closer to the goal until time was up",
+    FailureKind.TIMED_OUT: "came closer to the object, or to the goal, until time was up",
 }
 """What the robot did in failures of each kind."""
 

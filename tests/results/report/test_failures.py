@@ -7,6 +7,7 @@ import pytest
 from robogauntlet.results.analysis.failures import COLUMNS, OUTCOMES, build_failures
 from robogauntlet.results.record import FailureKind
 from robogauntlet.results.report import Summary, failures, write_report
+from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.suites.episode import Condition
 from tests import ROOT
 from tests.results.synthetic import cells, columns_of, document, rows, rows_where, run_folder, with_behaviour
@@ -26,6 +27,10 @@ def kind(row):
 def built(of=PLAN, won=outcome, kind=kind):
     results = with_behaviour(rows_where(won, of, 10), kind)
     return build_failures(document(10, of), columns_of(results, COLUMNS))
+
+
+def test_a_robot_that_timed_out_may_have_been_on_its_way_to_the_object():
+    assert PHRASES[FailureKind.TIMED_OUT] == "came closer to the object, or to the goal, until time was up"
 
 
 def test_a_sentence_names_the_most_frequent_kind_and_where_it_fails_most():
