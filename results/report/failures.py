@@ -63,11 +63,12 @@ def _sentence(one: PolicyFailures, by_task: bool) -> str:
     found = f"{start}: in {total.most.failures:,} of {counted(total.failures, 'failure')} {_did(total.most)}"
     parts = [group for group in one.groups if group.name != COMBINATIONS] or one.groups
     worst = max(parts, key=lambda group: group.failures)
-    if len(one.groups) < 2 or worst.most is None:
+    tied = sum(group.failures == worst.failures for group in parts) > 1
+    if len(one.groups) < 2 or tied or worst.most is None:
         return f"{found}."
     where = f"on {short_task(worst.name)}" if by_task else _under(worst.name)
     did = "" if worst.most.kind == total.most.kind else f" {_did(worst.most)}"
-    return f"{found}; {where}, with {counted(worst.failures, 'failure')} the most, in {worst.most.failures:,}{did}."
+    return f"{found}; {where}, which has the most failures, in {worst.most.failures:,} of {worst.failures:,}{did}."
 
 
 def _under(name: str) -> str:
