@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from robogauntlet.adapters.contract import FloatArray, Goal, Motion, Simulation
-from robogauntlet.adapters.goals import goal_distance
+from robogauntlet.adapters.contract import AdapterError, FloatArray, Goal, Motion, Simulation
+from robogauntlet.adapters.goals import goal_distance, goal_mistakes
 from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.orchestrator.episodes.failure_kind import Course, kind_of_failure
 from robogauntlet.results.record import Status
@@ -42,17 +42,32 @@ class BehaviourMeter:
         self._motions: list[Motion] = []
 
     def sample(self) -> None:
-        """Take the present motion: after the reset, and after each control step."""
-        self._motions.append(self._motion(self._names))
+        """Take the present motion: after the reset, and after each control step.
+
+        Raises:
+            AdapterError: The task's goal does not fit the privileged state.
+        """
+        motion = self._motion(self._names)
+        if self._goal is not None and not self._motions:
+            entries = dict(zip(self._names, motion.entries, strict=True))
+            for field, expected, found in goal_mistakes(self._goal, entries):
+                raise AdapterError(f"the task's goal: {field}: expected {expected}, found {found}")
+        self._motions.append(motion)
 
     def columns(self, status: Status) -> dict[str, Any]:
-        """The columns of an episode that ended like this, with the samples so far."""
+        """The columns of an episode that ended like this, with the samples so far.
+
+        Raises:
+            AdapterError: A number of the motion is not finite.
+        """
         motions, hz = self._motions, self._hz
         tool = np.array([motion.tool for motion in motions])
         opening = np.array([motion.opening for motion in motions])
         lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)
         forces = [motion.contact_force for motion in motions[1:] if motion.contact_force is not None]
         margins = [motion.joint_margin for motion in motions[1:] if motion.joint_margin is not None]
+        if not all(np.isfinite(values).all() for values in (tool, opening, forces, *map(self._entry, self._names))):
+            raise AdapterError("expected finite numbers in the simulation's motion")
         succeeded = status is Status.SUCCESS
         columns: dict[str, Any] = {
             "path_length": round(float(lengths.sum()), 4),

@@ -1,12 +1,14 @@
 """The behaviour columns of an episode."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robogauntlet.adapters.catalog import goal_of, open_simulation
-from robogauntlet.adapters.contract import Goal, Motion
+from robogauntlet.adapters.contract import AdapterError, Goal, Motion
 from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter, openings, progress, smoothness
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
@@ -98,6 +100,22 @@ def test_an_object_that_falls_out_of_a_gripper_that_stays_up_was_dropped(handle)
     motions = [at(0.2, 0.0, 0.08)] * 3 + [at(height, 0.0, 0.08) for height in (0.1, 0.0)]
     motions += [at(height, height, 0.04) for height in (0.0, 0.1, 0.2)] + [at(0.2, 0.0, 0.08)] * 10
     assert columns(motions, goal)["failure"] == FailureKind.DROPPED
+
+
+def test_a_goal_that_does_not_fit_the_state_is_said_in_a_line():
+    def at(angle):
+        return Motion(np.zeros(3), 0.0, (np.array([angle]),))
+
+    with pytest.raises(AdapterError, match=r"the task's goal: handle: expected a position, shape \(3,\), of 'hinge'"):
+        columns([at(0.0), at(0.1)], Goal("hinge", offset=(0.3,)))
+
+
+@pytest.mark.parametrize("changed", ["tool", "opening", "entries", "contact_force"])
+def test_a_motion_that_is_not_finite_is_an_error_and_no_progress(changed):
+    arrays = {"entries": (np.array([np.nan] * 3),) * 2, "tool": np.array([0.0, np.inf, 0.0])}
+    motions = [moved_to(0.0), replace(moved_to(0.1), **{changed: arrays.get(changed, float("nan"))})]
+    with pytest.raises(AdapterError, match="expected finite numbers in the simulation's motion"):
+        columns(motions, REACH)
 
 
 def test_progress_is_the_share_of_the_way_to_the_tolerance():
