@@ -22,7 +22,7 @@ PHRASES = {
     FailureKind.NOT_GRASPED: "reached the object but never held it",
     FailureKind.NOT_MOVED: "reached the object but did not move it",
     FailureKind.DROPPED: "lost the object far from the goal",
-    FailureKind.MISPLACED: "brought the object, or the tool, elsewhere than to the goal",
+    FailureKind.MISPLACED: "brought the object, or the tool, elsewhere than to the goal, or did not keep it there",
     FailureKind.TIMED_OUT: "came closer to the object, or to the goal, until time was up",
 }
 """What the robot did in failures of each kind."""

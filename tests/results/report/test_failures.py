@@ -35,6 +35,10 @@ def test_no_condition_is_said_to_have_the_most_failures_if_another_has_as_many()
     assert sentence == "a in maniskill: in 20 of 20 failures the robot lost the object far from the goal (dropped)."
 
 
+def test_a_robot_that_was_at_the_goal_and_left_it_is_not_said_to_have_gone_elsewhere_alone():
+    assert PHRASES[FailureKind.MISPLACED].endswith("elsewhere than to the goal, or did not keep it there")
+
+
 def test_a_robot_that_timed_out_may_have_been_on_its_way_to_the_object():
     assert PHRASES[FailureKind.TIMED_OUT] == "came closer to the object, or to the goal, until time was up"
 
