@@ -40,7 +40,7 @@ WRONG = [
         ("goal", {"entry": "tcp_position", **values}, says)
         for values, says in (
             ({"to": "tcp_postion"}, "goal.to: no 'tcp_postion' in `state`; did you mean 'tcp_position'?"),
-            ({"handle": "lid"}, "goal.handle: no 'lid' in `state`; known: "),
+            ({"handle": "lid", "offset": [0.1]}, "goal.handle: no 'lid' in `state`; known: "),
             ({"entry": ""}, "goal: entry: expected the name of an entry"),
             ({"entry": "x" * 10_001}, "goal.entry: "),
             ({"axes": "xw"}, "goal: axes: expected letters out of 'xyz', each at most once, such as 'xy', found 'xw'"),
