@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # What demonstrations in varied scenes bring: one expert per task from the zoo's base, trained as the zoo's but in scenes
-# that vary along ten axes, beside the zoo's expert under all eighteen axes at severity 2. Steps that are done are skipped.
+# that vary along ten axes, beside the zoo's expert under seventeen axes at severity 2. Steps that are done are skipped.
 # Usage: scripts/varied_experts.sh [FOLDER]   (default runs/varied-experts). About an hour on two cores.
 # PERCENT=2 does the same in minutes from a fiftieth of everything: see percent.sh.
 set -euo pipefail
@@ -40,7 +40,7 @@ conditions: [clean]
 design:
   kind: one-at-a-time
   axes: [camera-orbit, camera-distance, field-of-view, camera-bump, light-direction, illuminance, colour-temperature, table,
-    distractors, object-position, robot-start, dynamics, noise, blur, frozen-frames, action-noise, action-delay, instruction]
+    distractors, object-position, robot-start, noise, blur, frozen-frames, action-noise, action-delay, instruction]
   severities: [2]
 compare: {baseline: experts, others: [varied]}
 oracle_gate: oracle

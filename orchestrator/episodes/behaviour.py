@@ -66,7 +66,8 @@ class BehaviourMeter:
         lengths = np.linalg.norm(np.diff(tool, axis=0), axis=1)
         forces = [motion.contact_force for motion in motions[1:] if motion.contact_force is not None]
         margins = [motion.joint_margin for motion in motions[1:] if motion.joint_margin is not None]
-        if not all(np.isfinite(values).all() for values in (tool, opening, forces, *map(self._entry, self._names))):
+        measured = [tool, opening, np.array(forces), *map(self._entry, self._names)]
+        if not all(np.isfinite(values).all() for values in measured):
             raise AdapterError("expected finite numbers in the simulation's motion")
         succeeded = status is Status.SUCCESS
         columns: dict[str, Any] = {
@@ -152,7 +153,7 @@ def smoothness(speeds: FloatArray, hz: float) -> float | None:
     """
     if len(speeds) < 2 or speeds.max() <= 0.0:
         return None
-    size = 2 ** (int(np.ceil(np.log2(len(speeds)))) + 4)
+    size = 2 ** ((len(speeds) - 1).bit_length() + 4)
     amplitudes, frequencies = np.abs(np.fft.rfft(speeds, size)), np.fft.rfftfreq(size, 1.0 / hz)
     amplitudes = amplitudes[frequencies <= HIGHEST_FREQUENCY] / amplitudes.max()
     amplitudes = amplitudes[: np.flatnonzero(amplitudes >= SMALLEST_SHARE)[-1] + 1]

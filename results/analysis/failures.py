@@ -11,7 +11,7 @@ import numpy as np
 from robogauntlet.results.record import FailureKind, Status, known_kind
 from robogauntlet.results.run_document import RunDocument
 from robogauntlet.results.statistics.rates import Interval, clustered_rate, wilson_interval
-from robogauntlet.suites.episode import AT, CLEAN, Condition
+from robogauntlet.suites.episode import AT, CLEAN, CONTROLS, Condition
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,8 +103,9 @@ class Failures:
 def build_failures(document: RunDocument, frame: pd.DataFrame) -> Failures | None:
     """Count the kinds of failures of a run from its rows with the columns `COLUMNS`; None if no failure has a kind.
 
-    All episodes count: an oracle gate rejects none of them.
+    All episodes but those of controls count: an oracle gate rejects none of them.
     """
+    frame = frame[~frame["axis"].isin(list(CONTROLS))]
     fields = [name for name in COLUMNS if name != "seed"]
     counts = frame[fields].groupby(fields, sort=False, observed=True, dropna=False).size().reset_index(name="n")
     counts[fields] = counts[fields].astype(object)

@@ -32,6 +32,12 @@ def test_a_run_without_failures_has_none():
     assert found(*played(won=lambda cell, seed: True)) is None
 
 
+def test_failures_under_a_control_do_not_count():
+    (one,) = found(*played((Condition(), Condition("blind", 1)))).policies
+    assert (one.total.episodes, one.total.failures) == (10, 5)
+    assert found(*played((Condition("blind", 1),))) is None
+
+
 def test_each_episode_is_in_one_outcome():
     plan, results = played(kind=lambda row: "dropped" if row.seed < 6 else None)
     results[1] = row(plan[0], 1, "error")
