@@ -29,7 +29,7 @@ LONG = (
     *("sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
-NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks")
+NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks", "varied_experts")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
 CODE = """

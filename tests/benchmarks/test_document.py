@@ -5,6 +5,7 @@ import json
 import pandas as pd
 import pytest
 
+from tests.benchmarks import varied_experts
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.more_experts import with_success
 from tests.benchmarks.operators import rows_of
@@ -39,6 +40,11 @@ def test_tables_of_merges_count_the_committed_episodes(name):
 def test_the_table_of_more_experts_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "more_experts.json").read_text(encoding="utf-8"))["rows"]
     assert with_success(rows, pd.read_parquet(MEASUREMENTS / "more_experts.parquet")) == rows
+
+
+def test_the_table_of_varied_experts_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "varied_experts.json").read_text(encoding="utf-8"))["rows"]
+    assert varied_experts.rows_of(pd.read_parquet(MEASUREMENTS / "varied_experts.parquet")) == rows
 
 
 @pytest.mark.parametrize("instruction", ["read", "hidden"])
