@@ -5,6 +5,7 @@ import json
 import pandas as pd
 import pytest
 
+from tests import ROOT
 from tests.benchmarks import varied_experts
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.more_experts import with_success
@@ -45,6 +46,13 @@ def test_the_table_of_more_experts_counts_the_committed_episodes():
 def test_the_table_of_varied_experts_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "varied_experts.json").read_text(encoding="utf-8"))["rows"]
     assert varied_experts.rows_of(pd.read_parquet(MEASUREMENTS / "varied_experts.parquet")) == rows
+
+
+def test_what_the_zoo_s_experts_keep_in_the_screening_is_counted_in_its_rows():
+    rows = pd.read_parquet(ROOT / "docs/reports/screening/episodes.parquet")
+    kept = (rows[(rows.policy == "experts") & (rows.severity == 2)].status == "success").mean()
+    page = (ROOT / "docs/policies.md").read_text(encoding="utf-8")
+    assert f"the zoo's nine experts keep {kept:.0%} over all axes".replace("%", " %") in page
 
 
 @pytest.mark.parametrize("instruction", ["read", "hidden"])
