@@ -183,7 +183,10 @@ def test_an_expression_only_reads():
             {"goal": {"entry": "finger_positions", "to": "tcp_position"}},
             "goal.to: expected 'tcp_position' to have the shape of 'finger_positions'",
         ),
-        ({"goal": {"entry": "finger_positions", "axes": "xy"}}, "goal.axes: expected 'xyz', since 'finger_positions'"),
+        (
+            {"goal": {"entry": "finger_positions", "offset": [0.1], "axes": "xy"}},
+            "goal.axes: expected 'xyz', since 'finger_positions'",
+        ),
         ({"cameras.third_person": "front"}, "no camera 'front' in the model"),
         ({"cameras.third_person": "render"}, "Reacher-v5 is of MuJoCo, name one of its cameras or an orbit"),
     ],
