@@ -132,11 +132,12 @@ def compare_conditions(document: RunDocument, eligible: EligibleEpisodes) -> Con
     routers = [row for policy in sides.others for axis in axes for row in _routers(document, eligible, policy, axis)]
     found = (tuple(losses), tuple(interactions), tuple(routers))
     return ConditionComparison(
-        sides.baseline, sides.others, *found, document.suite.adaptive, document.decided, _saving(document)
+        sides.baseline, sides.others, *found, document.suite.adaptive, document.decided, saving_of(document)
     )
 
 
-def _saving(document: RunDocument) -> Saving | None:
+def saving_of(document: RunDocument) -> Saving | None:
+    """Return what stopping early did with the episodes of a complete run; None without such a rule."""
     if document.suite.adaptive is None or document.status is not RunStatus.COMPLETE:
         return None
     count = document.suite.seeds.count

@@ -145,10 +145,13 @@ def _saving(saving: Saving) -> str:
     whole, spared, given = map(formatting.count, (saving.planned, saving.spared, saving.given))
     if not saving.spared:
         return f"All {whole} episodes of the suite were played."
+    text = f"Of the suite's {whole} episodes, {spared} were not needed after their condition was decided; "
+    if not saving.saved:
+        return f"{text}as many were played in undecided conditions instead."
     share = formatting.percent(saving.saved / saving.planned)
     return (
-        f"Of the suite's {whole} episodes, {spared} were not needed after their condition was decided; {given} were "
-        f"played in undecided conditions instead, and {formatting.count(saving.saved)} ({share}) not at all."
+        f"{text}{given} were played in undecided conditions instead, "
+        f"and {formatting.count(saving.saved)} ({share}) not at all."
     )
 
 
