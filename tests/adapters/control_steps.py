@@ -3,8 +3,18 @@
 import itertools
 
 import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
 
 from robogauntlet.adapters.scene_control import DynamicsFactors
+
+
+def check_compiled(simulation):
+    """Assert that control steps are compiled; skip where NumPy's and SciPy's OpenBLAS take the processor for others."""
+    kernels = {one["architecture"] for one in threadpool_info() if one["internal_api"] == "openblas"}
+    if not simulation._control.exact and len(kernels) > 1:
+        pytest.skip(f"NumPy's and SciPy's OpenBLAS round differently on this processor: {', '.join(sorted(kernels))}")
+    assert simulation._control.exact
 
 
 def actions_of(seed):

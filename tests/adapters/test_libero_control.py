@@ -6,7 +6,7 @@ import pytest
 from robogauntlet.adapters.libero import SIMULATOR
 from robogauntlet.adapters.libero.assets import package_folder
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.adapters.control_steps import alternating, ours, played, robosuites
+from tests.adapters.control_steps import alternating, check_compiled, ours, played, robosuites
 
 pytestmark = [
     pytest.mark.simulator,
@@ -23,7 +23,7 @@ def simulation(request):
 
 @pytest.mark.parametrize("perturbed", [False, True], ids=["clean", "perturbed"])
 def test_a_step_is_liberos_own_to_the_bit(simulation, perturbed):
-    assert simulation._control.exact
+    check_compiled(simulation)
     own = played(simulation, 1, robosuites, perturbed=perturbed)
     assert np.array_equal(own, played(simulation, 1, ours, perturbed=perturbed))
 

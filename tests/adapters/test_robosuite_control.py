@@ -5,7 +5,7 @@ import pytest
 
 from robogauntlet.adapters.robosuite.simulation import SIMULATOR, control_loop
 from robogauntlet.suites.episode import RenderProfile, View
-from tests.adapters.control_steps import alternating, ours, played, robosuites
+from tests.adapters.control_steps import alternating, check_compiled, ours, played, robosuites
 
 pytestmark = pytest.mark.simulator
 
@@ -39,7 +39,7 @@ def test_a_law_that_cannot_be_compiled_is_left_to_robosuite(simulation, monkeypa
 
 
 def test_a_law_that_is_not_the_compiled_one_is_left_to_robosuite(simulation, monkeypatch):
-    assert simulation._control.exact
+    check_compiled(simulation)
     simulation.reset(0)
     monkeypatch.setattr(simulation._env.robots[0].part_controllers["right"], "uncoupling", False)
     monkeypatch.setattr(simulation, "_control", control_loop(simulation._physics, simulation._env))

@@ -64,7 +64,8 @@ def test_options_choose_projections_rank_and_block(kind, block):
                     for name in kind
                 ]
             )
-            assert routed.scores[expert] == pytest.approx(expected, rel=1e-5)
+            # Singular values that are nearly alike turn their vectors by more than single precision's 1e-7.
+            assert routed.scores[expert] == pytest.approx(expected, rel=1e-4)
 
 
 def test_the_energy_of_a_case_by_hand():
