@@ -118,7 +118,7 @@ class Delivered:
 
 @dataclass(frozen=True)
 class Goal:
-    """What a task's robot has to bring about, in entries of `privileged_state`.
+    """What a task's robot has to achieve, in entries of `privileged_state`.
 
     Progress and the kinds of failures are measured with it; success is the task's own predicate.
     """

@@ -114,7 +114,7 @@ class EnvironmentMapping(_Strict):
     xyz (degrees)."""
     success: Expression
     goal: MappedGoal | None = None
-    """What has to be brought about, from which progress and the kinds of failures are measured."""
+    """What has to be achieved, from which progress and the kinds of failures are measured."""
     terminates: bool = False
     """Whether the environment cannot be stepped after `terminated`."""
     cameras: Cameras = Cameras()

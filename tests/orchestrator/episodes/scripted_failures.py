@@ -20,7 +20,7 @@ UP = np.array([0.0, 0.0, 1.0])
 SLOW = 0.15
 """Share of the oracle's motion with which it is still on its way at the horizon."""
 ASIDE = {"maniskill/StackCube-v1": (0.0, 0.12, -0.04), "robosuite/Stack": (0.0, 0.12, -0.045)}
-"""From the goal's true place to where the oracle is told that it is (m), on the table."""
+"""From the goal's true place to a wrong one that the oracle is given (m), on the table."""
 ELSEWHERE = (0.0, 0.25, 0.0)
 TASKS = (
     *("maniskill/PushCube-v1", "maniskill/PullCube-v1", "maniskill/StackCube-v1"),
