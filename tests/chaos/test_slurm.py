@@ -42,7 +42,15 @@ PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 
 
 @pytest.fixture
-def cluster(tmp_path):
+def short_folder():
+    """A folder for Slurm's sockets: a path of more than 107 bytes would be none."""
+    with tempfile.TemporaryDirectory(prefix="slurm-") as name:
+        yield Path(name)
+
+
+@pytest.fixture
+def cluster(tmp_path, short_folder):
+    # Slurm's controller may outlive `nsenter`: its folder is removed when its node has ended.
     missing = [name for name in PROGRAMS if shutil.which(name) is None]
     if missing:
         pytest.skip(f"{', '.join(missing)} not installed: apt-get install munge slurmctld slurmd slurm-client")
@@ -94,12 +102,11 @@ def slurm(cluster, *command, timeout_s=60.0):
     return (done.stdout + done.stderr).strip()
 
 
-def test_the_script_plays_a_suite_on_all_nodes_of_a_job(cluster, tmp_path):
+def test_the_script_plays_a_suite_on_all_nodes_of_a_job(cluster, short_folder, tmp_path):
     suite, folder = tmp_path / "suite.yaml", tmp_path / "run"
     suite.write_text(NULL.replace("count: 120", "count: 30").replace("workers: 2", "workers: auto"))
     with contextlib.ExitStack() as stack:
-        # Slurm's sockets are in its folder, and a path of more than 107 bytes would be none.
-        start_slurm(cluster, Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="slurm-"))), stack)
+        start_slurm(cluster, short_folder, stack)
         log = tmp_path / "job.log"
         options = [f"--output={log}", f"--chdir={tmp_path}", "--wait"]
         arguments = [str(SCRIPT), str(suite), "--out", str(folder), "--no-media"]

@@ -46,12 +46,12 @@ class Server:
 
     @property
     def memory(self) -> int:
-        """Resident memory of the server and its child processes (bytes)."""
+        """Memory of the server and its child processes; pages that they share, as after a fork, count once (bytes)."""
         found = 0
         for process in (self._process, *self._process.children(recursive=True)):
             try:
-                found += process.memory_info().rss
-            except psutil.NoSuchProcess:
+                found += process.memory_full_info().pss
+            except psutil.Error:  # it has ended
                 continue
         return found
 
