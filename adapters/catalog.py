@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, metadata
 from importlib.util import find_spec
@@ -37,9 +37,23 @@ def broken_plugins() -> tuple[BrokenPlugin, ...]:
     return _load()[1]
 
 
-def task_descriptions() -> dict[str, TaskDescription]:
+class _TaskDescriptions(Mapping[str, TaskDescription]):
+    """All tasks, looked up one by one: a simulator can have ten thousand."""
+
+    def __getitem__(self, task: str) -> TaskDescription:
+        name, _, short = task.partition("/")
+        return simulators()[name].tasks[short]
+
+    def __iter__(self) -> Iterator[str]:
+        return (f"{simulator.name}/{name}" for simulator in simulators().values() for name in simulator.tasks)
+
+    def __len__(self) -> int:
+        return sum(len(simulator.tasks) for simulator in simulators().values())
+
+
+def task_descriptions() -> Mapping[str, TaskDescription]:
     """Return the descriptions of all tasks by `simulator/task`."""
-    return {f"{s.name}/{name}": task for s in simulators().values() for name, task in s.tasks.items()}
+    return _TaskDescriptions()
 
 
 def goal_of(task: str) -> Goal | None:

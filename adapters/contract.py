@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,10 @@ class SimulatorUnavailable(AdapterError):
 
 class UnknownTask(AdapterError):
     """No such task in this simulator."""
+
+
+class TaskUnavailable(AdapterError):
+    """The task cannot be played here, though others of its simulator can: it needs files that are missing."""
 
 
 class UnsupportedCondition(AdapterError):
@@ -210,6 +214,14 @@ class Simulation(Protocol):
         """Free everything. Safe to call twice."""
 
 
+@runtime_checkable
+class Measured(Protocol):
+    """A `Simulation` that measures what it changed: under a perturbation, or of a task that is a variant of another."""
+
+    def delivered(self) -> Delivered:
+        """Return what was measured in this episode."""
+
+
 @dataclass(frozen=True)
 class TaskDescription:
     """A task, as its simulator declares it."""
@@ -226,6 +238,9 @@ class TaskDescription:
     """Modules that it needs beside its simulator's."""
     goal: Goal | None = None
     """Without it, progress and the kinds of failures are not measured."""
+    published_instruction: str = ""
+    """The instruction that the benchmark's own code gives, if it says more than the goal; see the control
+    `variant-name`."""
 
 
 @dataclass(frozen=True)

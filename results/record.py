@@ -43,6 +43,10 @@ class FailureKind(StrEnum):
     """The tool came closer to the object, or the object to the goal, until the end of the episode."""
 
 
+LEFT_OUT = "left out"
+"""Beginning of the error of an episode whose task lacks files here: nothing went wrong."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeResult:
     """One row. Fields up to `error` are the same whenever the episode is played; the rest is telemetry."""
@@ -176,6 +180,11 @@ class EpisodeResult:
             .replace("\0", "\N{REPLACEMENT CHARACTER}"),
             **telemetry,
         )
+
+
+def is_left_out(error: str | None) -> bool:
+    """Whether an error says that the episode's task lacks files."""
+    return (error or "").startswith(f"{LEFT_OUT}: ")
 
 
 FIELDS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(EpisodeResult))

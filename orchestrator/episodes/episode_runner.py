@@ -10,15 +10,17 @@ from contextlib import suppress
 from dataclasses import replace
 
 from robogauntlet.adapters import catalog as simulators
-from robogauntlet.adapters.contract import AdapterError, Simulation
+from robogauntlet.adapters.contract import AdapterError, Simulation, TaskUnavailable
 from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.orchestrator.episodes.rollout import Watcher, rollout
 from robogauntlet.orchestrator.perturbations.base import ReferenceImages
 from robogauntlet.policies.contract import Policy, PolicyError, check_fit
-from robogauntlet.results.record import EpisodeResult
+from robogauntlet.results.record import LEFT_OUT, EpisodeResult
 from robogauntlet.suites.episode import Episode, View
 from robogauntlet.support.errors import describe
+
+UNKNOWN_DEVICE = "an unknown device, as its first task is left out"
 
 
 class EpisodeRunner:
@@ -41,12 +43,15 @@ class EpisodeRunner:
         self._idle_since: float | None = None
 
     def prepare(self, task: str, view: View) -> Readiness:
-        """Open a task and render a frame, to check that the simulator works here.
+        """Open a task and render a frame, to check that the simulator works here; other tasks may work if it does not.
 
         Raises:
             AdapterError: The simulator does not work; the message says why.
         """
-        simulation = self.simulation(task, view)
+        try:
+            simulation = self.simulation(task, view)
+        except TaskUnavailable:
+            return Readiness(os.getpid(), UNKNOWN_DEVICE, None)
         frame_s = None
         if simulators.find(task.partition("/")[0]).renders:
             simulation.reset(0)  # the contract does not define a simulation before its first reset
@@ -94,7 +99,8 @@ class EpisodeRunner:
                     references=self._references,
                 )
             except (AdapterError, PolicyError) as known:
-                error = f"{type(known).__name__}: {known}"
+                kind = LEFT_OUT if isinstance(known, TaskUnavailable) else type(known).__name__
+                error = f"{kind}: {known}"
                 self._drop(episode)
                 break
             except Exception as unknown:  # simulators and policies raise anything; one episode must not end the rest

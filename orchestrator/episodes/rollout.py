@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from robogauntlet.adapters.catalog import goal_of
-from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Simulation
+from robogauntlet.adapters.contract import ACTION_NAMES, AdapterError, Delivered, Measured, Simulation
 from robogauntlet.adapters.frames import STATE_QUANTUM
 from robogauntlet.orchestrator.episodes.behaviour import BehaviourMeter
 from robogauntlet.orchestrator.perturbations import perturbed
@@ -146,7 +146,7 @@ def rollout(
                 with timed("render_s"):
                     clean_simulation.observe()
     policy.finish([episode])
-    delivered = simulation.delivered() if isinstance(simulation, PerturbedSimulation) else Delivered(None)
+    delivered = simulation.delivered() if isinstance(simulation, Measured) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
     status = Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE

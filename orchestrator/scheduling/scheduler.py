@@ -16,7 +16,7 @@ from robogauntlet.orchestrator.ray_runtime.session import RayLost
 from robogauntlet.orchestrator.scheduling import worker_pool
 from robogauntlet.orchestrator.scheduling.work_queue import Outcome, Result, WorkSource, next_simulator
 from robogauntlet.results.live_status import LiveWorker
-from robogauntlet.results.record import Status
+from robogauntlet.results.record import Status, is_left_out
 from robogauntlet.suites.resources import Resources
 from robogauntlet.support.text import counted
 
@@ -344,7 +344,7 @@ class Scheduler(Generic[Result]):
             return
         self._unsaved += results
         self.observer.on_results(results)
-        self._errors += sum(result.status == Status.ERROR for result in results)
+        self._errors += sum(result.status == Status.ERROR and not is_left_out(result.error) for result in results)
         if self._errors > self.options.allowed_errors:
             latest = next(r for r in reversed(results) if r.status == Status.ERROR)
             raise TooManyErrors(
