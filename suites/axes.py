@@ -17,6 +17,9 @@ from robogauntlet.suites.episode import CONTROLS, Condition
 from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 SEVERITIES = 5
+VARIANT_NAME = "variant-name"
+NO_VARIANT_NAME = "the instruction that its benchmark gives names no variant"
+"""Why a task does not support that control."""
 
 
 class Changes(StrEnum):
@@ -320,6 +323,14 @@ _ALL = (
         summary="The instruction asks for another goal that is possible in the same scene. A policy that still reaches "
         "the task's goal ignores the instruction.",
         references="LIBERO-Plus reports that instruction following collapses (2510.13626)",
+    ),
+    Axis(
+        name=VARIANT_NAME,
+        changes=Changes.INSTRUCTION,
+        unchanged=None,
+        summary="The instruction is the one that the benchmark's own code gives, which ends with the name of the "
+        "variant. A policy whose success differs reads more than the goal. For LIBERO-Plus only.",
+        references="LIBERO-Plus derives instructions from file names in six of its seven axes (2510.13626)",
     ),
     Axis(
         name="again",

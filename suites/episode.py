@@ -10,7 +10,7 @@ from enum import StrEnum
 from functools import cached_property
 
 CLEAN = "clean"
-CONTROLS = ("blind", "blank-instruction", "wrong-goal", "again")
+CONTROLS = ("blind", "blank-instruction", "wrong-goal", "variant-name", "again")
 """Control conditions, which have one severity."""
 CAMERAS = ("third_person", "wrist")
 AT, AND = "@", "+"

@@ -11,7 +11,7 @@ from robogauntlet.orchestrator.perturbations.base import Perturbed, ReferenceIma
 from robogauntlet.orchestrator.perturbations.cameras import CameraBump, CameraDistance, CameraOrbit, FieldOfView
 from robogauntlet.orchestrator.perturbations.combination import Combination
 from robogauntlet.orchestrator.perturbations.images import Blind, Blur, FrozenFrames, SensorNoise
-from robogauntlet.orchestrator.perturbations.instructions import BlankInstruction, Instruction, WrongGoal
+from robogauntlet.orchestrator.perturbations.instructions import BlankInstruction, Instruction, VariantName, WrongGoal
 from robogauntlet.orchestrator.perturbations.lights import ColourTemperature, Illuminance, LightDirection
 from robogauntlet.orchestrator.perturbations.physics import Dynamics, ObjectPosition, RobotStart
 from robogauntlet.orchestrator.perturbations.table_and_distractors import Distractors, Table
@@ -40,6 +40,7 @@ _PERTURBED: Mapping[str, type[Perturbed]] = {
     "blind": Blind,
     "blank-instruction": BlankInstruction,
     "wrong-goal": WrongGoal,
+    "variant-name": VariantName,
     "again": Unperturbed,
 }
 """Axis to its wrapper. In a combination they wrap the simulation in this order: physics, what stands on the table,

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from robogauntlet.adapters.contract import Delivered, Observation, UnsupportedCondition
+from robogauntlet.adapters.catalog import task_descriptions
+from robogauntlet.adapters.contract import Delivered, Measured, Observation, UnsupportedCondition
 from robogauntlet.orchestrator.perturbations.base import Perturbed
-from robogauntlet.suites.axes import why_unsupported
+from robogauntlet.suites.axes import NO_VARIANT_NAME, why_unsupported
 from robogauntlet.suites.paraphrases import OTHER_GOALS, PARAPHRASES
 
 
@@ -54,3 +55,22 @@ class WrongGoal(Instruction):
 
     def _changed(self, instruction: str) -> str:
         return OTHER_GOALS[instruction]
+
+
+class VariantName(Instruction):
+    """The instruction that the benchmark's own code gives, with the name of the variant."""
+
+    def _changed(self, instruction: str) -> str:
+        published = task_descriptions()[self.episode.task].published_instruction
+        if not published:
+            raise UnsupportedCondition(f"{self.episode.condition}: {NO_VARIANT_NAME}")
+        return published
+
+    def delivered(self) -> Delivered:
+        """The level, and what the variant itself changed: `variant` and further numbers."""
+        given = super().delivered()
+        if not isinstance(self.simulation, Measured):
+            return given
+        own = self.simulation.delivered()
+        value = {} if own.value is None else {"variant": own.value}
+        return Delivered(given.value, {**value, **own.statistics})

@@ -17,7 +17,7 @@ from robogauntlet.orchestrator.runs.adaptive_stopping import Outcomes, Progressi
 from robogauntlet.orchestrator.runs.suite_policies import PlanError, add_policies, find_policies, needs_policy
 from robogauntlet.policies import catalog as policies
 from robogauntlet.results.run_document import PlannedCell, RunDocument, Unsupported
-from robogauntlet.suites.axes import AXES, Axis, axes_of, why_unsupported
+from robogauntlet.suites.axes import AXES, NO_VARIANT_NAME, VARIANT_NAME, Axis, axes_of, why_unsupported
 from robogauntlet.suites.checks import check_names
 from robogauntlet.suites.episode import Cell, Condition
 from robogauntlet.suites.loading import Problem, SuiteError, load_suite, problem_at
@@ -274,7 +274,10 @@ def why_unadjusted(axis: Axis, task: str) -> str | None:
     part, simulator = str(axis.changes), simulators.find(task.partition("/")[0])
     if part in ADJUSTABLE and part not in simulator.adjusts:
         return f"{simulator.title} does not let its {part} be adjusted"
-    return simulators.task_descriptions()[task].fixed.get(part)
+    description = simulators.task_descriptions()[task]
+    if axis.name == VARIANT_NAME and not description.published_instruction:
+        return NO_VARIANT_NAME
+    return description.fixed.get(part)
 
 
 def why_impossible(condition: Condition, task: str) -> str | None:
