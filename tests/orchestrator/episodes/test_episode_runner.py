@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import pytest
 
+from robogauntlet.adapters.contract import Delivered, TaskUnavailable
 from robogauntlet.adapters.null import SIMULATOR, NullSimulation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.policies.catalog import digest
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicyKind, PolicySpec, StatelessPolicy
-from robogauntlet.results.record import outcome_row
+from robogauntlet.results.record import is_left_out, outcome_row
 from robogauntlet.suites.episode import Cell, Condition, Protocol, View
 
 
@@ -99,6 +100,34 @@ def test_an_unknown_task_is_an_error_row_with_the_nearest_name(runner):
 def test_preparing_opens_the_task_and_names_the_render_device(runner):
     ready = runner.prepare("null/Reach", View())
     assert (ready.render_device, ready.frame_s) == ("none", None)
+
+
+@pytest.fixture
+def without_files(monkeypatch):
+    """A simulator whose task `Reach` lacks files."""
+
+    def opened(task, view):
+        if task == "Reach":
+            raise TaskUnavailable("it shows a scene that these assets lack")
+        return SIMULATOR.open(task, view)
+
+    lacking = replace(SIMULATOR, open=opened)
+    monkeypatch.setattr("robogauntlet.adapters.catalog.find", lambda name: lacking)
+
+
+def test_a_task_that_lacks_files_is_left_out_and_the_others_are_played(runner, without_files):
+    assert runner.prepare("null/Reach", View()).frame_s is None
+    (left_out,) = runner.play(lease(seeds=(1,)))
+    (played,) = runner.play(lease("null/Raise", seeds=(1,)))
+    assert left_out.error == "left out: it shows a scene that these assets lack"
+    assert is_left_out(left_out.error)
+    assert played.status == "success"
+
+
+def test_a_task_that_is_a_variant_says_what_it_changed(runner, monkeypatch):
+    monkeypatch.setattr(NullSimulation, "delivered", lambda self: Delivered(2.5, {"x": 1.0}), raising=False)
+    (row,) = runner.play(lease(seeds=(1,)))
+    assert (row.delivered, row.delivered_statistics) == (2.5, '{"x": 1.0}')
 
 
 def test_a_closed_runner_can_play_again(runner):

@@ -1,13 +1,14 @@
 """Observations and executed actions under each axis, in the null simulator."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from robogauntlet.adapters.camera_geometry import rotation_between
-from robogauntlet.adapters.catalog import open_simulation
+from robogauntlet.adapters.catalog import open_simulation, task_descriptions
 from robogauntlet.adapters.contract import AdapterError, ObservationSpec
 from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.orchestrator.perturbations import images, instructions, perturbed
@@ -46,6 +47,8 @@ def paraphrases(monkeypatch):
     for name, table in (("PARAPHRASES", paraphrased), ("OTHER_GOALS", goals)):
         monkeypatch.setattr(f"robogauntlet.suites.axes.{name}", table)
         monkeypatch.setattr(instructions, name, table)
+    named = replace(task_descriptions()["null/Reach"], published_instruction="reach the goal add 3")
+    monkeypatch.setattr(instructions, "task_descriptions", lambda: {"null/Reach": named})
 
 
 @every_axis
@@ -158,8 +161,11 @@ def test_the_instruction_is_the_paraphrase_of_its_severity_and_images_stay():
     assert (seen.images["wrist"] == scene.observe().images["wrist"]).mean() > 0.9
 
 
-@pytest.mark.parametrize(("control", "instruction"), [("blank-instruction", ""), ("wrong-goal", "leave the goal")])
-def test_instruction_controls_give_no_instruction_or_another_goal(control, instruction):
+@pytest.mark.parametrize(
+    ("control", "instruction"),
+    [("blank-instruction", ""), ("wrong-goal", "leave the goal"), ("variant-name", "reach the goal add 3")],
+)
+def test_instruction_controls_give_no_instruction_another_goal_or_the_variants_name(control, instruction):
     _, simulation = begin(control, 1)
     assert simulation.observe().instruction == instruction
     assert simulation.delivered().value == 1.0
