@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from fnmatch import fnmatchcase
 from typing import Annotated
 
@@ -18,6 +19,8 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.support.errors import BadInput
 
 Row = dict[str, str | int | bool]
+MOST_LINES = 200
+"""Tasks of a simulator that are listed one by one, unless a pattern asks for more."""
 
 
 def list_names(
@@ -31,6 +34,8 @@ def list_names(
     if as_json:
         print_json(found)
     else:
+        if task is None:
+            found["tasks"] = _abbreviated(found["tasks"])
         for rows in found.values():
             out.print(_table(rows), "", sep="\n")
     for problem in broken_plugins():
@@ -50,6 +55,20 @@ def _tasks(pattern: str | None) -> list[Row]:
     if not matching:
         raise BadInput(f"no task matches '{pattern}'{did_you_mean(str(pattern), [str(row['task']) for row in rows])}")
     return matching
+
+
+def _abbreviated(rows: list[Row]) -> list[Row]:
+    """One row for all tasks of a simulator that has many."""
+    counts = Counter(row["simulator"] for row in rows)
+    kept: dict[str, Row] = {}
+    for row in rows:
+        if counts[row["simulator"]] <= MOST_LINES:
+            kept[str(row["task"])] = row
+            continue
+        name = f"{str(row['task']).partition('/')[0]}/*"
+        said = f"{counts[row['simulator']]:,} tasks: robogauntlet list --task '{name}'"
+        kept.setdefault(name, row | {"task": name, "instruction": said, "horizon": ""})
+    return list(kept.values())
 
 
 def _policies() -> list[Row]:
