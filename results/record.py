@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from robogauntlet.suites.episode import Condition, Episode, Protocol, RenderProfile, View
+from robogauntlet.suites.episode import Condition, Episode, Protocol, ProtocolName, RenderProfile, View
 
 
 class Status(StrEnum):
@@ -65,6 +65,9 @@ class EpisodeResult:
     cameras: Annotated[str, "Cameras rendered for the policy, separated by commas."]
     image_size: Annotated[int, "Height and width of each image (px)."]
     render_profile: Annotated[str, "How much of the scene is drawn: standard, fast or fast-2."]
+    protocol: Annotated[
+        str | None, "openvla if played under the common protocol of LIBERO, else empty: RoboGauntlet's own."
+    ] = None
     status: Annotated[str, "success, failure or error; an error is neither of the others."]
     success_once: Annotated[bool, "The task's predicate was true after at least one step."]
     steps: Annotated[int, "Control steps executed."]
@@ -132,9 +135,10 @@ class EpisodeResult:
 
     @property
     def episode(self) -> Episode:
-        """The episode of the row. Raises ValueError for an unknown render profile."""
+        """The episode of the row. Raises ValueError for an unknown render profile or protocol."""
         view = View(tuple(self.cameras.split(",")), self.image_size, RenderProfile(self.render_profile))
-        protocol = Protocol(self.horizon, self.replan_every, view)
+        name = ProtocolName(self.protocol or ProtocolName.ROBOGAUNTLET)
+        protocol = Protocol(self.horizon, self.replan_every, view, name)
         condition = Condition(self.axis, self.severity)
         return Episode(self.policy, self.policy_digest, self.task, self.seed, protocol, condition)
 
@@ -157,6 +161,7 @@ class EpisodeResult:
             cameras=",".join(view.cameras),
             image_size=view.image_size,
             render_profile=str(view.render_profile),
+            protocol=None if episode.protocol.name is ProtocolName.ROBOGAUNTLET else str(episode.protocol.name),
             **outcome,
         )
 
@@ -193,6 +198,8 @@ OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
 """Fields that are the same wherever the episode is run, and fields that differ from run to run."""
 BEHAVIOUR = FIELDS[FIELDS.index("path_length") : FIELDS.index("error")]
 """The part of `OUTCOME` that says how the robot moved and failed. None in rows of versions that did not measure it."""
+LATER = ("protocol", *BEHAVIOUR)
+"""The part of `OUTCOME` that the first version of rows did not have."""
 CELL = ("policy_digest", "task", "axis", "severity")
 """Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 
@@ -213,10 +220,12 @@ _REAL = frozenset(name for name, (kind, _, _) in describe_fields().items() if ki
 def outcome_row(result: EpisodeResult) -> tuple[Any, ...]:
     """Return the values of the `OUTCOME` fields, in order. Zeros lose their sign, as in databases.
 
-    Without `BEHAVIOUR` if none was measured, so that rows of earlier versions keep their hash.
+    Without `BEHAVIOUR` if none was measured, and without `protocol` if it is empty, so that rows of earlier versions
+    keep their hash.
     """
     measured = has_behaviour(result)
-    values = [(name, getattr(result, name)) for name in OUTCOME if measured or name not in BEHAVIOUR]
+    left_out = {*(() if measured else BEHAVIOUR), *(() if result.protocol else ("protocol",))}
+    values = [(name, getattr(result, name)) for name in OUTCOME if name not in left_out]
     return tuple(value + 0.0 if name in _REAL and value is not None else value for name, value in values)
 
 

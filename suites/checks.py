@@ -6,12 +6,14 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from robogauntlet.suites.axes import AXES, why_exclusive
-from robogauntlet.suites.episode import CAMERAS, CLEAN, CONTROLS, Condition
+from robogauntlet.suites.episode import CAMERAS, CLEAN, CONTROLS, Condition, ProtocolName
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
 from robogauntlet.suites.schema import Mistake, Suite, expand_tasks
 
 MOST_SEVERE = 5
+LIBERO = ("libero", "libero-plus")
+"""Simulators that can be played under the protocol `openvla`."""
 
 
 def check_names(suite: Suite, names: Registry) -> list[Mistake]:
@@ -22,6 +24,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
         *_check_conditions(suite, names),
         *_check_design(suite, names),
         *_check_cameras(suite),
+        *_check_protocol(suite, names),
         *_check_simulators(suite, names),
         *_check_programs(suite, names),
         *_check_roles(suite),
@@ -60,6 +63,14 @@ def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
                 known = names.policies.get(policy.kind)
                 if known and known.tasks is not None and task not in known.tasks:
                     yield place, f"policy '{policy.name}' cannot act in '{task}'"
+
+
+def _check_protocol(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    if suite.protocol is ProtocolName.OPENVLA:
+        for task in expand_tasks(suite.tasks, names.tasks):
+            if task.partition("/")[0] not in LIBERO:
+                yield ("protocol",), f"expected openvla with tasks of LIBERO only, got {task}; leave it out"
+                return
 
 
 def _unknown_task(pattern: str, names: Registry) -> str:

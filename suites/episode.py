@@ -19,7 +19,8 @@ _PART = re.compile(r"(?P<axis>[^@+]+)@(?P<severity>[0-9]{1,3}([.][0-9]{1,2})?)")
 FIRST_TRAINING_SEED = 1_000_000
 """Seeds from here on are for training and development; those of suites begin at 0, and never share a starting state."""
 SUCCESS_HOLD = 5
-"""Control steps in a row for which a task's success predicate must hold before the episode counts as a success."""
+"""Control steps in a row for which a task's success predicate must hold before the episode counts as a success, under
+RoboGauntlet's own protocol."""
 
 
 class RenderProfile(StrEnum):
@@ -31,6 +32,16 @@ class RenderProfile(StrEnum):
     """Without shadows, reflections and multisampling."""
     FAST_2 = "fast-2"
     """As `fast`, with the meshes of robots simplified to what an image shows, where that saves a quarter of a frame."""
+
+
+class ProtocolName(StrEnum):
+    """Whose rules decide when an episode is a success, and how images are turned."""
+
+    ROBOGAUNTLET = "robogauntlet"
+    """The predicate holds for `SUCCESS_HOLD` steps in a row; images are upright."""
+    OPENVLA = "openvla"
+    """As in evaluations on LIBERO since OpenVLA's: the predicate holds for one step; LIBERO's images, which are upside
+    down, are rotated by 180 degrees, which makes them upright and mirrored."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -132,6 +143,17 @@ class Protocol:
     replan_every: int = 8
     """Steps of an action chunk that are executed before the policy is queried again (fewer for shorter chunks)."""
     view: View = field(default_factory=View)
+    name: ProtocolName = ProtocolName.ROBOGAUNTLET
+
+    @property
+    def success_hold(self) -> int:
+        """Control steps in a row for which the success predicate must hold."""
+        return 1 if self.name is ProtocolName.OPENVLA else SUCCESS_HOLD
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether policies see mirrored images."""
+        return self.name is ProtocolName.OPENVLA
 
 
 @dataclass(frozen=True)
@@ -157,6 +179,8 @@ class Episode:
     def pair_id(self) -> str:
         """Hash of everything except the policy: equal for the episodes that a paired comparison compares."""
         condition, protocol = asdict(self.condition), asdict(self.protocol)
+        if self.protocol.name is ProtocolName.ROBOGAUNTLET:  # ids are older than names of protocols
+            del protocol["name"]
         return content_hash({"task": self.task, "seed": self.seed, "condition": condition, "protocol": protocol})
 
     @cached_property

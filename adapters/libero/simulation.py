@@ -33,6 +33,7 @@ import numpy as np
 
 from robogauntlet.adapters import references
 from robogauntlet.adapters.contract import ActionSpec, AdapterError, FloatArray, Simulator, StepOutcome
+from robogauntlet.adapters.libero.assets import DISTRIBUTIONS
 from robogauntlet.adapters.libero.libero_import import Libero, open_libero, silenced
 from robogauntlet.adapters.libero.objects import LiberoObjects, libero_object
 from robogauntlet.adapters.libero.tasks import TABLES, LiberoTask, libero_tasks
@@ -293,6 +294,7 @@ SIMULATOR = Simulator(
         "termcolor>=2",
         "easydict==1.14",
         "future==1.0.0",
+        *DISTRIBUTIONS,
     ),
     without_dependencies=("hf-libero==0.1.4", "robosuite==1.4.0", "bddl==1.0.1"),
 )

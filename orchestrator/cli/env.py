@@ -117,7 +117,7 @@ def show(name: Name, suite: InSuite = None) -> None:
 
 @app.command("check")
 def check_environment(name: Name, suite: InSuite = None) -> None:
-    """Check that an environment has what its simulator needs and matches the running environment.
+    """Check that an environment has what its simulator needs, undamaged, and matches the running environment.
 
     Exit code 1 if it does not fit.
     """
@@ -150,7 +150,7 @@ def _find(name: str, suite: str | None) -> tuple[EnvironmentUser, Environment]:
 
 
 def _report_fit(environment: Environment, simulator: EnvironmentUser) -> None:
-    contents = check(environment, simulator)
+    contents = check(environment, simulator, contents=True)
     for problem in contents.problems:
         fail(problem)
     if contents.problems:

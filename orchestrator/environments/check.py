@@ -19,7 +19,8 @@ from robogauntlet.support.child_process import ChildEnded, ChildTimeout, JsonChi
 from robogauntlet.support.errors import last_line
 from robogauntlet.support.secret_variables import without_secrets
 
-TIME_LIMIT_S = 60.0
+TIME_LIMIT_S, READING_LIMIT_S = 60.0, 600.0
+"""For an answer about versions, and for one about the contents of files (s)."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,12 @@ class EnvironmentCheck:
         return "; ".join(self.problems) or None
 
 
-def check(environment: Environment, user: EnvironmentUser) -> EnvironmentCheck:
-    """Compare an environment with the running one, its entry and the requirements of its user."""
+def check(environment: Environment, user: EnvironmentUser, *, contents: bool = False) -> EnvironmentCheck:
+    """Compare an environment with the running one, its entry and the requirements of its user.
+
+    With `contents`, also compare the files of required distributions with the hashes that their wheels state, which
+    takes a second for a few hundred megabytes.
+    """
     label, entry = f"environment {environment.name}", environment.entry
     remedy = f"create it: robogauntlet env create {environment.name}"
     if environment.manifest is None:
@@ -54,14 +59,15 @@ def check(environment: Environment, user: EnvironmentUser) -> EnvironmentCheck:
     distributions = dict.fromkeys(["ray", *user.distributions, *(requirement.name for requirement in wanted)])
     python, modules = environment.python, (*user.modules, *WORKER_PACKAGES.values(), PACKAGE)
     try:
-        installed = _ask(python, python.lstat().st_mtime_ns, modules, tuple(distributions), import_path())
+        compared = tuple(requirement.name for requirement in wanted) if contents else ()
+        installed = _ask(python, python.lstat().st_mtime_ns, modules, tuple(distributions), compared, import_path())
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:
         return EnvironmentCheck((f"{label}: expected an answer from {python}, got: {last_line(error)}; {remedy}",))
     versions = {name: version for name, version in installed["versions"].items() if version is not None}
     if installed["python"].rpartition(".")[0] != RUNNING:
         problems = [_other_python(label, installed["python"])]
     else:
-        lacking = _problems(installed["modules"], versions, user, wanted)
+        lacking = [*_problems(installed["modules"], versions, user, wanted), *_damage(installed["differing"])]
         problems = [f"{label}: {problem}; {remedy}" for problem in lacking]
     return EnvironmentCheck(tuple(problems), installed["python"], versions)
 
@@ -84,6 +90,13 @@ def _problems(
             yield f"expected {requirement}, it has {version or 'none'}"
 
 
+def _damage(differing: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    for distribution, files in differing.items():
+        if files:
+            more = f" and {len(files) - 1:,} more" if len(files) > 1 else ""
+            yield f"expected the files of {distribution} as its wheel has them, {files[0]}{more} are missing or differ"
+
+
 def _other_python(label: str, python: str) -> str:
     return f"{label}: expected Python {RUNNING} as here, which Ray requires of all workers, it has {python}"
 
@@ -101,10 +114,16 @@ def named_requirements(*texts: str) -> Iterator[Requirement]:
 
 @lru_cache(maxsize=64)
 def _ask(
-    python: Path, changed_ns: int, modules: tuple[str, ...], distributions: tuple[str, ...], python_path: str
+    python: Path,
+    changed_ns: int,
+    modules: tuple[str, ...],
+    distributions: tuple[str, ...],
+    compared: tuple[str, ...],
+    python_path: str,
 ) -> dict[str, Any]:
     """What `introspect` answers there; cached until the environment is created again (`changed_ns`)."""
+    request = {"modules": modules, "distributions": distributions, "compared": compared}
     command = [str(python), "-c", Path(introspect.__file__).read_text(encoding="utf-8")]
     with JsonChild(command, environment={**without_secrets(os.environ), "PYTHONPATH": python_path}) as child:
-        answer: dict[str, Any] = child.ask({"modules": modules, "distributions": distributions}, TIME_LIMIT_S)
+        answer: dict[str, Any] = child.ask(request, READING_LIMIT_S if compared else TIME_LIMIT_S)
         return answer

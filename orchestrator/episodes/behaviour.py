@@ -54,8 +54,10 @@ class BehaviourMeter:
                 raise AdapterError(f"the task's goal: {field}: expected {expected}, found {found}")
         self._motions.append(motion)
 
-    def columns(self, status: Status) -> dict[str, Any]:
+    def columns(self, status: Status, success_hold: int = SUCCESS_HOLD) -> dict[str, Any]:
         """The columns of an episode that ended like this, with the samples so far.
+
+        A success is one if the predicate held for `success_hold` steps.
 
         Raises:
             AdapterError: A number of the motion is not finite.
@@ -73,7 +75,7 @@ class BehaviourMeter:
         columns: dict[str, Any] = {
             "path_length": round(float(lengths.sum()), 4),
             "smoothness": smoothness(lengths * hz, hz),
-            "time_to_success": round((len(motions) - SUCCESS_HOLD) / hz, 3) if succeeded else None,
+            "time_to_success": round((len(motions) - success_hold) / hz, 3) if succeeded else None,
             "gripper_openings": openings(opening.tolist()),
             "contact_steps": sum(force > 0.0 for force in forces) if forces else None,
             "contact_force": round(max(forces), 1) if forces else None,

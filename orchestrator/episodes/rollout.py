@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -29,7 +30,7 @@ from robogauntlet.policies.contract import (
     check_routing,
 )
 from robogauntlet.results.record import EpisodeResult, Status
-from robogauntlet.suites.episode import SUCCESS_HOLD, Episode
+from robogauntlet.suites.episode import Episode
 
 Watcher = Callable[[Simulation, int], None]
 """Called after reset and after every control step with the number of steps taken; records videos and trajectories."""
@@ -65,8 +66,8 @@ def rollout(
     """Play one episode.
 
     The policy is queried when its chunk is used up or `replan_every` steps of it are executed; images are rendered only
-    then. The episode succeeds and ends when the task's success predicate has held for `SUCCESS_HOLD` steps in a row; it
-    fails at the horizon.
+    then. The episode succeeds and ends when the task's success predicate has held for as many steps in a row as the
+    protocol says; it fails at the horizon.
 
     Args:
         simulation: The episode's task, open.
@@ -111,7 +112,7 @@ def rollout(
     reward = 0.0
     if watcher:
         watcher(simulation, steps)
-    while steps < protocol.horizon and held < SUCCESS_HOLD and not terminated:
+    while steps < protocol.horizon and held < protocol.success_hold and not terminated:
         query = _observe(simulation, policy, episode, steps, timed)
         if isinstance(simulation, PerturbedSimulation) and query.observation is not None:
             simulation.check_instruction(query.observation.instruction)
@@ -140,7 +141,7 @@ def rollout(
             terminated = outcome.terminated
             if watcher:
                 watcher(simulation, steps)
-            if held >= SUCCESS_HOLD or terminated:
+            if held >= protocol.success_hold or terminated:
                 break
             if eager:
                 with timed("render_s"):
@@ -149,7 +150,7 @@ def rollout(
     delivered = simulation.delivered() if isinstance(simulation, Measured) else Delivered(None)
     if not math.isfinite(reward):
         raise AdapterError(f"the simulator's rewards add up to {reward}, expected a finite number")
-    status = Status.SUCCESS if held >= SUCCESS_HOLD else Status.FAILURE
+    status = Status.SUCCESS if held >= protocol.success_hold else Status.FAILURE
     return EpisodeResult.from_episode(
         episode,
         status=str(status),
@@ -165,7 +166,7 @@ def rollout(
         **(routing_fields(routing) if routing else {}),
         delivered=None if delivered.value is None else round(delivered.value, 6),
         delivered_statistics=_statistics_text(delivered.statistics) if delivered.statistics else None,
-        **meter.columns(status),
+        **meter.columns(status, protocol.success_hold),
         started_at=started,
         wall_s=clock() - began,
         **seconds,
@@ -203,7 +204,11 @@ def _observe(
     match policy.spec.sees:
         case PolicyInput.OBSERVATION:
             with timed("render_s"):
-                return Query(episode, step, observation=simulation.observe())
+                observation = simulation.observe()
+                if episode.protocol.mirrored:
+                    images = {name: image[:, ::-1].copy() for name, image in observation.images.items()}
+                    observation = replace(observation, images=images)
+                return Query(episode, step, observation=observation)
         case PolicyInput.PRIVILEGED_STATE:
             with timed("physics_s"):
                 return Query(episode, step, privileged_state=simulation.privileged_state())

@@ -64,7 +64,7 @@ class LeRobotPolicy:
     def images_sent(self, query: Query) -> Mapping[str, Image]:
         """Return the images of a query as LeRobot gets them, by the checkpoint's features."""
         assert query.observation is not None
-        return images_in(encode_observation(self._checkpoint.options, query.observation, query.episode.task))
+        return images_in(encode_observation(self._checkpoint.options, query.observation, query.episode))
 
     def close(self) -> None:
         """End the process."""
@@ -82,7 +82,7 @@ class LeRobotPolicy:
             raise ProcessLost("LeRobot's process ended during the episode")
         options, observation = self._checkpoint.options, query.observation
         assert observation is not None
-        arrays = encode_observation(options, observation, query.episode.task)
+        arrays = encode_observation(options, observation, query.episode)
         if options.proprioception is not None:
             arrays[options.proprioception] = arrays[options.proprioception].astype(np.float32)
         seed = int(content_hash([query.episode.id, query.step]), 16) % 2**63

@@ -13,6 +13,7 @@ from robogauntlet.adapters.contract import FloatArray, Image, Observation
 from robogauntlet.policies.contract import PolicyMismatch, Query
 from robogauntlet.policies.remote import libero
 from robogauntlet.policies.remote.server_options import Convention
+from robogauntlet.suites.episode import Episode
 from robogauntlet.support.text import visible
 
 MAX_ACTIONS = 1000
@@ -38,16 +39,20 @@ def images_in(message: Mapping[str, Any]) -> dict[str, Image]:
     }
 
 
-def encode_observation(convention: Convention, observation: Observation, task: str) -> dict[str, Any]:
-    """Return the observation of a task under the server's keys. PolicyMismatch if the convention lacks the task."""
+def encode_observation(convention: Convention, observation: Observation, episode: Episode) -> dict[str, Any]:
+    """Return an observation in an episode under the server's keys. PolicyMismatch if the convention lacks the task."""
+    turned = (
+        convention.convention == "libero" and episode.protocol.mirrored
+    )  # by the protocol, as LIBERO's policies expect
     message: dict[str, Any] = {
-        key: resize_image(convention, turn_image(convention, observation.images[camera]))
+        key: resize_image(convention, image if turned else turn_image(convention, image))
         for camera, key in convention.cameras.items()
+        for image in (observation.images[camera],)
     }
     if convention.proprioception is not None:
         state = observation.proprioception
         is_plain = convention.convention == "robogauntlet"
-        message[convention.proprioception] = state if is_plain else libero.native_proprioception(task, state)
+        message[convention.proprioception] = state if is_plain else libero.native_proprioception(episode.task, state)
     if convention.instruction is not None:
         message[convention.instruction] = observation.instruction
     return message

@@ -137,7 +137,7 @@ class RemotePolicy:
         if self._is_robogauntlet:
             return as_message(query, self._finished)
         assert query.observation is not None
-        message = encode_observation(self._options, query.observation, query.episode.task)
+        message = encode_observation(self._options, query.observation, query.episode)
         if self._greeting is not None:
             complete = as_message(query, self._finished)
             message |= {key: complete[key] for key in complete if key.startswith("robogauntlet/")}

@@ -46,7 +46,7 @@ from robogauntlet.suites.plugins import did_you_mean
 if TYPE_CHECKING:
     import pandas as pd
 
-PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile")
+PROTOCOL = ("horizon", "replan_every", "cameras", "image_size", "render_profile", "protocol")
 """Fields of the record that have the protocol of an episode."""
 COLUMNS = (*comparison.COLUMNS, "axis", "severity", *PROTOCOL)
 """Fields of the record that a comparison needs."""

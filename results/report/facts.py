@@ -10,7 +10,7 @@ from robogauntlet.results.analysis.tables import NotRun, Tables
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.results.run_document import RunDocument, RunStatus
-from robogauntlet.suites.episode import SUCCESS_HOLD
+from robogauntlet.suites.episode import SUCCESS_HOLD, ProtocolName
 from robogauntlet.support.text import counted
 
 DEFINITIONS = {
@@ -126,6 +126,10 @@ ROBUSTNESS_TERMS = ("severity curve", "area kept", "half lost at", "trend p")
 COMBINATION_TERMS = ("sensitivity index", "failure cluster")
 SHIFT_TERMS = ("lost against", "lost beyond clean")
 PAIRWISE_TERMS = ("difference", "only", "p", "detectable", "perturbed pairs", "median difference", "letters")
+PROTOCOLS = {
+    ProtocolName.ROBOGAUNTLET: f"robogauntlet: the predicate holds for {SUCCESS_HOLD} steps, images are upright",
+    ProtocolName.OPENVLA: "openvla: the predicate holds for a step, images are upright and mirrored",
+}
 BEHAVIOUR_TERMS = ("path length", "time to success", "smoothness", "progress", "contact", "limits")
 ROUTER_TERMS = ("accuracy", "calibration", "regret", "latency")
 
@@ -149,6 +153,8 @@ def verdict(document: RunDocument, tables: Tables) -> str:
     parts.append(formatting.counted(total.errors, "error") if total.errors else "no errors")
     parts.append(formatting.counted(len(tables.skipped), "simulator") + " skipped" if tables.skipped else "")
     parts.append(f"in {formatting.seconds(document.elapsed_s)}" if document.elapsed_s else "")
+    if document.suite.protocol is not ProtocolName.ROBOGAUNTLET:
+        parts.append(f"under the protocol {document.suite.protocol}")
     return ", ".join(filter(None, parts)) + (f"; {document.reason}" if document.reason else "")
 
 
@@ -160,6 +166,7 @@ def provenance(document: RunDocument) -> list[tuple[str, str]]:
     facts = [
         ("run", document.run_id),
         ("suite", f"{document.suite.name} ({document.suite_path})"),
+        ("protocol", PROTOCOLS[document.suite.protocol]),
         ("suite hash", document.suite_hash),
         ("rows hash", document.rows_hash or "not computed"),
         *((f"policy {name}", digest) for name, digest in {c.policy: c.policy_digest for c in document.plan}.items()),

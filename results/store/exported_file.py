@@ -25,7 +25,7 @@ from robogauntlet.results.record import FIELDS, EpisodeResult, FailureKind, Stat
 from robogauntlet.results.run_document import MAX_COUNT, RunDocument, RunError, RunStatus, parse_run
 from robogauntlet.results.store.schema import SCHEMA, columns_after, episodes, forgotten_runs, imported_runs
 from robogauntlet.results.store.sqlite_file import why_no_database
-from robogauntlet.suites.episode import RenderProfile
+from robogauntlet.suites.episode import ProtocolName, RenderProfile
 from robogauntlet.suites.ranges import MAX_STEPS
 from robogauntlet.support.json_text import parse_json
 
@@ -226,7 +226,7 @@ class _RowCheck:
         self._cells = {(cell.policy_digest, cell.task, cell.axis, cell.severity) for cell in document.plan}
         self._protocol = (
             *(suite.replan_every, ",".join(suite.cameras)),
-            *(suite.image_size, str(suite.render_profile)),
+            *(suite.image_size, str(suite.render_profile), suite.protocol),
         )
         self._allowed = [
             _TYPES[kind] | ({type(None)} if nullable else frozenset()) for kind, nullable, _ in fields.values()
@@ -267,7 +267,8 @@ class _RowCheck:
             return "its status or render profile is unknown"
         if (row.policy_digest, row.task, row.axis, row.severity) not in self._cells:
             return "it is not planned"
-        if (row.replan_every, row.cameras, row.image_size, row.render_profile) != self._protocol:
+        protocol = row.protocol or ProtocolName.ROBOGAUNTLET
+        if (row.replan_every, row.cameras, row.image_size, row.render_profile, protocol) != self._protocol:
             return "its protocol is not that of the suite"
         if row.horizon > MAX_STEPS:
             return "horizon is out of bounds"

@@ -10,11 +10,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import BEHAVIOUR, CELL, describe_fields
+from robogauntlet.results.record import CELL, LATER, describe_fields
 from robogauntlet.results.store.database import Schema
 
 VERSION = 2
-LATER_COLUMNS = {2: BEHAVIOUR}
+LATER_COLUMNS = {2: LATER}
 """Columns of `episodes` by the version that they came with, after 1. All may be null."""
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 

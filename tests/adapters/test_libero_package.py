@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import tarfile
 import zipfile
 from fnmatch import fnmatch
@@ -26,6 +27,7 @@ def nowhere(monkeypatch, tmp_path):
     monkeypatch.setenv("LIBERO_CONFIG_PATH", str(tmp_path / "no-configuration"))
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(assets, "package_folder", lambda: None)
+    monkeypatch.setattr(assets, "installed_folder", lambda: None)
     return tmp_path
 
 
@@ -100,13 +102,24 @@ def test_missing_assets_are_one_line_with_what_to_do(nowhere):
         find_assets()
     message = str(caught.value)
     assert VARIABLE in message
-    assert "download_assets" in message
+    assert "robogauntlet env create libero" in message
     assert str(nowhere / ".cache" / "libero" / "assets") in message
 
 
 def test_assets_are_found_where_the_variable_says(nowhere, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(folder_of_assets(nowhere / "mine")))
     assert find_assets() == Assets((nowhere / "mine").resolve(), stand_ins=False)
+
+
+def test_assets_of_wheels_that_are_not_whole_are_refused(nowhere, monkeypatch):
+    folder = folder_of_assets(nowhere / "wheels")
+    monkeypatch.setattr(assets, "installed_folder", lambda: folder)
+    with one_line_error(SimulatorUnavailable) as caught:
+        find_assets()
+    message = f"hash to 3368e0dd, found {Assets(folder, False).fingerprint()}; .*robogauntlet env create libero --fresh"
+    assert re.search(message, str(caught.value))
+    monkeypatch.setattr(assets, "FINGERPRINT", Assets(folder, False).fingerprint())
+    assert find_assets().folder == folder.resolve()
 
 
 def test_a_wrong_variable_is_an_error(nowhere, monkeypatch):

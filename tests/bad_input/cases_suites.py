@@ -163,6 +163,10 @@ OTHERS = {
         "wrist": "expected a list, found text ('wrist')",
     },
     "render_profile": {"slow": "expected 'standard', 'fast' or 'fast-2', found 'slow'", "5": "'fast-2', found 5"},
+    "protocol": {
+        "openvla": "expected openvla with tasks of LIBERO only, got null/Reach; leave it out",
+        "openpi": "expected 'robogauntlet' or 'openvla', found 'openpi'",
+    },
     "workers": {
         "many": "expected 'auto', found 'many'",
         f"{{{'y' * 1_000}: 2}}": "unknown simulator 'yyy",

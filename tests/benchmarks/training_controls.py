@@ -1,11 +1,11 @@
 """Success by kind of training, way of merging and training seed. Needs the runs of `scripts/training_controls.sh`.
 
-`TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls`
+`TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls` (default `runs/training-controls`)
 """
 
+from __future__ import annotations
+
 import os
-from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,71 +13,63 @@ import pandas as pd
 from scipy import stats
 
 from robogauntlet.results.api import open_run
-from tests.benchmarks.shared import table
+from tests.benchmarks.document import write_episodes
+from tests.benchmarks.shared import table_of
 
 REFERENCE = "cross-sigmoid"
-"""MergeVLA's own block, which the others are compared with."""
-EXPERTS, JOINT = "experts", "joint"
-WAYS = (EXPERTS, "signs", "ta-s", "paper")
+"""MergeVLA's own block on a base of the same tasks, which the others are compared with."""
+WAYS = {
+    "experts": "experts",
+    "signs": "two bits of magnitudes",
+    "ta-s": "TA+S, trunk by vectors",
+    "paper": "TA+S, averaged trunk",
+    "joint": "joint training",
+}
+NAME = rf"(?:(?P<kind>.+)-)?(?P<way>{'|'.join(WAYS)})-(?P<training>\d+)"
+"""A policy of the runs: kind of training (none for joint training), way of merging, training seed."""
+EPISODE = ("policy", "task", "seed", "status")
 
 
 def measure() -> list[dict[str, object]]:
-    """Mean success over tasks for each training, and differences between blocks and ways of merging."""
+    """A row for each kind of training and way of merging; writes the episodes beside the rows."""
     folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls"))
-    rows = pd.concat([open_run(run).episodes() for run in sorted(folder.glob("run-*"))])
-    rows["success"] = rows.status == "success"
-    rows[["name", "training"]] = rows.policy.str.rsplit("-", n=1, expand=True)
-    trained = rows.groupby(["name", "training", "task"]).success.agg(["mean", "count"]).reset_index()
-    by_training = trained.groupby(["name", "training"])["mean"].mean().unstack()
-    chance = _chance(trained)
-    print("success, mean of the tasks, by training seed; deviation between seeds, and the part due to drawing episodes")
-    table(
-        ("network", *by_training.columns, "mean", "deviation", "of episodes"),
-        [
-            (name, *map(_percent, seeds), _percent(seeds.mean()), _percent(seeds.std(ddof=1)), _percent(chance[name]))
-            for name, seeds in by_training.iterrows()
-        ],
-    )
-    print(f"\ndifference to {REFERENCE} in points, paired by training seed, 95 % t-interval over the seeds")
-    differences = [
-        (name, way, *_difference(by_training.loc[name], by_training.loc[f"{REFERENCE}-{way}"]))
-        for way in WAYS
-        for name in by_training.index
-        if name.endswith(f"-{way}") and name != f"{REFERENCE}-{way}"
-    ]
-    if JOINT in by_training.index:
-        together = _difference(by_training.loc[JOINT], by_training.loc[f"{REFERENCE}-{EXPERTS}"])
-        differences.append((JOINT, EXPERTS, *together))
-    table(("network", "way", "difference", "interval"), differences)
-    print("\ndifference between ways in points, 95 % t-interval over the training seeds")
-    kinds = [name.removesuffix(f"-{EXPERTS}") for name in by_training.index if name.endswith(f"-{EXPERTS}")]
-    ways = [
-        (kind, better, worse, *_difference(by_training.loc[f"{kind}-{better}"], by_training.loc[f"{kind}-{worse}"]))
-        for kind in kinds
-        for better, worse in pairwise(WAYS)
-    ]
-    table(("network", "way", "to", "difference", "interval"), ways)
-    print("\nsuccess by task, mean over training seeds")
-    by_task = trained.groupby(["name", "task"])["mean"].mean().unstack()
-    table(("network", *by_task.columns), [(name, *map(_percent, found)) for name, found in by_task.iterrows()])
-    return [{"network": name, **found.to_dict()} for name, found in by_training.iterrows()]
+    frame = pd.concat([open_run(run).episodes(EPISODE) for run in sorted(folder.glob("run-*"))])
+    write_episodes("training_controls", frame, EPISODE[:3])
+    rows = rows_of(frame)
+    columns = {"training": "{kind}", "way of merging": "{way}", "success by training seed (%)": "{seeds}"}
+    columns |= {"mean": "{mean:.0f}", "to its experts (points)": "{to_experts}"}
+    table_of(rows, columns | {f"to {REFERENCE} (points)": "{to_reference}"})
+    return rows
 
 
-def _chance(trained: pd.DataFrame) -> pd.Series:
-    """Deviation of a training's mean over tasks that is due to drawing episodes, by network."""
-    variance = (trained["mean"] * (1 - trained["mean"]) / trained["count"]).groupby(
-        [trained["name"], trained["training"]]
-    )
-    return np.sqrt(variance.sum()).div(variance.size()).groupby("name").mean()
+def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
+    """Success, mean of the tasks, with differences paired by training seed and their 95 % t-intervals.
+
+    `frame` has a row per episode with the columns `EPISODE`.
+    """
+    named = frame.policy.str.extract(f"^{NAME}$").fillna({"kind": REFERENCE})
+    won = named.assign(task=frame.task, won=100.0 * (frame.status == "success"))
+    rates = won.groupby(["kind", "way", "training", "task"]).won.mean().groupby(["kind", "way", "training"]).mean()
+    by_seed = rates.unstack("training")
+    rows = []
+    for kind, way in sorted(by_seed.index, key=lambda key: (key[0] != REFERENCE, key[0], list(WAYS).index(key[1]))):
+        own, experts = by_seed.loc[(kind, way)], by_seed.loc[(REFERENCE if way == "joint" else kind, "experts")]
+        rows.append(
+            {
+                "kind": kind if way != "joint" else "-",
+                "way": WAYS[way],
+                "seeds": " / ".join(f"{rate:.0f}" for rate in own.dropna()),
+                "mean": float(own.mean()),
+                "to_experts": "" if way == "experts" else _difference(own - experts),
+                "to_reference": "" if kind == REFERENCE else _difference(own - by_seed.loc[(REFERENCE, way)]),
+            }
+        )
+    return rows
 
 
-def _difference(ours: pd.Series, reference: pd.Series) -> Sequence[str]:
-    points = (ours - reference).dropna() * 100
+def _difference(points: pd.Series) -> str:
+    points = points.dropna()
     if len(points) < 2:
-        return f"{points.mean():+.1f}", "one seed"
+        return f"{points.mean():+.0f}, one seed"
     half = stats.t.ppf(0.975, len(points) - 1) * points.std(ddof=1) / np.sqrt(len(points))
-    return f"{points.mean():+.1f}", f"[{points.mean() - half:+.1f}, {points.mean() + half:+.1f}]"
-
-
-def _percent(share: float) -> str:
-    return "-" if np.isnan(share) else f"{share:.1%}"
+    return f"{points.mean():+.0f} [{points.mean() - half:+.0f}, {points.mean() + half:+.0f}]"

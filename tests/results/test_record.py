@@ -22,6 +22,7 @@ from robogauntlet.results.record import (
     outcome_text,
     rows_hash,
 )
+from robogauntlet.suites.episode import ProtocolName
 from tests.results.synthetic import cells, row, rows
 
 EPISODE = cells()[0].episode(3)
@@ -36,13 +37,13 @@ def test_every_field_has_a_sentence_and_a_type(name):
     assert len(sentence.split()) > 1
 
 
-def test_fields_are_outcome_or_telemetry_and_only_routing_perturbation_behaviour_answers_and_error_may_be_none():
+def test_fields_are_outcome_or_telemetry_and_only_some_may_be_none():
     assert set(OUTCOME) | set(TELEMETRY) == set(FIELDS)
     assert not set(OUTCOME) & set(TELEMETRY)
     described = describe_fields()
     routing = {"inferred_task", "routing_scores", "unknown_score", "rejected"}
     answers = {"query_p50_s", "query_p95_s", "query_max_s"}
-    optional = {*routing, *answers, *BEHAVIOUR, "delivered", "delivered_statistics", "error"}
+    optional = {*routing, *answers, *BEHAVIOUR, "protocol", "delivered", "delivered_statistics", "error"}
     assert {name for name in FIELDS if described[name][1]} == optional
 
 
@@ -108,8 +109,18 @@ def test_rows_whose_behaviour_was_not_measured_keep_the_hash_that_version_1_gave
 def test_a_row_with_any_measured_behaviour_is_hashed_with_all_of_it(name):
     value = {str: "dropped", int: 0, float: -0.0}[describe_fields()[name][0]]
     found = outcome_row(dataclasses.replace(ROW, **{name: value}))
-    assert len(found) == len(outcome_row(ROW)) + len(BEHAVIOUR) == len(OUTCOME)
-    assert str(found[OUTCOME.index(name)]) in ("dropped", "0", "0.0")
+    hashed = [field for field in OUTCOME if field != "protocol"]
+    assert len(found) == len(outcome_row(ROW)) + len(BEHAVIOUR) == len(hashed)
+    assert str(found[hashed.index(name)]) in ("dropped", "0", "0.0")
+
+
+def test_a_row_keeps_the_protocol_of_its_episode_and_is_hashed_with_it():
+    protocol = dataclasses.replace(EPISODE.protocol, name=ProtocolName.OPENVLA)
+    other = EpisodeResult.failed_to_run(dataclasses.replace(EPISODE, protocol=protocol), "")
+    assert (other.protocol, ROW.protocol) == ("openvla", None)
+    assert other.episode.protocol == protocol
+    assert other.episode.id == other.episode_id != ROW.episode_id
+    assert len(outcome_row(other)) == len(outcome_row(ROW)) + 1
 
 
 def test_every_kind_of_failure_has_a_word_of_its_own():

@@ -7,12 +7,22 @@ import sys
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robogauntlet.suites.episode import CAMERAS, Cell, Condition, Episode, Protocol, RenderProfile, View, content_hash
+from robogauntlet.suites.episode import (
+    CAMERAS,
+    Cell,
+    Condition,
+    Episode,
+    Protocol,
+    ProtocolName,
+    RenderProfile,
+    View,
+    content_hash,
+)
 
 names = st.text("abcXYZ-_/0", min_size=1, max_size=8)
 conditions = st.builds(Condition, names, st.integers(0, 5))
 views = st.builds(View, st.sampled_from([CAMERAS, CAMERAS[:1]]), st.integers(16, 256), st.sampled_from(RenderProfile))
-protocols = st.builds(Protocol, st.integers(1, 500), st.integers(1, 32), views)
+protocols = st.builds(Protocol, st.integers(1, 500), st.integers(1, 32), views, st.sampled_from(ProtocolName))
 EPISODE = Episode("oracle", "0123", "robosuite/Lift", 7, Protocol(100, 8, View()), Condition())
 episodes = st.builds(Episode, names, names, names, st.integers(0, 2**31), protocols, conditions)
 

@@ -103,6 +103,27 @@ def test_a_suitable_environment_has_no_problem_and_its_versions(made):
     assert found.versions == {"ray": RAY, "gearbox": "2.0"}
 
 
+def test_damaged_files_are_reported_with_the_first(theirs):
+    for name in ("gearbox", *WORKER_PACKAGES.values()):
+        install(theirs, name, "1.0")
+    install(theirs, "ray", RAY)
+    site = theirs / "lib" / f"python{RUNNING}" / "site-packages"
+    (site / "gearbox-1.0.dist-info" / "RECORD").write_text(
+        "whole.png,sha256=LPJNul-wow4m6DsqxbninhsWHlwfp0JecwQzYpOLmCQ,5\n"  # of "hello"
+        "short.png,sha256=LPJNul-wow4m6DsqxbninhsWHlwfp0JecwQzYpOLmCQ,5\n"
+        "lost.png,sha256=LPJNul-wow4m6DsqxbninhsWHlwfp0JecwQzYpOLmCQ,5\n"
+        "gearbox.py,,\n"
+    )
+    (site / "whole.png").write_text("hello")
+    (site / "short.png").write_text("hell")
+    entry = EnvironmentEntry(interpreter=str(theirs / "bin" / "python"))
+    environment = Environment("bare", entry.model_copy(update={"requirements": ("gearbox==1.0",)}), "the suite")
+    found = check(environment, catalog.find("bare"), contents=True).problems
+    damage = "expected the files of gearbox as its wheel has them, short.png and 1 more are missing or differ"
+    assert [problem for problem in found if "wheel" in problem] == [f"environment bare: {damage}; install it there"]
+    assert not any("wheel" in problem for problem in check(environment, catalog.find("bare")).problems)
+
+
 class TestTheCommand:
     def test_creates_shows_checks_lists_and_removes(self, simulators, run_command):
         done = run_command("env", "create", "first")

@@ -166,7 +166,7 @@ def test_measuring_changes_nothing(task, monkeypatch):
     episode = Episode("random", "random", task, 3, Protocol(25, 8, VIEW))
     measured = rollout(simulation, load("random", {}), episode)
     monkeypatch.setattr(BehaviourMeter, "sample", lambda meter: None)
-    monkeypatch.setattr(BehaviourMeter, "columns", lambda meter, status: {})
+    monkeypatch.setattr(BehaviourMeter, "columns", lambda meter, status, success_hold: {})
     plain = rollout(simulation, load("random", {}), episode)
     simulation.close()
     for name in OUTCOME:

@@ -9,7 +9,7 @@ from robogauntlet.orchestrator.episodes.rollout import rollout
 from robogauntlet.policies.catalog import load
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicyMismatch, PolicySpec, Routing, StatelessPolicy
 from robogauntlet.results.record import outcome_row
-from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, View
+from robogauntlet.suites.episode import SUCCESS_HOLD, Episode, Protocol, ProtocolName, View
 
 
 class Scripted(StatelessPolicy):
@@ -48,8 +48,8 @@ class Counting:
         return getattr(self.inner, name)
 
 
-def episode(horizon=40, replan_every=8, policy="p"):
-    return Episode(policy, policy, "null/Reach", 3, Protocol(horizon, replan_every))
+def episode(horizon=40, replan_every=8, policy="p", protocol=ProtocolName.ROBOGAUNTLET):
+    return Episode(policy, policy, "null/Reach", 3, Protocol(horizon, replan_every, name=protocol))
 
 
 def test_images_are_rendered_once_per_chunk():
@@ -82,6 +82,26 @@ def test_a_flickering_predicate_is_recorded_but_no_success():
     simulation = Counting(success=lambda step: step % SUCCESS_HOLD != 0)
     result = rollout(simulation, Scripted(), episode())
     assert (result.status, result.success_once, result.steps) == ("failure", True, 40)
+
+
+def test_under_the_protocol_openvla_the_first_step_of_the_predicate_is_a_success():
+    simulation = Counting(success=lambda step: step == 6)
+    result = rollout(simulation, Scripted(), episode(protocol=ProtocolName.OPENVLA))
+    assert (result.status, result.steps, result.protocol) == ("success", 6, "openvla")
+    assert result.time_to_success == pytest.approx(6 / simulation.action_spec.control_hz)
+
+
+def test_under_the_protocol_openvla_policies_see_mirrored_images():
+    class Seeing(Scripted):
+        def act(self, queries):
+            self.images = queries[0].observation.images
+            return super().act(queries)
+
+    upright, mirrored = Seeing(), Seeing()
+    rollout(Counting(), upright, episode(horizon=8))
+    rollout(Counting(), mirrored, episode(horizon=8, protocol=ProtocolName.OPENVLA))
+    for name, image in upright.images.items():
+        np.testing.assert_array_equal(mirrored.images[name], image[:, ::-1])
 
 
 def test_success_at_the_horizon_counts():

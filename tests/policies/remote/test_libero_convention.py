@@ -1,5 +1,7 @@
 """The convention of policies that were trained on LIBERO's own data."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,12 @@ from robogauntlet.policies.contract import PolicyError, PolicyMismatch
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
 from robogauntlet.policies.remote.libero import BASES, base_of
 from robogauntlet.policies.remote.server_options import read_options
+from robogauntlet.suites.episode import Episode, Protocol, ProtocolName
+
+
+def episode(task, name=ProtocolName.ROBOGAUNTLET):
+    return Episode("policy", "digest", task, 0, Protocol(10, name=name))
+
 
 CARD = {"address": "a:1", "convention": "libero"}
 SEEN = Observation(
@@ -19,10 +27,19 @@ SEEN = Observation(
 
 
 def test_images_are_turned_by_half_a_turn_and_the_pose_is_in_the_world_frame():
-    message = encode_observation(read_options(CARD), SEEN, "libero/goal-7-turn-on-stove")
+    message = encode_observation(read_options(CARD), SEEN, episode("libero/goal-7-turn-on-stove"))
     as_libero_draws = SEEN.images["wrist"][::-1]
     np.testing.assert_array_equal(message["observation/wrist_image"], np.rot90(as_libero_draws, 2))
     np.testing.assert_allclose(message["observation/state"], [-0.26, 0.1, 1.112, 3.1, 0.1, 0.0, 0.03, -0.02])
+
+
+def test_images_that_the_protocol_has_mirrored_are_not_mirrored_again():
+    mirrored = replace(SEEN, images={name: image[:, ::-1] for name, image in SEEN.images.items()})
+    task = "libero/goal-7-turn-on-stove"
+    usual = encode_observation(read_options(CARD), SEEN, episode(task))
+    openvla = encode_observation(read_options(CARD), mirrored, episode(task, ProtocolName.OPENVLA))
+    for name in ("observation/image", "observation/wrist_image"):
+        np.testing.assert_array_equal(openvla[name], usual[name])
 
 
 def test_an_answer_is_scaled_by_the_controllers_range_and_the_gripper_is_unchanged():
@@ -39,7 +56,7 @@ def test_every_task_has_a_base_position():
 @pytest.mark.parametrize("task", ["robosuite/Lift", "libero/", "libero/10-0-attic1-tidy-up"])
 def test_a_task_of_another_simulator_is_refused(task):
     with pytest.raises(PolicyMismatch, match=f"convention libero: expected a task of LIBERO, got {task}"):
-        encode_observation(read_options(CARD), SEEN, task)
+        encode_observation(read_options(CARD), SEEN, episode(task))
 
 
 def test_a_scale_together_with_the_convention_is_refused():

@@ -5,12 +5,12 @@ from contextlib import closing
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import BEHAVIOUR, FIELDS
+from robogauntlet.results.record import FIELDS, LATER
 from tests import ROOT
 
 SQL = {version: (ROOT / f"tests/data/store-{version}.sql").read_text() for version in (1, 2)}
 """Tables and indexes by version."""
-FIELDS_1 = [name for name in FIELDS if name not in BEHAVIOUR]
+FIELDS_1 = [name for name in FIELDS if name not in LATER]
 RUN = {
     **{"run_id": "run-1", "started_at": 1.0, "document": "{}", "suite": "synthetic", "status": "complete"},
     **{"planned": 24, "accepted": True},

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.results.record import BEHAVIOUR, FailureKind, outcome_row, rows_hash
+from robogauntlet.results.record import LATER, FailureKind, outcome_row, rows_hash
 from robogauntlet.results.run_document import RunError, store_url
 from robogauntlet.results.store import exported_file
 from robogauntlet.results.store.database import StoreError
@@ -220,7 +220,7 @@ def test_an_export_of_version_1_is_taken_and_its_rows_have_no_behaviour(tmp_path
 OTHER_TABLES = {
     "version 1 called 2": ("UPDATE robogauntlet_schema SET version = 2",),
     "one later column": ("ALTER TABLE episodes ADD COLUMN path_length FLOAT",),
-    "all later columns at the end": [f"ALTER TABLE episodes ADD COLUMN {name}" for name in BEHAVIOUR],
+    "all later columns at the end": [f"ALTER TABLE episodes ADD COLUMN {name}" for name in LATER],
     "column beside": ("ALTER TABLE episodes ADD COLUMN beside",),
     "index missing": ("DROP INDEX robogauntlet_what_is_there",),
 }

@@ -11,7 +11,7 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 
-from robogauntlet.results.record import BEHAVIOUR, FIELDS, outcome_row, rows_hash
+from robogauntlet.results.record import FIELDS, LATER, outcome_row, rows_hash
 from robogauntlet.results.store.database import Database
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
 from robogauntlet.results.store.run_history import History
@@ -70,7 +70,7 @@ def versions_of(url):
     return found, columns
 
 
-OLD = ([1], {"run_id", *FIELDS} - set(BEHAVIOUR))
+OLD = ([1], {"run_id", *FIELDS} - set(LATER))
 NEW = ([VERSION], {"run_id", *FIELDS})
 
 
@@ -246,4 +246,4 @@ def test_the_run_of_a_folder_of_version_1_has_its_rows(tmp_path):
 
 def test_the_columns_that_came_later_may_be_null():
     assert {1} == SCHEMA.earlier
-    assert all(metadata.tables["episodes"].c[name].nullable for name in BEHAVIOUR)
+    assert all(metadata.tables["episodes"].c[name].nullable for name in LATER)
