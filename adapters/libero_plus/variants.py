@@ -2,7 +2,8 @@
 
 A task is one of LIBERO's with one variant of one of seven axes, and is called `<axis>-<suite>-<number>-<variant>`, such
 as `robot-goal-7-450`: suite and number as in `libero/goal-7-turn-on-stove`, the variant's numbers as in LIBERO-Plus's
-own name, `turn_on_the_stove_view_0_0_100_0_0_initstate_450`.
+own name, `turn_on_the_stove_view_0_0_100_0_0_initstate_450`. In `10` the scene is between them:
+`robot-10-5-study1-316`.
 """
 
 from __future__ import annotations
@@ -138,8 +139,8 @@ def variants() -> Iterator[Variant]:
 
 
 def short_name(base: LiberoTask) -> str:
-    """Return suite and number of a task of LIBERO, `goal-7`."""
-    return "-".join(base.task.split("-", 2)[:2])
+    """Return suite and number of a task of LIBERO, `goal-7`, and its scene if the suite has several, `10-5-study1`."""
+    return "-".join(base.task.split("-", 3)[: 3 if base.suite == "10" else 2])
 
 
 @cache

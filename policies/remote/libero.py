@@ -32,12 +32,18 @@ mirrored."""
 
 
 def base_of(task: str) -> FloatArray:
-    """Return the base's position (3,), m, in the world of a task (`libero/...`). PolicyMismatch for another task."""
+    """Return the base's position (3,), m, in the world of a task (`libero/...`, `libero-plus/...`).
+
+    Raises:
+        PolicyMismatch: It is a task of another simulator.
+    """
     simulator, _, name = task.partition("/")
+    if simulator == "libero-plus":  # after the axis, names are as LIBERO's
+        name = name.partition("-")[2]
     suite, _, rest = name.partition("-")
     words = rest.split("-")
     scene = SCENES.get(suite, words[1].rstrip("0123456789") if len(words) > 1 else "")
-    if simulator != "libero" or scene not in BASES:
+    if simulator not in ("libero", "libero-plus") or scene not in BASES:
         raise PolicyMismatch(f"convention libero: expected a task of LIBERO, got {task}")
     return np.array(BASES[scene])
 

@@ -61,7 +61,7 @@ def test_the_instruction_is_the_goal_and_the_published_one_has_the_variants_name
     tasks = {axis: next(one for one in variants() if one.axis is axis) for axis in PlusAxis}
     leaked = {axis for axis, one in tasks.items() if SIMULATOR.tasks[one.task].published_instruction}
     assert leaked == set(PlusAxis) - {PlusAxis.LANGUAGE}
-    card = SIMULATOR.tasks["robot-10-1-62"]
+    card = SIMULATOR.tasks["robot-10-1-livingroom2-62"]
     assert card.instruction == "put both the cream cheese box and the butter in the basket"
     assert card.published_instruction == f"{card.instruction} view 0 0 100 0 0 initstate 62"
     assert card.horizon == 520

@@ -7,6 +7,7 @@ import pytest
 
 from robogauntlet.adapters.contract import Observation
 from robogauntlet.adapters.libero.tasks import libero_tasks
+from robogauntlet.adapters.libero_plus import SIMULATOR as LIBERO_PLUS
 from robogauntlet.policies.contract import PolicyError, PolicyMismatch
 from robogauntlet.policies.remote.conversion import decode_chunk, encode_observation
 from robogauntlet.policies.remote.libero import BASES, base_of
@@ -51,6 +52,12 @@ def test_every_task_has_a_base_position():
     arenas = {"kitchen_tabletop": "kitchen", "living_room_tabletop": "livingroom", "study_tabletop": "study"}
     for name, task in libero_tasks().items():
         assert tuple(base_of(f"libero/{name}")) == BASES[arenas.get(task.arena, task.arena)]
+
+
+def test_a_variant_of_liberoplus_has_the_base_of_its_task():
+    assert tuple(base_of("libero-plus/robot-10-5-study1-316")) == BASES["study"]
+    assert tuple(base_of("libero-plus/camera-object-2-30-0-100-0-0")) == BASES["floor"]
+    assert {tuple(base_of(f"libero-plus/{name}")) for name in LIBERO_PLUS.tasks} == set(BASES.values())
 
 
 @pytest.mark.parametrize("task", ["robosuite/Lift", "libero/", "libero/10-0-attic1-tidy-up"])
