@@ -52,7 +52,7 @@ def rewritten_instruction(suite: str, name: str) -> str | None:
     if path is None or not path.is_file():
         return None
     found = LANGUAGE.search(path.read_text(encoding="utf-8"))
-    return found[1].strip().lower() if found else None
+    return " ".join(found[1].split()).lower() if found else None
 
 
 def categories(path: Path) -> set[str]:
