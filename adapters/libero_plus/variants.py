@@ -24,15 +24,15 @@ OWN_VIEW = (0, 0, 100, 0, 0)
 
 
 class PlusAxis(StrEnum):
-    """LIBERO-Plus's axes, in the order of its paper."""
+    """LIBERO-Plus's axes. The first three need nothing but LIBERO."""
 
-    LAYOUT = "layout"
     CAMERA = "camera"
     ROBOT = "robot"
+    NOISE = "noise"
     LANGUAGE = "language"
     LIGHT = "light"
     BACKGROUND = "background"
-    NOISE = "noise"
+    LAYOUT = "layout"
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,14 @@ from rich.text import Text
 
 from robogauntlet.orchestrator.cli.common import out, print_line
 from robogauntlet.results.analysis.tables import Tables
-from robogauntlet.results.report import Report, combinations, failures
+from robogauntlet.results.report import Report, combinations, facts, failures
 from robogauntlet.results.report.formatting import NOTHING, TextTable, is_folded, share, summary_table
 from robogauntlet.results.report.merging_cost import compact_table, overall_table
 from robogauntlet.suites.episode import Condition
 from robogauntlet.support.text import visible
 
+MAX_TASKS = 200
+"""With more tasks, none is printed; the report has all of them."""
 MAX_CONDITIONS = 4
 """With more conditions, only the first is printed per task; the report has all of them."""
 
@@ -29,7 +31,8 @@ def print_summary(report: Report) -> None:
     many = len(tables.conditions) > MAX_CONDITIONS
     shown = tables.conditions[:1] if many else tables.conditions
     where = f", {shown[0]}" if many else ""
-    _print_table(_per_task(tables, shown), f"Success rate with 95 % Wilson interval, per task{where}")
+    if len({cell.task for cell in tables.cells}) <= MAX_TASKS:
+        _print_table(_per_task(tables, shown), f"Success rate with 95 % Wilson interval, per task{where}")
     if many:
         _print_table(_per_condition(tables), "Per condition, over all tasks and simulators")
     else:
@@ -39,6 +42,7 @@ def print_summary(report: Report) -> None:
         findings = (*(sentence for three in sentences for sentence in three), *findings)
     if report.failures is not None:
         findings = (*findings, *failures.sentences(report.failures))
+    findings = (*findings, *facts.left_out(tables))
     for finding in findings:
         print_line(f"- {finding}")
     if findings:

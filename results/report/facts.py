@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from robogauntlet.results.analysis.eligible_episodes import LEAST_SOLVED
 from robogauntlet.results.analysis.failures import OTHER
 from robogauntlet.results.analysis.tables import NotRun, Tables
+from robogauntlet.results.record import is_left_out
 from robogauntlet.results.report import formatting
 from robogauntlet.results.report.failures import PHRASES
 from robogauntlet.results.run_document import RunDocument, RunStatus
@@ -150,12 +151,20 @@ def verdict(document: RunDocument, tables: Tables) -> str:
     """Return the run in one sentence: episodes, errors, time, and the reason for an early end."""
     total = tables.total
     parts = [f"{total.done:,} of {formatting.counted(total.planned, 'episode')} done"]
+    left_out = sum(group.count for group in tables.errors if is_left_out(group.message))
     parts.append(formatting.counted(total.errors, "error") if total.errors else "no errors")
+    parts.append(f"of which {left_out:,} left out for missing files" if left_out else "")
     parts.append(formatting.counted(len(tables.skipped), "simulator") + " skipped" if tables.skipped else "")
     parts.append(f"in {formatting.seconds(document.elapsed_s)}" if document.elapsed_s else "")
     if document.suite.protocol is not ProtocolName.ROBOGAUNTLET:
         parts.append(f"under the protocol {document.suite.protocol}")
     return ", ".join(filter(None, parts)) + (f"; {document.reason}" if document.reason else "")
+
+
+def left_out(tables: Tables) -> tuple[str, ...]:
+    """Return a sentence for each reason for which episodes were left out."""
+    groups = (group for group in tables.errors if is_left_out(group.message))
+    return tuple(f"{formatting.counted(group.count, 'episode')} {group.message}" for group in groups)
 
 
 def provenance(document: RunDocument) -> list[tuple[str, str]]:

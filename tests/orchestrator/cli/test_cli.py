@@ -48,6 +48,13 @@ def test_list_names_simulators_tasks_policies_and_suites(run_command):
     assert "null/" not in output
 
 
+def test_a_simulator_with_many_tasks_is_listed_in_one_line_unless_they_are_asked_for(run_command, monkeypatch):
+    monkeypatch.setattr("robogauntlet.orchestrator.cli.list.MOST_LINES", 2)
+    assert "robosuite/Lift" not in run_command("list").out
+    assert "robosuite/*" in run_command("list").out
+    assert "robosuite/Lift" in run_command("list", "--task", "robosuite/*").out
+
+
 def test_validate_finds_every_mistake_in_every_file(run_command, tmp_path, suite):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(SUITE.replace("null/Slow", "null/Slo").replace("oracle", "oracel"))

@@ -6,7 +6,7 @@ from robogauntlet.orchestrator.cli import console_tables
 from robogauntlet.results.report import write_report
 from robogauntlet.suites.episode import Condition
 from tests.results.routed import routed_document, routed_rows
-from tests.results.synthetic import cells, document, rows, run_folder
+from tests.results.synthetic import cells, document, row, rows, run_folder
 
 
 @pytest.fixture
@@ -53,3 +53,23 @@ def test_a_suite_of_many_conditions_gets_a_line_for_each_and_the_findings(tmp_pa
     ]
     assert len([line for line in lines if line.startswith("robosuite/")]) == 1
     assert any(line.startswith("- experts: ") for line in lines)
+
+
+def test_tasks_that_were_left_out_are_counted_by_reason(tmp_path, capsys):
+    plan = cells(("expert",))
+    played, *missing = plan
+    error = "left out: it shows a scene that these assets lack"
+    found = [*rows([played], 4), *(row(cell, seed, "error", error=error) for cell in missing for seed in range(4))]
+    report = write_report(run_folder(tmp_path / "run", document(4, of=plan), found))
+    console_tables.print_summary(report)
+    assert f"- 12 episodes {error}" in capsys.readouterr().out.splitlines()
+    assert "12 errors, of which 12 left out for missing files" in (tmp_path / "run" / "report.md").read_text()
+
+
+def test_thousands_of_tasks_are_not_printed_one_by_one(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(console_tables, "MAX_TASKS", 3)
+    plan = cells(("expert",))
+    console_tables.print_summary(write_report(run_folder(tmp_path / "run", document(4, of=plan), rows(plan, 4))))
+    printed = capsys.readouterr().out
+    assert plan[0].task not in printed
+    assert "Per simulator" in printed
