@@ -12,6 +12,7 @@ from typing import Any
 
 from packaging.requirements import InvalidRequirement, Requirement
 
+from robogauntlet.adapters.contract import Simulator
 from robogauntlet.orchestrator.environments import introspect
 from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_PACKAGES, Environment, EnvironmentUser
 from robogauntlet.orchestrator.environments.source_path import PACKAGE, import_path, source_file
@@ -41,7 +42,10 @@ class EnvironmentCheck:
 
 
 def check(environment: Environment, user: EnvironmentUser, *, contents: bool = False) -> EnvironmentCheck:
-    """Compare an environment with the running one, its entry and the requirements of its user.
+    """Compare an environment with its entry and the requirements of its user.
+
+    Workers run in a simulator's environment, so it is also compared with the running one. A policy's own interpreter
+    only computes what its parent asks for: its Python need not agree, and it needs no Ray.
 
     With `contents`, also compare the files of required distributions with the hashes that their wheels state, which
     takes a second for a few hundred megabytes.
@@ -53,18 +57,21 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
             return EnvironmentCheck((f"{label}: expected a Python interpreter at {environment.python}, found none",))
         return EnvironmentCheck((f"{label} does not exist; {remedy}",))
     remedy = "install it there" if entry.interpreter is not None else f"{remedy} --fresh"
-    if entry.python not in (None, RUNNING):
+    has_workers = isinstance(user, Simulator)
+    if has_workers and entry.python not in (None, RUNNING):
         return EnvironmentCheck((_other_python(label, entry.python or ""),))
     wanted = tuple(named_requirements(*entry.requirements, *entry.without_dependencies))
     distributions = dict.fromkeys(["ray", *user.distributions, *(requirement.name for requirement in wanted)])
-    python, modules = environment.python, (*user.modules, *WORKER_PACKAGES.values(), PACKAGE)
+    python, modules = environment.python, user.modules
+    if has_workers:
+        modules += (*WORKER_PACKAGES.values(), PACKAGE)
     try:
         compared = tuple(requirement.name for requirement in wanted) if contents else ()
         installed = _ask(python, python.lstat().st_mtime_ns, modules, tuple(distributions), compared, import_path())
     except (OSError, ChildEnded, ChildTimeout, ValueError) as error:
         return EnvironmentCheck((f"{label}: expected an answer from {python}, got: {last_line(error)}; {remedy}",))
     versions = {name: version for name, version in installed["versions"].items() if version is not None}
-    if installed["python"].rpartition(".")[0] != RUNNING:
+    if has_workers and installed["python"].rpartition(".")[0] != RUNNING:
         problems = [_other_python(label, installed["python"])]
     else:
         lacking = [*_problems(installed["modules"], versions, user, wanted), *_damage(installed["differing"])]
@@ -75,13 +82,16 @@ def check(environment: Environment, user: EnvironmentUser, *, contents: bool = F
 def _problems(
     modules: Mapping[str, str | None], versions: Mapping[str, str], user: EnvironmentUser, wanted: Sequence[Requirement]
 ) -> Iterator[str]:
-    ray, its_ray = metadata.version("ray"), versions.get("ray")
-    if its_ray != ray:
-        yield f"expected Ray {ray} as here, it has {its_ray or 'none'}"
-    source, its_source = source_file(PACKAGE), modules[PACKAGE]
-    if its_source != source:
-        yield f"expected RoboGauntlet from {source}, it imports {its_source or 'none'}"
-    for what, names in (("packages of workers", WORKER_PACKAGES.values()), (f"modules of {user.name}", user.modules)):
+    needed = {f"modules of {user.name}": user.modules}
+    if isinstance(user, Simulator):
+        ray, its_ray = metadata.version("ray"), versions.get("ray")
+        if its_ray != ray:
+            yield f"expected Ray {ray} as here, it has {its_ray or 'none'}"
+        source, its_source = source_file(PACKAGE), modules[PACKAGE]
+        if its_source != source:
+            yield f"expected RoboGauntlet from {source}, it imports {its_source or 'none'}"
+        needed = {"packages of workers": tuple(WORKER_PACKAGES.values()), **needed}
+    for what, names in needed.items():
         if missing := [name for name in names if modules[name] is None]:
             yield f"expected the {what}, it lacks {', '.join(missing)}"
     for requirement in wanted:

@@ -42,7 +42,11 @@ class Loaded:
         torchvision_beside_any_torch(torch)
         from lerobot.configs.policies import PreTrainedConfig
         from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-        from lerobot.utils.control_utils import predict_action
+
+        try:
+            from lerobot.common.control_utils import predict_action
+        except ModuleNotFoundError:  # LeRobot 0.4
+            from lerobot.utils.control_utils import predict_action
 
         config = PreTrainedConfig.from_pretrained(folder)
         config.device = device

@@ -2,15 +2,18 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robogauntlet.adapters.libero.assets import VARIABLE, package_folder, unpack
 from robogauntlet.results.api import open_run
 from tests import ROOT
+from tests.remote_servers import answering, speaking
 
 PACK = ROOT / "tests" / "data" / "libero-assets.tar.xz"
 SUITE = """
@@ -46,9 +49,9 @@ def run_command(surroundings, *arguments):
 @pytest.fixture(scope="module")
 def python(surroundings):
     """The Python of LIBERO's environment."""
-    run_command(surroundings, "env", "create", "libero")
-    (found,) = Path(surroundings["ROBOGAUNTLET_ENVIRONMENTS"]).glob("libero-*/bin/python")
-    return str(found)
+    said = run_command(surroundings, "env", "create", "libero")
+    (folder,) = re.findall(r"^libero: (?:created in .*|exists): (.*)$", said, re.MULTILINE)
+    return str(Path(folder) / "bin" / "python")
 
 
 def test_robosuite_1_4_shadows_the_one_behind_it(surroundings, python):
@@ -76,6 +79,22 @@ def test_the_tests_of_liberos_adapter_and_oracles_pass_there(surroundings, pytho
     skipped = [line for line in done.stdout.splitlines() if line.startswith("SKIPPED")]
     assert all("OpenBLAS round differently on this processor" in line for line in skipped)
     assert bool(skipped) == ("skipped" in done.stdout.splitlines()[-1])
+
+
+def test_a_server_in_openpis_protocol_plays_a_suite_of_libero_under_the_protocol_of_published_results(
+    surroundings, python, tmp_path
+):
+    seen, forward = [], {"actions": np.tile([0.3, 0.0, -0.3, 0.0, 0.0, 0.0, -1.0], (10, 1))}
+    task, folder = "libero/spatial-0-between-plate-ramekin", tmp_path / "run"
+    with speaking(answering(forward, seen=seen)) as address:
+        options = [f"--option={option}" for option in ("convention=libero", "image_size=224", "execute=5")]
+        arguments = ["--policy", f"openpi:{address}", *options, "--task", task, "--seeds", "1"]
+        run_command(surroundings, "run", "libero-openvla", *arguments, "--out", str(folder), "--no-media")
+    (row,) = open_run(folder).episodes().itertuples()
+    assert (row.task, row.status, row.protocol, row.steps) == (task, "failure", "openvla", 220)
+    assert len(seen) == row.queries == 220 / 5
+    assert seen[0]["observation/image"].shape == seen[0]["observation/wrist_image"].shape == (224, 224, 3)
+    assert "under the protocol openvla" in (folder / "report.md").read_text()
 
 
 def test_robosuite_1_5_and_libero_are_played_in_one_run(surroundings, python, tmp_path):

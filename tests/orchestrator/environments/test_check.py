@@ -2,6 +2,7 @@
 
 import sys
 import venv
+from dataclasses import replace
 from importlib import metadata
 
 import pytest
@@ -10,6 +11,7 @@ from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_PACKAGES, Environment
+from robogauntlet.policies.contract import PolicyKind
 from robogauntlet.suites.environments import EnvironmentEntry
 
 RAY = metadata.version("ray")
@@ -101,6 +103,16 @@ def test_a_suitable_environment_has_no_problem_and_its_versions(made):
     found = check(environment, catalog.find("second"))
     assert found.problem is None
     assert found.versions == {"ray": RAY, "gearbox": "2.0"}
+
+
+def test_the_interpreter_of_a_policy_needs_its_modules_alone(theirs):
+    kind = PolicyKind("mine", "mine", load=None, digest=None, modules=("gearbox",), without_dependencies=("gearbox",))
+    environment = Environment("mine", EnvironmentEntry(interpreter=str(theirs / "bin" / "python")), "the suite")
+    lacking = "environment mine: expected the modules of mine, it lacks gearbox; install it there"
+    assert check(environment, kind).problems == (lacking,)
+    install(theirs, "gearbox", "1.0")
+    found = check(replace(environment, name="again"), replace(kind, name="again", modules=("gearbox", "json")))
+    assert found.problems == ()
 
 
 def test_damaged_files_are_reported_with_the_first(theirs):

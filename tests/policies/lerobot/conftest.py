@@ -20,7 +20,12 @@ def environments():
 
 @pytest.fixture(scope="session")
 def python(environments):
-    """The Python of `robogauntlet env create lerobot`, which `make test` creates next to the running environment."""
+    """The Python of `robogauntlet env create lerobot`, which `make test` creates next to the running environment.
+
+    Or that of another release, which ROBOGAUNTLET_TEST_LEROBOT names.
+    """
+    if named := os.environ.get("ROBOGAUNTLET_TEST_LEROBOT"):
+        return named
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROBOGAUNTLET_ENVIRONMENTS", environments)
         environment: Environment | None = adapter_environment(catalog.find("lerobot"))

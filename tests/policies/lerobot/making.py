@@ -44,6 +44,8 @@ def make(kind, folder, size=SIZE):
             "num_train_timesteps": 3,
             "crop_shape": None,
             "spatial_softmax_num_keypoints": 4,
+            "pretrained_backbone_weights": None,
+            "use_group_norm": True,
         },
     }
     done = {"action": PolicyFeature(FeatureType.ACTION, (DIM,))}
@@ -66,7 +68,11 @@ def answer(folder, kind):
     """Return the actions of LeRobot's `predict_action` at each step, seeded where an observation is used."""
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
-    from lerobot.utils.control_utils import predict_action
+
+    try:
+        from lerobot.common.control_utils import predict_action
+    except ModuleNotFoundError:  # LeRobot 0.4
+        from lerobot.utils.control_utils import predict_action
 
     torch.set_num_threads(1)
     config = PreTrainedConfig.from_pretrained(folder / kind)

@@ -1,6 +1,5 @@
 """LeRobot checkpoints act as in LeRobot itself, and a mismatch is one line before the start."""
 
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -17,6 +16,7 @@ from robogauntlet.policies.lerobot.lerobot_policy import ProcessLost
 from robogauntlet.suites.episode import Episode, Protocol, View, content_hash
 from tests import ROOT
 from tests.errors import one_line_error
+from tests.processes import environment_of
 
 MAKING = Path(__file__).with_name("making.py")
 VIEW = View(("third_person",), 32)
@@ -33,8 +33,7 @@ def made(python, tmp_path_factory):
     states = generator.normal(size=(STEPS, 8)).astype(np.float32)
     seeds = {kind: [-1 if step % length else seed_at(step) for step in range(STEPS)] for kind, length in CHUNK.items()}
     np.savez(folder / "asked.npz", images=images, states=states, **seeds)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    subprocess.run([python, MAKING, folder, *CHUNK], env=environment, check=True, capture_output=True)
+    subprocess.run([python, MAKING, folder, *CHUNK], env=environment_of(ROOT), check=True, capture_output=True)
     return folder
 
 
