@@ -71,7 +71,7 @@ def motion_blur(image: Floats, level: int, generator: np.random.Generator) -> Fl
     for weight, row, column in zip(weights / weights.sum(), rows, columns, strict=True):
         inside = [np.clip(there + shift, 0, len(there) - 1) for shift in (row, column)]
         blurred += weight * image[np.ix_(*inside)]
-    return np.round(blurred * 255.0) / 255.0
+    return (np.round(blurred * 255.0) + 0.25) / 255.0  # Rounded, as ImageMagick does; `noisy` truncates.
 
 
 def gaussian_blur(image: Floats, level: int, generator: np.random.Generator) -> Floats:
