@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import Delivered, FloatArray, Image, Simulator, StepOutcome
+from robogauntlet.adapters.contract import Delivered, FloatArray, Image, Observation, Simulator, StepOutcome
 from robogauntlet.adapters.libero import SIMULATOR as LIBERO
 from robogauntlet.adapters.libero.simulation import LiberoSimulation
 from robogauntlet.adapters.libero_plus.image_noise import SIZE, noisy
@@ -42,7 +42,7 @@ class LiberoPlusSimulation(LiberoSimulation):
     def __init__(self, files: VariantFiles, view: View) -> None:
         """Build LIBERO's task from the variant's files, then move its camera and its arm's posture."""
         self.variant, self._variant_files = files.variant, files
-        self._started, self._episode = np.zeros(3), (0, 0)
+        self._episode, self._drawn_noise = (0, 0), 0.0
         self._first_noise: float | None = None
         super().__init__(files, files.variant.base, view)
         self.instruction = files.variant.instruction
@@ -64,6 +64,13 @@ class LiberoPlusSimulation(LiberoSimulation):
         self._episode = seed, steps + 1
         return super().step(action)
 
+    def observe(self) -> Observation:
+        """Render the cameras of the view and read the arm."""
+        observation = super().observe()
+        if self._first_noise is None and "third_person" in observation.images and self.variant.noise:
+            self._first_noise = self._drawn_noise
+        return observation
+
     def draw(self, camera: str, size: int) -> Image:
         """Render the present state, (size, size, 3); noise depends on variant, seed and step alone."""
         if camera != "third_person" or not self.variant.noise:
@@ -71,8 +78,7 @@ class LiberoPlusSimulation(LiberoSimulation):
         clean = super().draw(camera, SIZE)
         generator = np.random.default_rng([self.variant.noise, *self._episode])
         image = noisy(clean[::-1], self.variant.noise, generator)[::-1]
-        if self._first_noise is None:
-            self._first_noise = psnr(image, clean)
+        self._drawn_noise = psnr(image, clean)
         if size == SIZE:
             return image
         return np.array(PillowImage.fromarray(image).resize((size, size), PillowImage.Resampling.LANCZOS))
@@ -115,8 +121,6 @@ class LiberoPlusSimulation(LiberoSimulation):
     def _largest_move(self) -> float:
         """Return the largest distance of an object from the nearest of its places in LIBERO's own states (m)."""
         own = self._variant_files.own_states()
-        if own.shape[1] != self._states.shape[1]:
-            return float("nan")
         joints = [self._model.body_jntadr[movable.body.id] for movable in self._objects.values()]
         starts = [1 + int(self._model.jnt_qposadr[joint]) for joint in joints]
         places = [(own[:, start : start + 3], self._states[0, start : start + 3]) for start in starts]
