@@ -7,9 +7,9 @@ state of its own, from which all seeds start.
 **What a variant changes**, apart from LIBERO's own task:
 
 - `camera`: the pose of the third-person camera. In all variants it is rounded to a tenth of a millimetre.
-- `robot`: the posture to which the controller pulls the arm's spare joint. The stored state sets the joints themselves
-  afterwards, in LIBERO-Plus's code as here: the arm starts where it always does, is pulled away by the posture while
-  objects come to rest, and `delivered` says how far.
+- `robot`: the posture of the arm at the reset, which the controller takes. The stored state sets the joints themselves
+  afterwards, in LIBERO-Plus's code as here: the arm is where it always is, the controller pulls it away while objects
+  come to rest, and `delivered` says how far.
 - `language`: the instruction, from the task file.
 - `light`, `background`: the scene and the textures of floor and wall.
 - `noise`: the third-person images, at 256 px and then scaled to the size that is asked for.
