@@ -15,8 +15,8 @@ from robogauntlet.suites.episode import SUCCESS_HOLD, ProtocolName
 from robogauntlet.support.text import counted
 
 DEFINITIONS = {
-    "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps within the horizon; "
-    "otherwise the episode is a failure. Success once requires a single step only.",
+    "success": f"The task's success predicate held for {SUCCESS_HOLD} consecutive control steps (under the protocol "
+    "openvla for one) within the horizon; otherwise the episode is a failure. Success once requires a single step.",
     "rate": "Successes / (successes + failures).",
     "interval": "95 % Wilson interval, in brackets after the rate: 19 of 20 such intervals contain the true rate.",
     "pooled": "Rates over several tasks weigh every episode equally; the mean of tasks weighs every task equally.",
