@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +32,10 @@ class Grasp:
     """Height of the tool centre point above the object's centre (m). The palm is 2 cm above the tool centre point, the
     fingertips are 1.3 cm below."""
     rim: float = 0.0
-    """Distance of the grasp from the object's centre (m): a bowl is too wide and is grasped at its rim."""
+    """Distance of the grasp from the object's middle (m): a bowl is too wide and is grasped at its rim. Negative: on the
+    side towards the negative y axis."""
+    middle: tuple[float, float] = (0.0, 0.0)
+    """Middle of the rim from the object's centre, along the object's x and y (m): a mug's centre includes its handle."""
     narrow: float = 0.002
     wide: float = 0.075
     """Smallest and largest distance between fingers that hold the object (m)."""
@@ -49,13 +53,25 @@ GRASPS = {
     "ketchup": Grasp(0.055),
     "bbq_sauce": Grasp(0.0365),
     "orange_juice": Grasp(0.0485),
+    "porcelain_mug": Grasp(0.042, rim=-0.041, middle=(0.018, 0.0), wide=0.03),
+    "white_yellow_mug": Grasp(0.039, rim=0.041, middle=(-0.018, 0.0), wide=0.03),
+    "moka_pot": Grasp(0.07, middle=(0.0, -0.018), narrow=0.005, wide=0.03),
 }
 
 
 class PickAndPlace:
     """Grasps an object from above, moves it over others, lowers it and releases it."""
 
-    def __init__(self, name: str, goal: str, *, rest: float, travel: float, near: float = 0.012) -> None:
+    def __init__(
+        self,
+        name: str,
+        goal: str,
+        *,
+        rest: float,
+        travel: float,
+        near: float = 0.012,
+        beside: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
         """Set object and goal.
 
         Args:
@@ -63,9 +79,11 @@ class PickAndPlace:
             goal: Name of the object that it is put on, or `goal`.
             rest: Height of the object above the goal when it is released (m).
             travel: Height of the object above the goal while it is moved (m).
-            near: Largest distance from the goal's centre at which the object is released (m).
+            near: Largest distance from the place at which the object is released (m).
+            beside: The place from the goal's centre, along the robot's x and y (m).
         """
         self._object, self._goal = name, goal
+        self._beside = np.array([*beside, 0.0])
         self._grasp = GRASPS[name.rpartition("_")[0]]
         self._rest, self._travel, self._near = rest, travel, near
         self._side: float | None = None
@@ -74,26 +92,47 @@ class PickAndPlace:
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        centre = state[self._object + POSITION]
         if self._side is None:
-            self._side = free_side(state, self._object) if self._grasp.rim else 0.0
+            self._side = free_side(state, self._object, self._middle(state), self._grasp.rim) if self._grasp.rim else 0.0
         rotation = pointing_down(self._side)
-        grasp_point = centre + self._lever(self._side)
-        to_goal = state[self._goal + POSITION] + self._rest * UP - centre
-        lateral = float(np.linalg.norm(to_goal[:2]))
+        grasp_point = self._grasp_point(state)
+        to_goal, lateral = self._to_goal(state)
         opening = float(state["finger_positions"].sum())
         still, self._opening = abs(opening - self._opening) < STILL, opening
         tcp = state["tcp_position"]
-        if lateral < self._near + 0.01 and to_goal[2] > -0.008:
+        if self._placed(state):
             free = opening > 0.07 or np.linalg.norm(tcp - grasp_point) > 0.05
             return go(state, tcp + (0.05 * UP if free else 0.0), OPEN, rotation)
         if not (still and self._holds(state, grasp_point, opening)):
             return self._approach(state, grasp_point, opening, rotation)
         return go(state, tcp + transport(to_goal, lateral, self._travel - self._rest, self._near), CLOSED, rotation)
 
-    def _lever(self, yaw: float) -> FloatArray:
-        """Return the vector from the object's centre to the grasp point."""
-        return np.array([-np.sin(yaw) * self._grasp.rim, np.cos(yaw) * self._grasp.rim, self._grasp.height])
+    def done(self, state: State) -> bool:
+        """Return whether the object has been released at its place, and the gripper is off it."""
+        off = np.linalg.norm(state["tcp_position"] - self._grasp_point(state)) > 0.045
+        return bool(self._placed(state) and off and state["finger_positions"].sum() > 0.07)
+
+    def _placed(self, state: State) -> bool:
+        """Return whether the object is where it is released, or has fallen from there."""
+        to_goal, lateral = self._to_goal(state)
+        return bool((lateral < self._near + 0.01 and to_goal[2] > -0.008) or (lateral < 0.06 and to_goal[2] > 0.03))
+
+    def _to_goal(self, state: State) -> tuple[FloatArray, float]:
+        """Return the displacement (3,) of the object to where it is released, and its horizontal length (m)."""
+        to_goal = state[self._goal + POSITION] + self._beside + self._rest * UP - state[self._object + POSITION]
+        return to_goal, float(np.linalg.norm(to_goal[:2]))
+
+    def _grasp_point(self, state: State) -> FloatArray:
+        """Return the point (3,) of the grasp."""
+        yaw, rim = self._side or 0.0, self._grasp.rim
+        return self._middle(state) + [-np.sin(yaw) * rim, np.cos(yaw) * rim, self._grasp.height]
+
+    def _middle(self, state: State) -> FloatArray:
+        """Return the middle (3,) of the object's rim, at the height of its centre."""
+        centre = state[self._object + POSITION]
+        if not any(self._grasp.middle):
+            return centre
+        return centre + Rotation.from_quat(state[f"{self._object}_quaternion"]).apply([*self._grasp.middle, 0.0])
 
     def _holds(self, state: State, grasp_point: FloatArray, opening: float) -> bool:
         offset = state["tcp_position"] - grasp_point
@@ -123,6 +162,11 @@ class TurnKnob:
         """Turn the body and joint of this name to an angle (rad)."""
         self._knob, self._angle = knob, angle
 
+    def done(self, state: State) -> bool:
+        """Return whether the knob is turned and the gripper above it."""
+        above = state["tcp_position"][2] - state[self._knob + POSITION][2] - self.height
+        return bool(state[self._knob][0] > self._angle and above > 0.06)
+
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         turned = float(state[self._knob][0])
@@ -145,6 +189,20 @@ class TurnKnob:
         return go(state, ridge + back * UP, OPEN, rotation)
 
 
+class InTurn:
+    """Plays scripts one after the other, each until it is done."""
+
+    def __init__(self, *scripts: PickAndPlace | TurnKnob) -> None:
+        """Take the scripts; the last one goes on."""
+        self._scripts = list(scripts)
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        while len(self._scripts) > 1 and self._scripts[0].done(state):
+            self._scripts.pop(0)
+        return self._scripts[0](state)
+
+
 def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> FloatArray:
     """Return one action (7,) towards a pose, within these oracles' limits."""
     return move(state, target, gripper=gripper, max_step=MAX_STEP, gain=GAIN, rotation=rotation, max_turn=MAX_TURN)
@@ -159,12 +217,12 @@ def transport(to_goal: FloatArray, lateral: float, lift: float, near: float) -> 
     return displacement
 
 
-def free_side(state: State, name: str) -> float:
+def free_side(state: State, name: str, middle: FloatArray, rim: float) -> float:
     """Return the yaw (rad) at which a gripper at an object's rim is farthest from other objects.
 
-    The gripper is in direction (-sin, cos) from the object's centre.
+    The gripper is in direction (-sin, cos) from the object's middle (3,), or opposite if `rim` is negative.
     """
-    centre = state[name + POSITION]
+    reach = float(np.copysign(0.1, rim))
     ignored = (name + POSITION, "tcp_position", "goal_position")
     others = [
         position
@@ -173,7 +231,7 @@ def free_side(state: State, name: str) -> float:
     ]
 
     def clearance(yaw: float) -> float:
-        tip = centre[:2] + 0.1 * np.array([-np.sin(yaw), np.cos(yaw)])
+        tip = middle[:2] + reach * np.array([-np.sin(yaw), np.cos(yaw)])
         nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others), default=1.0)
         return min(nearest, 0.15) - 0.01 * abs(yaw) - 3.0 * max(0.0, float(np.linalg.norm(tip)) - REACH)
 
@@ -189,11 +247,29 @@ def _on_plate() -> Script:
     return PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15)
 
 
-def _in_basket(name: str, low: float) -> Callable[[], Script]:
-    """Put an object, its bottom `low` (m) below its centre, into the basket, whose rim is 7 cm above its centre."""
-    return lambda: PickAndPlace(name, "basket_1", rest=0.0745 + low, travel=0.0995 + low, near=0.02)
+def _in_basket(name: str, aside: float = 0.0) -> PickAndPlace:
+    """Put an object into the basket, whose rim is 7 cm above its centre, `aside` (m) along the robot's x axis."""
+    low = LOW[name]
+    place = f"{name}_1", "basket_1"
+    return PickAndPlace(*place, rest=0.0745 + low, travel=0.0995 + low, near=0.02, beside=(aside, 0.0))
 
 
+def _both_in_basket(first: str, second: str) -> InTurn:
+    return InTurn(_in_basket(first, 0.03), _in_basket(second, -0.03))
+
+
+LOW = {
+    "alphabet_soup": 0.038,
+    "salad_dressing": 0.073,
+    "bbq_sauce": 0.0535,
+    "ketchup": 0.072,
+    "tomato_sauce": 0.038,
+    "cream_cheese": 0.009,
+    "butter": 0.009,
+    "chocolate_pudding": 0.013,
+    "orange_juice": 0.0655,
+}
+"""Height of objects' centres above their bottom (m)."""
 SPATIAL = (
     "0-between-plate-ramekin",
     "1-next-to-ramekin",
@@ -204,23 +280,42 @@ SPATIAL = (
     "8-next-to-plate",
     "9-on-wooden-cabinet",
 )
-OBJECTS = {
-    "0-alphabet-soup": 0.038,
-    "2-salad-dressing": 0.073,
-    "3-bbq-sauce": 0.0535,
-    "4-ketchup": 0.072,
-    "5-tomato-sauce": 0.038,
-    "6-butter": 0.009,
-    "8-chocolate-pudding": 0.013,
-    "9-orange-juice": 0.0655,
-}
+OBJECTS = (
+    "0-alphabet-soup",
+    "2-salad-dressing",
+    "3-bbq-sauce",
+    "4-ketchup",
+    "5-tomato-sauce",
+    "6-butter",
+    "8-chocolate-pudding",
+    "9-orange-juice",
+)
 BY_NAME: dict[str, Callable[[], Script]] = {
     **{f"spatial-{name}": _on_plate for name in SPATIAL},
-    **{f"object-{name}": _in_basket(f"{name[2:].replace('-', '_')}_1", low) for name, low in OBJECTS.items()},
+    **{f"object-{name}": partial(_in_basket, name[2:].replace("-", "_")) for name in OBJECTS},
     "goal-1-put-bowl-on-stove": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.057, travel=0.157),
     "goal-4-put-bowl-on-top-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.037, travel=0.087),
     "goal-6-put-cream-cheese-in-bowl": lambda: PickAndPlace("cream_cheese_1", "goal", rest=0.055, travel=0.12),
     "goal-7-turn-on-stove": lambda: TurnKnob("flat_stove_1_button", 0.7),
     "goal-8-put-bowl-on-plate": _on_plate,
+    "10-0-livingroom2-put-both-alphabet-soup-tomato-sauce-in-basket": lambda: _both_in_basket(
+        "alphabet_soup", "tomato_sauce"
+    ),
+    "10-1-livingroom2-put-both-cream-cheese-box-butter-in-basket": lambda: _both_in_basket("cream_cheese", "butter"),
+    "10-2-kitchen3-turn-on-stove-put-moka-pot-on": lambda: InTurn(
+        TurnKnob("flat_stove_1_button", 0.7),
+        PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12),
+    ),
+    "10-4-livingroom5-put-white-mug-on-left-plate-put-yellow-white-mug-on-right-plate": lambda: InTurn(
+        PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
+        PickAndPlace("white_yellow_mug_1", "plate_2", rest=0.06, travel=0.15),
+    ),
+    "10-6-livingroom6-put-white-mug-on-plate-put-chocolate-pudding-to-right-plate": lambda: InTurn(
+        PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
+        PickAndPlace("chocolate_pudding_1", "plate_1", rest=0.02, travel=0.1, beside=(0.0, 0.12)),
+    ),
+    "10-7-livingroom1-put-both-alphabet-soup-cream-cheese-box-in-basket": lambda: _both_in_basket(
+        "alphabet_soup", "cream_cheese"
+    ),
 }
 SCRIPTS: dict[str, Callable[[], Script]] = {f"libero/{name}": script for name, script in BY_NAME.items()}
