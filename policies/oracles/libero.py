@@ -36,6 +36,8 @@ class Grasp:
     side towards the negative y axis."""
     middle: tuple[float, float] = (0.0, 0.0)
     """Middle of the rim from the object's centre, along the object's x and y (m): a mug's centre includes its handle."""
+    round: bool = False
+    """Whether the object can be grasped at its middle from all sides."""
     narrow: float = 0.002
     wide: float = 0.075
     """Smallest and largest distance between fingers that hold the object (m)."""
@@ -44,8 +46,8 @@ class Grasp:
 BOWL = Grasp(0.01, rim=0.047, wide=0.04)
 GRASPS = {
     "akita_black_bowl": BOWL,
-    "alphabet_soup": Grasp(0.023, narrow=0.04),
-    "tomato_sauce": Grasp(0.023, narrow=0.04),
+    "alphabet_soup": Grasp(0.023, round=True, narrow=0.04),
+    "tomato_sauce": Grasp(0.023, round=True, narrow=0.04),
     "cream_cheese": Grasp(0.006, narrow=0.02),
     "butter": Grasp(0.006, narrow=0.02),
     "chocolate_pudding": Grasp(0.004, narrow=0.02),
@@ -93,7 +95,7 @@ class PickAndPlace:
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         if self._side is None:
-            self._side = free_side(state, self._object, self._middle(state), self._grasp.rim) if self._grasp.rim else 0.0
+            self._side = free_side(state, self._object, self._middle(state), self._grasp)
         rotation = pointing_down(self._side)
         grasp_point = self._grasp_point(state)
         to_goal, lateral = self._to_goal(state)
@@ -180,7 +182,7 @@ class TurnKnob:
         if turned > self._angle:
             return go(state, state["tcp_position"] + 0.05 * UP, OPEN, rotation)
         if lateral < 0.025 and above < 0.02 and opening < 0.045:
-            ahead = pointing_down(yaw + min(0.4, self._angle + 0.1 - turned))
+            ahead = pointing_down(yaw + min(0.4, self._angle + 0.3 - turned))
             return go(state, ridge, CLOSED, ahead)
         if lateral < 0.012 and above < 0.012 and angle_error < 0.2:
             return go(state, ridge, CLOSED, rotation)
@@ -217,12 +219,14 @@ def transport(to_goal: FloatArray, lateral: float, lift: float, near: float) -> 
     return displacement
 
 
-def free_side(state: State, name: str, middle: FloatArray, rim: float) -> float:
-    """Return the yaw (rad) at which a gripper at an object's rim is farthest from other objects.
+def free_side(state: State, name: str, middle: FloatArray, grasp: Grasp) -> float:
+    """Return the yaw (rad) at which the fingers that grasp an object are farthest from other objects.
 
-    The gripper is in direction (-sin, cos) from the object's middle (3,), or opposite if `rim` is negative.
+    They are in the directions (-sin, cos) and opposite from the object's middle (3,), or one of them is over its rim.
     """
-    reach = float(np.copysign(0.1, rim))
+    if not (grasp.rim or grasp.round):
+        return 0.0
+    fingers = [np.copysign(0.1, grasp.rim)] if grasp.rim else [-ASIDE, ASIDE]
     ignored = (name + POSITION, "tcp_position", "goal_position")
     others = [
         position
@@ -231,15 +235,20 @@ def free_side(state: State, name: str, middle: FloatArray, rim: float) -> float:
     ]
 
     def clearance(yaw: float) -> float:
-        tip = middle[:2] + reach * np.array([-np.sin(yaw), np.cos(yaw)])
-        nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others), default=1.0)
-        return min(nearest, 0.15) - 0.01 * abs(yaw) - 3.0 * max(0.0, float(np.linalg.norm(tip)) - REACH)
+        tips = [middle[:2] + reach * np.array([-np.sin(yaw), np.cos(yaw)]) for reach in fingers]
+        nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others for tip in tips), default=1.0)
+        enough = 0.15 if grasp.rim else 0.08
+        beyond = max(0.0, max(float(np.linalg.norm(tip)) for tip in tips) - REACH)
+        return min(nearest, enough) - 0.01 * abs(yaw) - 3.0 * beyond
 
-    return max(SIDES, key=clearance)
+    return max(SIDES if grasp.rim else TURNS, key=clearance)
 
 
 REACH = 0.8
 """Distance from the base (m) beyond which the tool cannot point down everywhere."""
+ASIDE = 0.055
+"""Distance of an open finger from the middle between both (m)."""
+TURNS: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0, 90.0]) for sign in (1, -1))]
 SIDES: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0]) for sign in (1, -1))]
 
 
@@ -296,14 +305,14 @@ BY_NAME: dict[str, Callable[[], Script]] = {
     "goal-1-put-bowl-on-stove": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.057, travel=0.157),
     "goal-4-put-bowl-on-top-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.037, travel=0.087),
     "goal-6-put-cream-cheese-in-bowl": lambda: PickAndPlace("cream_cheese_1", "goal", rest=0.055, travel=0.12),
-    "goal-7-turn-on-stove": lambda: TurnKnob("flat_stove_1_button", 0.7),
+    "goal-7-turn-on-stove": lambda: TurnKnob("flat_stove_1_button", 0.6),
     "goal-8-put-bowl-on-plate": _on_plate,
     "10-0-livingroom2-put-both-alphabet-soup-tomato-sauce-in-basket": lambda: _both_in_basket(
         "alphabet_soup", "tomato_sauce"
     ),
     "10-1-livingroom2-put-both-cream-cheese-box-butter-in-basket": lambda: _both_in_basket("cream_cheese", "butter"),
     "10-2-kitchen3-turn-on-stove-put-moka-pot-on": lambda: InTurn(
-        TurnKnob("flat_stove_1_button", 0.7),
+        TurnKnob("flat_stove_1_button", 0.6),
         PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12),
     ),
     "10-4-livingroom5-put-white-mug-on-left-plate-put-yellow-white-mug-on-right-plate": lambda: InTurn(
@@ -311,8 +320,8 @@ BY_NAME: dict[str, Callable[[], Script]] = {
         PickAndPlace("white_yellow_mug_1", "plate_2", rest=0.06, travel=0.15),
     ),
     "10-6-livingroom6-put-white-mug-on-plate-put-chocolate-pudding-to-right-plate": lambda: InTurn(
+        PickAndPlace("chocolate_pudding_1", "plate_1", rest=0.02, travel=0.1, beside=(0.0, 0.11)),
         PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
-        PickAndPlace("chocolate_pudding_1", "plate_1", rest=0.02, travel=0.1, beside=(0.0, 0.12)),
     ),
     "10-7-livingroom1-put-both-alphabet-soup-cream-cheese-box-in-basket": lambda: _both_in_basket(
         "alphabet_soup", "cream_cheese"
