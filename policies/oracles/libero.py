@@ -73,6 +73,7 @@ class PickAndPlace:
         travel: float,
         near: float = 0.012,
         beside: tuple[float, float] = (0.0, 0.0),
+        sides: Sequence[float] = (),
     ) -> None:
         """Set object and goal.
 
@@ -83,10 +84,12 @@ class PickAndPlace:
             travel: Height of the object above the goal while it is moved (m).
             near: Largest distance from the place at which the object is released (m).
             beside: The place from the goal's centre, along the robot's x and y (m).
+            sides: Yaws of the gripper (rad) from which one is chosen, see `free_side`.
         """
         self._object, self._goal = name, goal
         self._beside = np.array([*beside, 0.0])
         self._grasp = GRASPS[name.rpartition("_")[0]]
+        self._sides = sides or (SIDES if self._grasp.rim else TURNS if self._grasp.round else (0.0,))
         self._rest, self._travel, self._near = rest, travel, near
         self._side: float | None = None
         self._opening = 0.0
@@ -95,7 +98,7 @@ class PickAndPlace:
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         if self._side is None:
-            self._side = free_side(state, self._object, self._middle(state), self._grasp)
+            self._side = free_side(state, self._object, self._middle(state), self._grasp.rim, self._sides)
         rotation = pointing_down(self._side)
         grasp_point = self._grasp_point(state)
         to_goal, lateral = self._to_goal(state)
@@ -191,18 +194,41 @@ class TurnKnob:
         return go(state, ridge + back * UP, OPEN, rotation)
 
 
-class InTurn:
-    """Plays scripts one after the other, each until it is done."""
+class PushDrawer:
+    """Pushes a drawer shut by its handle. The gripper is tilted, so that the palm does not touch the handle above."""
 
-    def __init__(self, *scripts: PickAndPlace | TurnKnob) -> None:
-        """Take the scripts; the last one goes on."""
-        self._scripts = list(scripts)
+    tilt = np.radians(40.0)
+    """Angle of the gripper from pointing down towards the drawer (rad)."""
+
+    def __init__(self, drawer: str, handle: tuple[float, float, float]) -> None:
+        """Take the drawer's body and its handle in the body's frame (m); the drawer is shut along the body's y axis."""
+        self._drawer, self._handle = drawer, handle
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        while len(self._scripts) > 1 and self._scripts[0].done(state):
-            self._scripts.pop(0)
-        return self._scripts[0](state)
+        drawer = Rotation.from_quat(state[f"{self._drawer}_quaternion"])
+        handle = state[self._drawer + POSITION] + drawer.apply(self._handle) + 0.01 * UP
+        rotation = drawer * Rotation.from_euler("x", self.tilt) * pointing_down(np.pi / 2)
+        offset = drawer.inv().apply(state["tcp_position"] - handle)
+        if abs(offset[0]) < 0.03 and abs(offset[2]) < 0.015 and -0.09 < offset[1] < 0.0:
+            return go(state, handle + drawer.apply([0.0, 0.06, 0.0]), CLOSED, rotation)
+        start = handle + drawer.apply([0.0, -0.07, 0.0])
+        lateral = float(np.linalg.norm((state["tcp_position"] - start)[:2]))
+        return go(state, start + min(OVER, max(0.0, 5.0 * (lateral - 0.01))) * UP, CLOSED, rotation)
+
+
+class InTurn:
+    """Plays scripts one after the other, each until it is done."""
+
+    def __init__(self, *first: PickAndPlace | TurnKnob, last: Script) -> None:
+        """Take the scripts; the last one goes on."""
+        self._first, self._last = list(first), last
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        while self._first and self._first[0].done(state):
+            self._first.pop(0)
+        return self._first[0](state) if self._first else self._last(state)
 
 
 def go(state: State, target: FloatArray, gripper: float, rotation: Rotation) -> FloatArray:
@@ -219,14 +245,12 @@ def transport(to_goal: FloatArray, lateral: float, lift: float, near: float) -> 
     return displacement
 
 
-def free_side(state: State, name: str, middle: FloatArray, grasp: Grasp) -> float:
-    """Return the yaw (rad) at which the fingers that grasp an object are farthest from other objects.
+def free_side(state: State, name: str, middle: FloatArray, rim: float, sides: Sequence[float]) -> float:
+    """Return the yaw (rad) of `sides` at which the fingers that grasp an object are farthest from other objects.
 
     They are in the directions (-sin, cos) and opposite from the object's middle (3,), or one of them is over its rim.
     """
-    if not (grasp.rim or grasp.round):
-        return 0.0
-    fingers = [np.copysign(0.1, grasp.rim)] if grasp.rim else [-ASIDE, ASIDE]
+    fingers = [np.copysign(0.1, rim)] if rim else [-ASIDE, ASIDE]
     ignored = (name + POSITION, "tcp_position", "goal_position")
     others = [
         position
@@ -237,11 +261,11 @@ def free_side(state: State, name: str, middle: FloatArray, grasp: Grasp) -> floa
     def clearance(yaw: float) -> float:
         tips = [middle[:2] + reach * np.array([-np.sin(yaw), np.cos(yaw)]) for reach in fingers]
         nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others for tip in tips), default=1.0)
-        enough = 0.15 if grasp.rim else 0.08
+        enough = 0.15 if rim else 0.08
         beyond = max(0.0, max(float(np.linalg.norm(tip)) for tip in tips) - REACH)
         return min(nearest, enough) - 0.01 * abs(yaw) - 3.0 * beyond
 
-    return max(SIDES if grasp.rim else TURNS, key=clearance)
+    return max(sides, key=clearance)
 
 
 REACH = 0.8
@@ -264,7 +288,7 @@ def _in_basket(name: str, aside: float = 0.0) -> PickAndPlace:
 
 
 def _both_in_basket(first: str, second: str) -> InTurn:
-    return InTurn(_in_basket(first, 0.03), _in_basket(second, -0.03))
+    return InTurn(_in_basket(first, 0.03), last=_in_basket(second, -0.03))
 
 
 LOW = {
@@ -313,18 +337,30 @@ BY_NAME: dict[str, Callable[[], Script]] = {
     "10-1-livingroom2-put-both-cream-cheese-box-butter-in-basket": lambda: _both_in_basket("cream_cheese", "butter"),
     "10-2-kitchen3-turn-on-stove-put-moka-pot-on": lambda: InTurn(
         TurnKnob("flat_stove_1_button", 0.6),
-        PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12),
+        last=PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12),
+    ),
+    "10-3-kitchen4-put-black-bowl-in-bottom-drawer-cabinet-close": lambda: InTurn(
+        PickAndPlace(
+            "akita_black_bowl_1", "goal", rest=0.02, travel=0.12, near=0.015, beside=(0.0, -0.03), sides=[np.pi / 2]
+        ),
+        last=PushDrawer("white_cabinet_1_cabinet_bottom", (-0.003, -0.102, 0.041)),
     ),
     "10-4-livingroom5-put-white-mug-on-left-plate-put-yellow-white-mug-on-right-plate": lambda: InTurn(
         PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
-        PickAndPlace("white_yellow_mug_1", "plate_2", rest=0.06, travel=0.15),
+        last=PickAndPlace("white_yellow_mug_1", "plate_2", rest=0.06, travel=0.15),
     ),
     "10-6-livingroom6-put-white-mug-on-plate-put-chocolate-pudding-to-right-plate": lambda: InTurn(
         PickAndPlace("chocolate_pudding_1", "plate_1", rest=0.02, travel=0.1, beside=(0.0, 0.11)),
-        PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
+        last=PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
     ),
     "10-7-livingroom1-put-both-alphabet-soup-cream-cheese-box-in-basket": lambda: _both_in_basket(
         "alphabet_soup", "cream_cheese"
     ),
+    "10-8-kitchen8-put-both-moka-pots-on-stove": lambda: InTurn(
+        PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(0.042, 0.0)),
+        last=PickAndPlace("moka_pot_2", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(-0.042, 0.0)),
+    ),
+    "spatial-4-in-top-drawer-wooden-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15, sides=[np.pi/2]),
+    "spatial-6-next-to-cookie-box": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15, sides=[np.pi/2]),
 }
 SCRIPTS: dict[str, Callable[[], Script]] = {f"libero/{name}": script for name, script in BY_NAME.items()}
