@@ -357,10 +357,10 @@ BY_NAME: dict[str, Callable[[], Script]] = {
         "alphabet_soup", "cream_cheese"
     ),
     "10-8-kitchen8-put-both-moka-pots-on-stove": lambda: InTurn(
-        PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(0.042, 0.0)),
-        last=PickAndPlace("moka_pot_2", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(-0.042, 0.0)),
+        PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(-0.042, 0.0)),
+        last=PickAndPlace("moka_pot_2", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(0.042, 0.0)),
     ),
-    "spatial-4-in-top-drawer-wooden-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15, sides=[np.pi/2]),
+    "spatial-4-in-top-drawer-wooden-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.25, sides=[np.pi/2]),
     "spatial-6-next-to-cookie-box": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15, sides=[np.pi/2]),
 }
 SCRIPTS: dict[str, Callable[[], Script]] = {f"libero/{name}": script for name, script in BY_NAME.items()}
