@@ -38,6 +38,8 @@ class Grasp:
     """Middle of the rim from the object's centre, along the object's x and y (m): a mug's centre includes its handle."""
     round: bool = False
     """Whether the object can be grasped at its middle from all sides."""
+    along: float = 0.0
+    """Distance from the middle, along the robot's x axis, at which the object can be grasped too (m)."""
     narrow: float = 0.002
     wide: float = 0.075
     """Smallest and largest distance between fingers that hold the object (m)."""
@@ -48,13 +50,14 @@ GRASPS = {
     "akita_black_bowl": BOWL,
     "alphabet_soup": Grasp(0.023, round=True, narrow=0.04),
     "tomato_sauce": Grasp(0.023, round=True, narrow=0.04),
-    "cream_cheese": Grasp(0.006, narrow=0.02),
-    "butter": Grasp(0.006, narrow=0.02),
-    "chocolate_pudding": Grasp(0.004, narrow=0.02),
+    "cream_cheese": Grasp(0.006, along=0.02, narrow=0.02),
+    "butter": Grasp(0.006, along=0.02, narrow=0.02),
+    "chocolate_pudding": Grasp(0.004, along=0.02, narrow=0.02),
     "salad_dressing": Grasp(0.055),
     "ketchup": Grasp(0.055),
     "bbq_sauce": Grasp(0.0365),
     "orange_juice": Grasp(0.0485),
+    "milk": Grasp(0.0485),
     "porcelain_mug": Grasp(0.042, rim=-0.041, middle=(0.018, 0.0), wide=0.03),
     "white_yellow_mug": Grasp(0.039, rim=0.041, middle=(-0.018, 0.0), wide=0.03),
     "moka_pot": Grasp(0.07, middle=(0.0, -0.018), narrow=0.005, wide=0.03),
@@ -84,22 +87,23 @@ class PickAndPlace:
             travel: Height of the object above the goal while it is moved (m).
             near: Largest distance from the place at which the object is released (m).
             beside: The place from the goal's centre, along the robot's x and y (m).
-            sides: Yaws of the gripper (rad) from which one is chosen, see `free_side`.
+            sides: Yaws of the gripper (rad) from which one is chosen, see `free_grasp`.
         """
         self._object, self._goal = name, goal
         self._beside = np.array([*beside, 0.0])
         self._grasp = GRASPS[name.rpartition("_")[0]]
         self._sides = sides or (SIDES if self._grasp.rim else TURNS if self._grasp.round else (0.0,))
         self._rest, self._travel, self._near = rest, travel, near
-        self._side: float | None = None
+        self._yaw: float | None = None
+        self._lever = np.zeros(3)
         self._opening = 0.0
         """Distance between the fingers in the previous step."""
 
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
-        if self._side is None:
-            self._side = free_side(state, self._object, self._middle(state), self._grasp.rim, self._sides)
-        rotation = pointing_down(self._side)
+        if self._yaw is None:
+            self._yaw, self._lever = free_grasp(state, self._object, self._middle(state), self._grasp, self._sides)
+        rotation = pointing_down(self._yaw)
         grasp_point = self._grasp_point(state)
         to_goal, lateral = self._to_goal(state)
         opening = float(state["finger_positions"].sum())
@@ -129,8 +133,7 @@ class PickAndPlace:
 
     def _grasp_point(self, state: State) -> FloatArray:
         """Return the point (3,) of the grasp."""
-        yaw, rim = self._side or 0.0, self._grasp.rim
-        return self._middle(state) + [-np.sin(yaw) * rim, np.cos(yaw) * rim, self._grasp.height]
+        return self._middle(state) + self._lever + self._grasp.height * UP
 
     def _middle(self, state: State) -> FloatArray:
         """Return the middle (3,) of the object's rim, at the height of its centre."""
@@ -245,33 +248,50 @@ def transport(to_goal: FloatArray, lateral: float, lift: float, near: float) -> 
     return displacement
 
 
-def free_side(state: State, name: str, middle: FloatArray, rim: float, sides: Sequence[float]) -> float:
-    """Return the yaw (rad) of `sides` at which the fingers that grasp an object are farthest from other objects.
+def free_grasp(
+    state: State, name: str, middle: FloatArray, grasp: Grasp, sides: Sequence[float]
+) -> tuple[float, FloatArray]:
+    """Return the yaw (rad) of `sides` at which the gripper is farthest from other objects, and where it grasps.
 
-    They are in the directions (-sin, cos) and opposite from the object's middle (3,), or one of them is over its rim.
+    The fingers are in the directions (-sin, cos) of the yaw and opposite. The place of the grasp is horizontal, relative
+    to the object's middle (3,).
     """
-    fingers = [np.copysign(0.1, rim)] if rim else [-ASIDE, ASIDE]
     ignored = (name + POSITION, "tcp_position", "goal_position")
     others = [
-        position
+        position - middle
         for key, position in state.items()
         if key.endswith(POSITION) and key not in ignored and np.shape(position) == (3,)
     ]
 
-    def clearance(yaw: float) -> float:
-        tips = [middle[:2] + reach * np.array([-np.sin(yaw), np.cos(yaw)]) for reach in fingers]
-        nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others for tip in tips), default=1.0)
-        enough = 0.15 if rim else 0.08
-        beyond = max(0.0, max(float(np.linalg.norm(tip)) for tip in tips) - REACH)
-        return min(nearest, enough) - 0.01 * abs(yaw) - 3.0 * beyond
+    def clearance(choice: tuple[float, FloatArray]) -> float:
+        yaw, lever = choice
+        fingers = np.array([-np.sin(yaw), np.cos(yaw)])
+        if grasp.rim:
+            tip = np.copysign(0.1, grasp.rim) * fingers
+            beyond = max(0.0, float(np.linalg.norm(middle[:2] + tip)) - REACH)
+            nearest = min((float(np.linalg.norm(tip - other[:2])) for other in others), default=1.0)
+            return min(nearest, 0.15) - 0.01 * abs(yaw) - 3.0 * beyond
+        gap = min((gap_beside(other - lever, fingers) for other in others), default=1.0)
+        return min(gap, 0.01) - 0.01 * abs(yaw) - 0.1 * float(np.linalg.norm(lever))
 
-    return max(sides, key=clearance)
+    levers = {yaw: grasp.rim * np.array([-np.sin(yaw), np.cos(yaw), 0.0]) for yaw in sides}
+    shifts = (0.0, grasp.along, -grasp.along) if grasp.along else (0.0,)
+    return max(((yaw, levers[yaw] + [shift, 0.0, 0.0]) for yaw in sides for shift in shifts), key=clearance)
+
+
+def gap_beside(other: FloatArray, fingers: FloatArray) -> float:
+    """Return the distance (m) between a gripper and an object at `other` (3,), relative to the grasp.
+
+    The hand is 20 cm long in the direction (2,) of the fingers and 6 cm thick, and above low objects; the open fingers
+    are 11 cm apart. Objects are taken to be 7 cm wide.
+    """
+    half, thick = (0.1, 0.065) if other[2] > 0.02 else (0.055, 0.045)
+    along, across = float(fingers @ other[:2]), float(fingers[0] * other[1] - fingers[1] * other[0])
+    return float(np.hypot(max(abs(along) - half, 0.0), across)) - thick
 
 
 REACH = 0.8
 """Distance from the base (m) beyond which the tool cannot point down everywhere."""
-ASIDE = 0.055
-"""Distance of an open finger from the middle between both (m)."""
 TURNS: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0, 90.0]) for sign in (1, -1))]
 SIDES: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0]) for sign in (1, -1))]
 
@@ -301,6 +321,7 @@ LOW = {
     "butter": 0.009,
     "chocolate_pudding": 0.013,
     "orange_juice": 0.0655,
+    "milk": 0.0655,
 }
 """Height of objects' centres above their bottom (m)."""
 SPATIAL = (
@@ -315,11 +336,13 @@ SPATIAL = (
 )
 OBJECTS = (
     "0-alphabet-soup",
+    "1-cream-cheese",
     "2-salad-dressing",
     "3-bbq-sauce",
     "4-ketchup",
     "5-tomato-sauce",
     "6-butter",
+    "7-milk",
     "8-chocolate-pudding",
     "9-orange-juice",
 )
