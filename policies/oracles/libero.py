@@ -32,10 +32,10 @@ class Grasp:
     """Height of the tool centre point above the object's centre (m). The palm is 2 cm above the tool centre point, the
     fingertips are 1.3 cm below."""
     rim: float = 0.0
-    """Distance of the grasp from the object's middle (m): a bowl is too wide and is grasped at its rim. Negative: on the
-    side towards the negative y axis."""
+    """Distance of the grasp from the object's middle (m): a bowl is too wide and is grasped at its rim. Negative: on
+    the side towards the negative y axis."""
     middle: tuple[float, float] = (0.0, 0.0)
-    """Middle of the rim from the object's centre, along the object's x and y (m): a mug's centre includes its handle."""
+    """Middle of the rim from the object's centre, along the object's x and y (m): a mug's centre counts its handle."""
     round: bool = False
     """Whether the object can be grasped at its middle from all sides."""
     along: float = 0.0
@@ -58,6 +58,7 @@ GRASPS = {
     "bbq_sauce": Grasp(0.0365),
     "orange_juice": Grasp(0.0485),
     "milk": Grasp(0.0485),
+    "wine_bottle": Grasp(0.06, narrow=0.004, wide=0.03),
     "porcelain_mug": Grasp(0.042, rim=-0.041, middle=(0.018, 0.0), wide=0.03),
     "white_yellow_mug": Grasp(0.039, rim=0.041, middle=(-0.018, 0.0), wide=0.03),
     "moka_pot": Grasp(0.07, middle=(0.0, -0.018), narrow=0.005, wide=0.03),
@@ -253,8 +254,8 @@ def free_grasp(
 ) -> tuple[float, FloatArray]:
     """Return the yaw (rad) of `sides` at which the gripper is farthest from other objects, and where it grasps.
 
-    The fingers are in the directions (-sin, cos) of the yaw and opposite. The place of the grasp is horizontal, relative
-    to the object's middle (3,).
+    The fingers are in the directions (-sin, cos) of the yaw and opposite. The place of the grasp (3,) is relative to
+    the object's middle (3,).
     """
     ignored = (name + POSITION, "tcp_position", "goal_position")
     others = [
@@ -292,12 +293,22 @@ def gap_beside(other: FloatArray, fingers: FloatArray) -> float:
 
 REACH = 0.8
 """Distance from the base (m) beyond which the tool cannot point down everywhere."""
+NEAR_SIDE: Sequence[float] = [np.pi / 2]
+"""The yaw at which the gripper is on the robot's side of a rim, and narrow from left to right."""
 TURNS: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0, 90.0]) for sign in (1, -1))]
 SIDES: Sequence[float] = [0.0, *(sign * angle for angle in np.radians([30.0, 60.0]) for sign in (1, -1))]
 
 
-def _on_plate() -> Script:
-    return PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15)
+def _on_plate(travel: float = 0.15, sides: Sequence[float] = ()) -> PickAndPlace:
+    return PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=travel, sides=sides)
+
+
+def _on_stove(pot: str, aside: float = 0.0) -> PickAndPlace:
+    return PickAndPlace(pot, "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(aside, 0.0))
+
+
+def _mug(name: str, plate: str) -> PickAndPlace:
+    return PickAndPlace(name, plate, rest=0.06, travel=0.15)
 
 
 def _in_basket(name: str, aside: float = 0.0) -> PickAndPlace:
@@ -313,17 +324,17 @@ def _both_in_basket(first: str, second: str) -> InTurn:
 
 LOW = {
     "alphabet_soup": 0.038,
+    "cream_cheese": 0.009,
     "salad_dressing": 0.073,
     "bbq_sauce": 0.0535,
     "ketchup": 0.072,
     "tomato_sauce": 0.038,
-    "cream_cheese": 0.009,
     "butter": 0.009,
+    "milk": 0.0655,
     "chocolate_pudding": 0.013,
     "orange_juice": 0.0655,
-    "milk": 0.0655,
 }
-"""Height of objects' centres above their bottom (m)."""
+"""Height of objects' centres above their bottom (m), in the order of the tasks of `object`."""
 SPATIAL = (
     "0-between-plate-ramekin",
     "1-next-to-ramekin",
@@ -334,22 +345,13 @@ SPATIAL = (
     "8-next-to-plate",
     "9-on-wooden-cabinet",
 )
-OBJECTS = (
-    "0-alphabet-soup",
-    "1-cream-cheese",
-    "2-salad-dressing",
-    "3-bbq-sauce",
-    "4-ketchup",
-    "5-tomato-sauce",
-    "6-butter",
-    "7-milk",
-    "8-chocolate-pudding",
-    "9-orange-juice",
-)
 BY_NAME: dict[str, Callable[[], Script]] = {
     **{f"spatial-{name}": _on_plate for name in SPATIAL},
-    **{f"object-{name}": partial(_in_basket, name[2:].replace("-", "_")) for name in OBJECTS},
+    "spatial-4-in-top-drawer-wooden-cabinet": lambda: _on_plate(0.25, NEAR_SIDE),
+    "spatial-6-next-to-cookie-box": lambda: _on_plate(sides=NEAR_SIDE),
+    **{f"object-{i}-{name.replace('_', '-')}": partial(_in_basket, name) for i, name in enumerate(LOW)},
     "goal-1-put-bowl-on-stove": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.057, travel=0.157),
+    "goal-2-put-wine-bottle-on-top-cabinet": lambda: PickAndPlace("wine_bottle_1", "goal", rest=0.083, travel=0.12),
     "goal-4-put-bowl-on-top-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "goal", rest=0.037, travel=0.087),
     "goal-6-put-cream-cheese-in-bowl": lambda: PickAndPlace("cream_cheese_1", "goal", rest=0.055, travel=0.12),
     "goal-7-turn-on-stove": lambda: TurnKnob("flat_stove_1_button", 0.6),
@@ -359,31 +361,26 @@ BY_NAME: dict[str, Callable[[], Script]] = {
     ),
     "10-1-livingroom2-put-both-cream-cheese-box-butter-in-basket": lambda: _both_in_basket("cream_cheese", "butter"),
     "10-2-kitchen3-turn-on-stove-put-moka-pot-on": lambda: InTurn(
-        TurnKnob("flat_stove_1_button", 0.6),
-        last=PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12),
+        TurnKnob("flat_stove_1_button", 0.6), last=_on_stove("moka_pot_1")
     ),
     "10-3-kitchen4-put-black-bowl-in-bottom-drawer-cabinet-close": lambda: InTurn(
         PickAndPlace(
-            "akita_black_bowl_1", "goal", rest=0.02, travel=0.12, near=0.015, beside=(0.0, -0.03), sides=[np.pi / 2]
+            "akita_black_bowl_1", "goal", rest=0.02, travel=0.12, near=0.015, beside=(0.0, -0.03), sides=NEAR_SIDE
         ),
         last=PushDrawer("white_cabinet_1_cabinet_bottom", (-0.003, -0.102, 0.041)),
     ),
     "10-4-livingroom5-put-white-mug-on-left-plate-put-yellow-white-mug-on-right-plate": lambda: InTurn(
-        PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
-        last=PickAndPlace("white_yellow_mug_1", "plate_2", rest=0.06, travel=0.15),
+        _mug("porcelain_mug_1", "plate_1"), last=_mug("white_yellow_mug_1", "plate_2")
     ),
     "10-6-livingroom6-put-white-mug-on-plate-put-chocolate-pudding-to-right-plate": lambda: InTurn(
         PickAndPlace("chocolate_pudding_1", "plate_1", rest=0.02, travel=0.1, beside=(0.0, 0.11)),
-        last=PickAndPlace("porcelain_mug_1", "plate_1", rest=0.06, travel=0.15),
+        last=_mug("porcelain_mug_1", "plate_1"),
     ),
     "10-7-livingroom1-put-both-alphabet-soup-cream-cheese-box-in-basket": lambda: _both_in_basket(
         "alphabet_soup", "cream_cheese"
     ),
     "10-8-kitchen8-put-both-moka-pots-on-stove": lambda: InTurn(
-        PickAndPlace("moka_pot_1", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(-0.042, 0.0)),
-        last=PickAndPlace("moka_pot_2", "flat_stove_1_burner", rest=0.1, travel=0.12, beside=(0.042, 0.0)),
+        _on_stove("moka_pot_1", -0.042), last=_on_stove("moka_pot_2", 0.042)
     ),
-    "spatial-4-in-top-drawer-wooden-cabinet": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.25, sides=[np.pi/2]),
-    "spatial-6-next-to-cookie-box": lambda: PickAndPlace("akita_black_bowl_1", "plate_1", rest=0.0325, travel=0.15, sides=[np.pi/2]),
 }
 SCRIPTS: dict[str, Callable[[], Script]] = {f"libero/{name}": script for name, script in BY_NAME.items()}
