@@ -24,8 +24,8 @@ BENCHMARKS = (
     "workers",
 )
 LONG = (
-    *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "mergevla", "million"),
-    *("more_experts", "opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
+    *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "libero_oracles", "mergevla"),
+    *("million", "more_experts", "opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
     *("sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
