@@ -3,17 +3,18 @@
 A run for each of LIBERO's suites stays in `runs/bench/libero-oracles`, so that a second call plays what is missing.
 """
 
-from collections.abc import Mapping, Sequence
+import pandas as pd
 
 from robogauntlet.adapters.libero.simulation import STORED_STATES
 from robogauntlet.adapters.libero.tasks import libero_tasks
 from robogauntlet.policies.oracles.libero import SCRIPTS
-from robogauntlet.results.record import EpisodeResult, Status
-from tests.benchmarks.document import WRITTEN
-from tests.benchmarks.shared import run_suite, stored_rows, table_of
+from robogauntlet.results.api import open_run
+from tests.benchmarks.document import WRITTEN, write_episodes
+from tests.benchmarks.shared import run_suite, table_of
 
 FOLDER = WRITTEN / "libero-oracles"
 ORDER = ("10", "goal", "spatial", "object")
+FIELDS = ("task", "seed", "status", "steps", "success_once", "state_hash", "actions_hash", "policy_digest")
 SUITE = """
 name: libero-oracles
 policies: [oracle]
@@ -25,7 +26,7 @@ workers: 1
 
 def measure() -> list[dict[str, object]]:
     """Play seeds 0 to 49 of every task with a script; nothing is rendered, as the oracle does not look."""
-    played: list[EpisodeResult] = []
+    played = []
     for suite in ORDER:
         folder = FOLDER / suite
         folder.mkdir(parents=True, exist_ok=True)
@@ -33,29 +34,30 @@ def measure() -> list[dict[str, object]]:
         file = folder / "suite.yaml"
         file.write_text(SUITE.format(tasks=tasks, states=STORED_STATES), encoding="utf-8")
         run_suite(file, folder / "run")
-        played += stored_rows(folder / "run")
-    rows = rows_of(played)
+        played.append(open_run(folder / "run").episodes(FIELDS))
+    episodes = pd.concat(played)
+    write_episodes("libero_oracles", episodes, ("task", "seed"))
+    rows = rows_of(episodes)
     columns = {
         "task": "{task}",
         "successes": "{successes} of {episodes}",
         "median steps": "{steps}",
-        "failed": "{failed}",
+        "seeds not solved": "{failed}",
     }
     table_of(rows, columns)
     return rows
 
 
-def rows_of(results: Sequence[EpisodeResult]) -> list[dict[str, object]]:
+def rows_of(episodes: pd.DataFrame) -> list[dict[str, object]]:
     """Return a row for each task, in LIBERO's order, with the seeds that were not solved."""
-    by_task: Mapping[str, list[EpisodeResult]] = {f"libero/{name}": [] for name in libero_tasks()}
-    for result in sorted(results, key=lambda result: result.seed):
-        by_task[result.task].append(result)
     rows = []
-    for task, played in by_task.items():
-        if not played:
+    for name in libero_tasks():
+        played = episodes[episodes.task == f"libero/{name}"].sort_values("seed")
+        if played.empty:
             continue
-        steps = sorted(result.steps for result in played if result.status == Status.SUCCESS)
-        failed = [result.seed for result in played if result.status != Status.SUCCESS]
-        shown = {"steps": steps[len(steps) // 2] if steps else "-", "failed": ", ".join(map(str, failed)) or "-"}
-        rows.append({"task": task.removeprefix("libero/"), "successes": len(steps), "episodes": len(played), **shown})
+        solved = played.status == "success"
+        steps = f"{played.steps[solved].median():.0f}" if solved.any() else "-"
+        failed = ", ".join(map(str, played.seed[~solved])) or "-"
+        counts = {"successes": int(solved.sum()), "episodes": len(played)}
+        rows.append({"task": name, **counts, "steps": steps, "failed": failed})
     return rows
