@@ -1,6 +1,6 @@
 """Successes of LIBERO's oracles on the fifty stored states of each task, within the task's horizon.
 
-A run for each of LIBERO's suites stays in `runs/bench/libero-oracles`, so that a second call plays what is missing.
+The run stays in `runs/bench/libero-oracles`, so that a second call plays what is missing.
 """
 
 import pandas as pd
@@ -13,7 +13,6 @@ from tests.benchmarks.document import WRITTEN, write_episodes
 from tests.benchmarks.shared import run_suite, table_of
 
 FOLDER = WRITTEN / "libero-oracles"
-ORDER = ("10", "goal", "spatial", "object")
 FIELDS = ("task", "seed", "status", "steps", "success_once", "state_hash", "actions_hash", "policy_digest")
 SUITE = """
 name: libero-oracles
@@ -26,16 +25,11 @@ workers: 1
 
 def measure() -> list[dict[str, object]]:
     """Play seeds 0 to 49 of every task with a script; nothing is rendered, as the oracle does not look."""
-    played = []
-    for suite in ORDER:
-        folder = FOLDER / suite
-        folder.mkdir(parents=True, exist_ok=True)
-        tasks = ", ".join(task for task in SCRIPTS if task.startswith(f"libero/{suite}-"))
-        file = folder / "suite.yaml"
-        file.write_text(SUITE.format(tasks=tasks, states=STORED_STATES), encoding="utf-8")
-        run_suite(file, folder / "run")
-        played.append(open_run(folder / "run").episodes(FIELDS))
-    episodes = pd.concat(played)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    suite = FOLDER / "suite.yaml"
+    suite.write_text(SUITE.format(tasks=", ".join(SCRIPTS), states=STORED_STATES), encoding="utf-8")
+    run_suite(suite, FOLDER / "run")
+    episodes = open_run(FOLDER / "run").episodes(FIELDS)
     write_episodes("libero_oracles", episodes, ("task", "seed"))
     rows = rows_of(episodes)
     columns = {
