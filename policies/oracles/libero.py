@@ -201,7 +201,7 @@ class TurnKnob:
 class PushDrawer:
     """Pushes a drawer shut by its handle. The gripper is tilted, so that the palm does not touch the handle above."""
 
-    tilt = np.radians(40.0)
+    tilt = np.radians(25.0)
     """Angle of the gripper from pointing down towards the drawer (rad)."""
 
     def __init__(self, drawer: str, handle: tuple[float, float, float]) -> None:
