@@ -27,7 +27,7 @@ def measure() -> list[dict[str, object]]:
     """Play seeds 0 to 49 of every task with a script; nothing is rendered, as the oracle does not look."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     suite = FOLDER / "suite.yaml"
-    suite.write_text(SUITE.format(tasks=", ".join(SCRIPTS), states=STORED_STATES), encoding="utf-8")
+    suite.write_text(SUITE.format(tasks=", ".join(reversed(SCRIPTS)), states=STORED_STATES), encoding="utf-8")
     run_suite(suite, FOLDER / "run")
     episodes = open_run(FOLDER / "run").episodes(FIELDS)
     write_episodes("libero_oracles", episodes, ("task", "seed"))
