@@ -8,6 +8,7 @@ import re
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 CLEAN = "clean"
 CONTROLS = ("blind", "blank-instruction", "wrong-goal", "variant-name", "again")
@@ -155,6 +156,13 @@ class Protocol:
         """Whether policies see mirrored images."""
         return self.name is ProtocolName.OPENVLA
 
+    def described(self) -> dict[str, Any]:
+        """Return the fields; RoboGauntlet's own has no name, as ids and datasets are older than names of protocols."""
+        fields = asdict(self)
+        if self.name is ProtocolName.ROBOGAUNTLET:
+            del fields["name"]
+        return fields
+
 
 @dataclass(frozen=True)
 class Episode:
@@ -178,9 +186,7 @@ class Episode:
     @cached_property
     def pair_id(self) -> str:
         """Hash of everything except the policy: equal for the episodes that a paired comparison compares."""
-        condition, protocol = asdict(self.condition), asdict(self.protocol)
-        if self.protocol.name is ProtocolName.ROBOGAUNTLET:  # ids are older than names of protocols
-            del protocol["name"]
+        condition, protocol = asdict(self.condition), self.protocol.described()
         return content_hash({"task": self.task, "seed": self.seed, "condition": condition, "protocol": protocol})
 
     @cached_property

@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -270,7 +270,7 @@ def _open_task(
         "task": task,
         **made_by,
         "first_seed": request.first_seed,
-        "protocol": asdict(cell.protocol),
+        "protocol": cell.protocol.described(),
         "versions": environments.versions(simulators.find(cell.simulator)),
     }
     writer = DatasetWriter(folder / dataset_name(task), source)

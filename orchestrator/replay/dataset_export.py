@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from heapq import heappush, heappushpop
 from pathlib import Path
 
@@ -141,7 +141,7 @@ def write_datasets(
     with lock_folder(folder):
         for row in rows:
             if row.task not in export.writers:
-                source = {"task": row.task, "run_id": document.run_id, "protocol": asdict(row.episode.protocol)}
+                source = {"task": row.task, "run_id": document.run_id, "protocol": row.episode.protocol.described()}
                 export.writers[row.task] = DatasetWriter(folder / dataset_name(row.task), source, keeps=PLAYED)
         existing = {name for writer in export.writers.values() for name in writer.about("episode_id")}
         missing = [row for row in rows if row.episode_id not in existing]

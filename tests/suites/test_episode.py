@@ -51,6 +51,12 @@ def test_the_id_is_frozen():
     assert (EPISODE.id, EPISODE.pair_id) == ("c1f4f900d7dc52bb", "8df80ca93d72308d")
 
 
+def test_datasets_know_robogauntlets_own_protocol_by_the_fields_of_before_it_had_a_name():
+    own = Protocol(100).described()
+    assert set(own) == {"horizon", "replan_every", "view"}
+    assert Protocol(100, name=ProtocolName.OPENVLA).described() == own | {"name": "openvla"}
+
+
 def test_the_id_is_the_same_in_another_process():
     code = (
         "from robogauntlet.suites.episode import *;"
