@@ -344,12 +344,12 @@ class Scheduler(Generic[Result]):
             return
         self._unsaved += results
         self.observer.on_results(results)
-        self._errors += sum(result.status == Status.ERROR and not is_left_out(result.error) for result in results)
-        if self._errors > self.options.allowed_errors:
-            latest = next(r for r in reversed(results) if r.status == Status.ERROR)
+        errors = [r.error for r in results if r.status == Status.ERROR and not is_left_out(r.error)]
+        self._errors += len(errors)
+        if errors and self._errors > self.options.allowed_errors:
             raise TooManyErrors(
                 f"{counted(self._errors, 'episode')} ended in an error, "
-                f"the suite tolerates {self.options.allowed_errors}; latest: {latest.error}"
+                f"the suite tolerates {self.options.allowed_errors}; latest: {errors[-1]}"
             )
 
     def _save(self, *, force: bool = False) -> None:

@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
+from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions, TooManyErrors
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
 from robogauntlet.orchestrator.scheduling.worker_pool import WorkerLost
 from robogauntlet.suites.episode import Cell, Protocol
 from robogauntlet.suites.resources import Resources
 from tests.orchestrator.conftest import RecordingObserver
 from tests.orchestrator.scheduling.simulated_worker_pool import Clock, SimulatedWorkerPool
+from tests.results.synthetic import row
 
 
 def work(plan):
@@ -58,6 +59,16 @@ def test_a_hanging_worker_is_ended_after_the_time_limit():
     assert Counter(row.seed for row in rows) == Counter(range(5))
     assert observer.warnings == ["a-0: an episode took longer than 30 s; its episodes go back into the queue"]
     assert 30.0 < pool.clock() < 60.0
+
+
+def test_an_episode_that_was_left_out_is_not_named_as_the_latest_error():
+    def result(lease, seed, **fields):
+        error = "left out: it needs a scene" if seed % 4 else "RuntimeError: broken"
+        return row(lease.cell, seed, "error", error=error, **fields)
+
+    pool = SimulatedWorkerPool(lambda episode: 0.01, Clock(), result=result)
+    with pytest.raises(TooManyErrors, match=r"the suite tolerates 3; latest: RuntimeError: broken$"):
+        play(work({("a/1", "p"): 103}), pool, {"a": 1}, allowed_errors=3)
 
 
 def test_a_worker_with_rare_messages_is_not_mistaken_for_a_hanging_one():
