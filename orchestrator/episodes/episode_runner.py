@@ -43,17 +43,23 @@ class EpisodeRunner:
         self._idle_since: float | None = None
 
     def prepare(self, task: str, view: View) -> Readiness:
-        """Open a task and render a frame, to check that the simulator works here; other tasks may work if it does not.
+        """Open a task and render a frame, to check that the simulator works here.
+
+        If the task lacks files, the first task of the simulator's list shows it.
 
         Raises:
             AdapterError: The simulator does not work; the message says why.
         """
+        name = task.partition("/")[0]
+        simulator, frame_s = simulators.find(name), None
         try:
             simulation = self.simulation(task, view)
         except TaskUnavailable:
-            return Readiness(os.getpid(), UNKNOWN_DEVICE, None)
-        frame_s = None
-        if simulators.find(task.partition("/")[0]).renders:
+            try:
+                simulation = self.simulation(f"{name}/{next(iter(simulator.tasks))}", view)
+            except TaskUnavailable:
+                return Readiness(os.getpid(), UNKNOWN_DEVICE, None)
+        if simulator.renders:
             simulation.reset(0)  # the contract does not define a simulation before its first reset
             simulation.observe()
             start = time.perf_counter()

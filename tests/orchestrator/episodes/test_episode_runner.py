@@ -103,11 +103,16 @@ def test_preparing_opens_the_task_and_names_the_render_device(runner):
 
 
 @pytest.fixture
-def without_files(monkeypatch):
-    """A simulator whose task `Reach` lacks files."""
+def missing():
+    return {"Reach"}
+
+
+@pytest.fixture
+def without_files(monkeypatch, missing):
+    """A simulator of which some tasks lack files."""
 
     def opened(task, view):
-        if task == "Reach":
+        if task in missing:
             raise TaskUnavailable("it shows a scene that these assets lack")
         return SIMULATOR.open(task, view)
 
@@ -122,6 +127,11 @@ def test_a_task_that_lacks_files_is_left_out_and_the_others_are_played(runner, w
     assert left_out.error == "left out: it shows a scene that these assets lack"
     assert is_left_out(left_out.error)
     assert played.status == "success"
+
+
+@pytest.mark.parametrize("missing", [{"Raise"}])
+def test_the_render_device_is_known_although_the_first_task_lacks_files(runner, without_files):
+    assert runner.prepare("null/Raise", View()).render_device == "none"
 
 
 def test_a_task_that_is_a_variant_says_what_it_changed(runner, monkeypatch):
