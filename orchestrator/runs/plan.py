@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import KnownPolicy, KnownTask, Registry
 from robogauntlet.suites.schema import Suite
 from robogauntlet.suites.selection import SelectionError, SuiteSelection
+from robogauntlet.support.text import counted
 
 SHIPPED = Path(suites.__file__).parent
 WHOLE = SuiteSelection()
@@ -169,12 +170,12 @@ def make_plan(
     sources = found.sources
     unsupported = _unsupported_axes(suite)
     unsupported_tasks = Counter(gap.axis for gap in unsupported)
-    problems = [
-        f"axis '{gap.axis}' is unsupported in {gap.task}: {gap.reason}"
+    refused = [
+        gap
         for gap in unsupported
         if unsupported_tasks[gap.axis] == len(suite.tasks) or (suite.design and gap.axis in suite.design.axes)
     ]
-    problems += _missing_cameras(suite)
+    problems = [*_in_words(refused), *_missing_cameras(suite)]
     if problems or found.mistakes:
         whole_file = [problem_at(path, None, problem) for problem in problems]
         raise SuiteError([*found.problems(path, _text(path, text)), *whole_file])
@@ -219,6 +220,16 @@ def _unsupported_axes(suite: Suite) -> tuple[Unsupported, ...]:
         for task in suite.tasks
         if (reason := why_unadjusted(axis, task) or why_unsupported(axis, cards[task].instruction))
     )
+
+
+def _in_words(gaps: Iterable[Unsupported]) -> Iterator[str]:
+    """A line for each axis and reason, with the first of its tasks."""
+    tasks: dict[tuple[str, str], list[str]] = {}
+    for gap in gaps:
+        tasks.setdefault((gap.axis, gap.reason), []).append(gap.task)
+    for (axis, reason), (first, *others) in tasks.items():
+        more = f" and {counted(len(others), 'more task')}" if others else ""
+        yield f"axis '{axis}' is unsupported in {first}{more}: {reason}"
 
 
 def _missing_cameras(suite: Suite) -> Iterator[str]:

@@ -36,6 +36,14 @@ def test_an_axis_that_no_task_supports_is_refused_with_every_reason(suite_file):
         make_plan(suite_file(SUITE.format(tasks="null/Reach")))
 
 
+def test_a_reason_that_many_tasks_share_is_one_line(suite_file):
+    suite = SUITE.replace("axis: instruction, severities: [2, 4]", "variant-name: 1")
+    with one_line_error(
+        SuiteError, r"axis 'variant-name' is unsupported in null/Reach and 1 more task: the instruction"
+    ):
+        make_plan(suite_file(suite.format(tasks="null/Reach, null/Slow")))
+
+
 def test_a_simulator_without_scene_controls_supports_no_axis_of_the_scene():
     assert why_unadjusted(AXES["camera-orbit"], "null/Reach") == (
         "null simulator (no physics) does not let its cameras be adjusted"
