@@ -1,11 +1,14 @@
 """Run by the Python of another environment, of any version: reports what is installed. Standard library only."""
 
 import base64
+import csv
 import hashlib
 import json
 import os
 import sys
 from importlib import metadata, util
+
+HASHES = ("sha256", "sha384", "sha512")
 
 
 def _version(distribution):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
@@ -22,22 +25,25 @@ def _file(module):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return os.path.realpath(spec.origin) if spec.origin else ""
 
 
-def _differing(distribution):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _differing(name):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return the installed files that are missing, or are not those that the wheel's RECORD has the hashes of."""
     try:
-        files = metadata.files(distribution) or []
+        distribution = metadata.distribution(name)
     except metadata.PackageNotFoundError:
         return []
     differing = []
-    for file in files:
-        if file.suffix == ".pyc" or file.hash is None or file.hash.mode not in hashlib.algorithms_available:
+    # `distribution.files` leaves out missing files from Python 3.12 on.
+    for path, *stated in csv.reader((distribution.read_text("RECORD") or "").splitlines()):
+        mode, _, value = "".join(stated[:1]).partition("=")
+        if path.endswith(".pyc") or mode not in HASHES:
             continue
         try:
-            digest = hashlib.new(file.hash.mode, file.read_binary()).digest()
+            with open(str(distribution.locate_file(path)), "rb") as file:  # noqa: PTH123
+                digest = hashlib.new(mode, file.read()).digest()
         except OSError:
             digest = b""
-        if base64.urlsafe_b64encode(digest).rstrip(b"=").decode() != file.hash.value:
-            differing.append(str(file))
+        if base64.urlsafe_b64encode(digest).rstrip(b"=").decode() != value:
+            differing.append(path)
     return differing
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from robogauntlet.adapters import catalog
 from robogauntlet.orchestrator.cli.common import EXIT_BAD_INPUT
+from robogauntlet.orchestrator.environments import introspect
 from robogauntlet.orchestrator.environments.check import check
 from robogauntlet.orchestrator.environments.environment import RUNNING, WORKER_PACKAGES, Environment
 from robogauntlet.policies.contract import PolicyKind
@@ -113,6 +114,17 @@ def test_the_interpreter_of_a_policy_needs_its_modules_alone(theirs):
     install(theirs, "gearbox", "1.0")
     found = check(replace(environment, name="again"), replace(kind, name="again", modules=("gearbox", "json")))
     assert found.problems == ()
+
+
+def test_missing_files_are_reported_under_pythons_that_do_not_list_them(tmp_path, monkeypatch):
+    (tmp_path / "gearbox-1.0.dist-info").mkdir()
+    (tmp_path / "gearbox-1.0.dist-info" / "METADATA").write_text("Name: gearbox\nVersion: 1.0\n")
+    (tmp_path / "gearbox-1.0.dist-info" / "RECORD").write_text(
+        '"a, b.png",sha256=47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU,0\ngearbox-1.0.dist-info/RECORD,,\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(metadata.Distribution, "files", ())  # as Python 3.12 does for missing ones
+    assert introspect._differing("gearbox") == ["a, b.png"]
 
 
 def test_damaged_files_are_reported_with_the_first(theirs):
