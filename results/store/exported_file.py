@@ -226,7 +226,8 @@ class _RowCheck:
         self._cells = {(cell.policy_digest, cell.task, cell.axis, cell.severity) for cell in document.plan}
         self._protocol = (
             *(suite.replan_every, ",".join(suite.cameras)),
-            *(suite.image_size, str(suite.render_profile), suite.protocol),
+            *(suite.image_size, str(suite.render_profile)),
+            None if suite.protocol is ProtocolName.ROBOGAUNTLET else str(suite.protocol),
         )
         self._allowed = [
             _TYPES[kind] | ({type(None)} if nullable else frozenset()) for kind, nullable, _ in fields.values()
@@ -267,8 +268,7 @@ class _RowCheck:
             return "its status or render profile is unknown"
         if (row.policy_digest, row.task, row.axis, row.severity) not in self._cells:
             return "it is not planned"
-        protocol = row.protocol or ProtocolName.ROBOGAUNTLET
-        if (row.replan_every, row.cameras, row.image_size, row.render_profile, protocol) != self._protocol:
+        if (row.replan_every, row.cameras, row.image_size, row.render_profile, row.protocol) != self._protocol:
             return "its protocol is not that of the suite"
         if row.horizon > MAX_STEPS:
             return "horizon is out of bounds"
