@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from robogauntlet.adapters.contract import FloatArray, Image, Motion, Observation, Simulation, StepOutcome
+from robogauntlet.adapters.contract import (
+    Delivered,
+    FloatArray,
+    Image,
+    Measured,
+    Motion,
+    Observation,
+    Simulation,
+    StepOutcome,
+)
 from robogauntlet.adapters.motion import motion_reader
 from robogauntlet.adapters.scene_control import SceneControls, scene_controls_of
 
@@ -48,6 +57,10 @@ class SimulationWrapper:
     def picture(self) -> Image:
         """Forward to the simulation."""
         return self.simulation.picture()
+
+    def delivered(self) -> Delivered:
+        """Forward to the simulation, if it measures what it changed."""
+        return self.simulation.delivered() if isinstance(self.simulation, Measured) else Delivered(None)
 
     def render_device(self) -> str:
         """Forward to the simulation."""

@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import Delivered
+from robogauntlet.adapters.null import NullSimulation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.episodes.trajectory_recorder import TrajectoryRecorder
@@ -138,6 +140,13 @@ def test_an_episode_is_recorded_to_its_end(played, runner):
     assert len(found) == failed.steps
     assert not found.success[-5:].all()
     assert found.about["episode_id"] == failed.episode_id
+
+
+def test_an_episode_of_a_variant_that_measures_itself_is_recorded(runner, monkeypatch):
+    monkeypatch.setattr(NullSimulation, "delivered", lambda self: Delivered(2.5, {"x": 1.0}), raising=False)
+    one = runner.play_one(planned().episode(0))
+    assert one.delivered == 2.5
+    assert len(record_episode(one, runner)) == one.steps
 
 
 def test_an_episode_with_another_outcome_is_left_out_with_a_line(played, runner):
