@@ -198,8 +198,6 @@ OUTCOME, TELEMETRY = FIELDS[:_LAST_OUTCOME], FIELDS[_LAST_OUTCOME:]
 """Fields that are the same wherever the episode is run, and fields that differ from run to run."""
 BEHAVIOUR = FIELDS[FIELDS.index("path_length") : FIELDS.index("error")]
 """The part of `OUTCOME` that says how the robot moved and failed. None in rows of versions that did not measure it."""
-LATER = ("protocol", *BEHAVIOUR)
-"""The part of `OUTCOME` that the first version of rows did not have."""
 CELL = ("policy_digest", "task", "axis", "severity")
 """Fields that identify a cell of a run. The digest, not the name: a renamed policy keeps its episodes."""
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import CELL, LATER, describe_fields
+from robogauntlet.results.record import BEHAVIOUR, CELL, describe_fields
 from robogauntlet.results.store.database import Schema
 
-VERSION = 2
-LATER_COLUMNS = {2: LATER}
+VERSION = 3
+LATER_COLUMNS: dict[int, tuple[str, ...]] = {2: BEHAVIOUR, 3: ("protocol",)}
 """Columns of `episodes` by the version that they came with, after 1. All may be null."""
 _TYPES: dict[type, Any] = {str: sa.Text, int: sa.BigInteger, float: sa.Float(53), bool: sa.Boolean}
 
@@ -105,4 +105,4 @@ def columns_after(version: int) -> tuple[str, ...]:
     return tuple(name for later, names in LATER_COLUMNS.items() if later > version for name in names)
 
 
-SCHEMA = Schema(metadata, _version, VERSION, "store", earlier=frozenset({1}))
+SCHEMA = Schema(metadata, _version, VERSION, "store", earlier=frozenset({1, 2}))

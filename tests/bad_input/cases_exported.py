@@ -57,7 +57,7 @@ SQL = {
     "DELETE FROM episodes": "its rows hash to",
     "UPDATE robogauntlet_schema SET version = 99": "expected an exported run of version",
     "DELETE FROM robogauntlet_schema": "expected an exported run of version",
-    "UPDATE robogauntlet_schema SET version = 3": "expected an exported run of version 2, got version 3",
+    "UPDATE robogauntlet_schema SET version = 4": "expected an exported run of version 3, got version 4",
     "UPDATE robogauntlet_schema SET version = 1": "its tables are not those of this program",
     "ALTER TABLE episodes DROP COLUMN failure": "its tables are not those of this program",
     "DROP TABLE episodes": "its tables are not those of this program",

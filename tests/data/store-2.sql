@@ -64,7 +64,6 @@ CREATE TABLE episodes (
     cameras TEXT NOT NULL,
     image_size BIGINT NOT NULL,
     render_profile TEXT NOT NULL,
-    protocol TEXT,
     status TEXT NOT NULL,
     success_once BOOLEAN NOT NULL,
     steps BIGINT NOT NULL,

@@ -154,5 +154,5 @@ def test_a_history_of_a_newer_version_is_refused_and_unchanged(run_command, runs
         connection.execute("UPDATE robogauntlet_schema SET version = 99")
     connection.close()
     before = (runs / "history.sqlite").read_bytes()
-    assert "expected a store of version 2, got version 99" in run_command("history").refusal
+    assert "expected a store of version 3, got version 99" in run_command("history").refusal
     assert (runs / "history.sqlite").read_bytes() == before

@@ -5,12 +5,14 @@ from contextlib import closing
 
 import sqlalchemy as sa
 
-from robogauntlet.results.record import FIELDS, LATER
+from robogauntlet.results.record import FIELDS
+from robogauntlet.results.store.schema import columns_after
 from tests import ROOT
 
-SQL = {version: (ROOT / f"tests/data/store-{version}.sql").read_text() for version in (1, 2)}
+SQL = {version: (ROOT / f"tests/data/store-{version}.sql").read_text() for version in (1, 2, 3)}
 """Tables and indexes by version."""
-FIELDS_1 = [name for name in FIELDS if name not in LATER]
+LATER = columns_after(1)
+"""Columns of `episodes` that version 1 did not have."""
 RUN = {
     **{"run_id": "run-1", "started_at": 1.0, "document": "{}", "suite": "synthetic", "status": "complete"},
     **{"planned": 24, "accepted": True},
@@ -25,20 +27,21 @@ def insert(engine, table, rows):
         connection.execute(sa.text(statement), rows)
 
 
-def rows_1(results, run_id="run-1"):
-    """Rows of `episodes` as version 1 had them."""
-    return [{"run_id": run_id, **{name: getattr(result, name) for name in FIELDS_1}} for result in results]
+def rows_of(results, run_id="run-1", version=1):
+    """Rows of `episodes` as a version had them."""
+    names = [name for name in FIELDS if name not in columns_after(version)]
+    return [{"run_id": run_id, **{name: getattr(result, name) for name in names}} for result in results]
 
 
-def make_store_1(url, results):
-    """Make a store of version 1 with the run `run-1`."""
+def make_store(url, results, version=1):
+    """Make a store of an earlier version with the run `run-1`."""
     engine = sa.create_engine(url)
     with engine.begin() as connection:
-        for statement in filter(str.strip, SQL[1].split(";")):
+        for statement in filter(str.strip, SQL[version].split(";")):
             connection.exec_driver_sql(statement)
-    insert(engine, "robogauntlet_schema", [{"version": 1}])
+    insert(engine, "robogauntlet_schema", [{"version": version}])
     insert(engine, "runs", [RUN])
-    insert(engine, "episodes", rows_1(results))
+    insert(engine, "episodes", rows_of(results, version=version))
     engine.dispose()
 
 

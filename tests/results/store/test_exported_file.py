@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robogauntlet.results.record import LATER, FailureKind, outcome_row, rows_hash
+from robogauntlet.results.record import FailureKind, outcome_row, rows_hash
 from robogauntlet.results.run_document import RunError, store_url
 from robogauntlet.results.store import exported_file
 from robogauntlet.results.store.database import StoreError
@@ -22,7 +22,7 @@ from robogauntlet.results.store.limited_reader import Copier
 from robogauntlet.results.store.run_archive import export_run, import_run
 from robogauntlet.results.store.schema import VERSION
 from tests.errors import one_line_error
-from tests.results.store.earlier import SQL, as_version_1
+from tests.results.store.earlier import LATER, SQL, as_version_1
 from tests.results.synthetic import cells, document, execute, row, run_folder
 
 RESULTS = [row(cell, seed) for cell in cells() for seed in range(3)]
@@ -242,11 +242,11 @@ def test_tables_of_this_version_that_are_called_version_1_are_refused(tmp_path):
     refuse(file, "its tables are not those of this program")
 
 
-@pytest.mark.parametrize("version", ["0", "3", "-1", "9223372036854775807"])
+@pytest.mark.parametrize("version", ["0", "4", "-1", "9223372036854775807"])
 def test_an_export_of_another_version_is_refused(tmp_path, version):
     file = export(tmp_path)
     execute(file, f"UPDATE robogauntlet_schema SET version = {version}")
-    refuse(file, f"expected an exported run of version 2, got version {version}; import it with")
+    refuse(file, f"expected an exported run of version 3, got version {version}; import it with")
 
 
 def test_measured_behaviour_is_imported_with_every_kind_of_failure(tmp_path):

@@ -11,14 +11,14 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 
-from robogauntlet.results.record import FIELDS, LATER, outcome_row, rows_hash
+from robogauntlet.results.record import FIELDS, outcome_row, rows_hash
 from robogauntlet.results.store.database import Database
 from robogauntlet.results.store.episode_store import Store, StoreError, file_url
 from robogauntlet.results.store.run_history import History
 from robogauntlet.results.store.schema import SCHEMA, VERSION, metadata
 from tests.errors import one_line_error
 from tests.processes import environment_of
-from tests.results.store.earlier import insert, make_store_1, rows_1
+from tests.results.store.earlier import LATER, insert, make_store, rows_of
 from tests.results.store.test_postgresql import server  # noqa: F401
 from tests.results.synthetic import cells, document, execute, row, rows, run_folder
 
@@ -51,7 +51,7 @@ def empty(request, tmp_path):
 def url(empty):
     """The address of a store of version 1 with `ROWS`."""
     address = empty()
-    make_store_1(address, ROWS)
+    make_store(address, ROWS)
     return address
 
 
@@ -84,6 +84,14 @@ def test_a_store_of_version_1_keeps_its_rows_and_their_hash(url, create):
     assert stored(url, create=create) == found
 
 
+def test_a_store_of_version_2_keeps_its_rows_with_their_behaviour_and_their_hash(empty):
+    make_store(url := empty(), results := [*ROWS, row(cells()[0], 99, "failure", **MEASURED)], version=2)
+    found = stored(url)
+    assert found == sorted(results, key=lambda result: result.episode_id)
+    assert rows_hash(map(outcome_row, found)) == rows_hash(map(outcome_row, results))
+    assert versions_of(url) == NEW
+
+
 def test_an_upgraded_store_has_all_tables_and_indexes(url):
     with closing(History.open(url)) as history:
         (entry,) = history.runs()
@@ -113,7 +121,7 @@ def test_several_may_create_a_store_at_the_same_time(empty):
 def test_several_may_open_a_store_of_version_1_at_the_same_time(empty):
     with ThreadPoolExecutor(4) as threads:
         for _ in range(5):
-            make_store_1(url := empty(), ROWS)
+            make_store(url := empty(), ROWS)
             found = list(threads.map(stored, [url] * 4))
             assert all(rows_hash(map(outcome_row, results)) == HASH for results in found)
             assert versions_of(url) == NEW
@@ -174,7 +182,7 @@ def test_a_process_of_version_1_that_has_the_store_open_goes_on_writing(url):
     with earlier.connect() as connection:
         assert connection.exec_driver_sql("SELECT count(*) FROM episodes").scalar() == len(ROWS)
     assert len(stored(url)) == len(ROWS)
-    insert(earlier, "episodes", rows_1([later]))
+    insert(earlier, "episodes", rows_of([later]))
     earlier.dispose()
     assert later in stored(url)
 
@@ -193,20 +201,20 @@ def test_a_store_that_a_later_version_upgrades_meanwhile_is_refused_and_unchange
     def overtaken(database, connection, name):
         other = sa.create_engine(url)
         with other.begin() as first:
-            first.exec_driver_sql("UPDATE robogauntlet_schema SET version = 3")
+            first.exec_driver_sql("UPDATE robogauntlet_schema SET version = 99")
         other.dispose()
 
     monkeypatch.setattr(Database, "_wait_for_others", overtaken)
-    with one_line_error(StoreError, f"expected a store of version {VERSION}, got version 3"):
+    with one_line_error(StoreError, f"expected a store of version {VERSION}, got version 99"):
         stored(url)
-    assert versions_of(url) == ([3], OLD[1])
+    assert versions_of(url) == ([99], OLD[1])
 
 
 def test_a_store_of_version_1_that_cannot_be_written_is_refused_with_what_to_do(tmp_path):
     path = tmp_path / "episodes.sqlite"
-    make_store_1(file_url(path), ROWS)
+    make_store(file_url(path), ROWS)
     before = path.read_bytes()
-    words = "upgrading it from version 1 to 2: expected a store in a place that can be written, which reading takes too"
+    words = "upgrading it from version 1 to 3: expected a store in a place that can be written, which reading takes too"
     with one_line_error(StoreError, words):
         stored(f"sqlite:///file:{path}?mode=ro&uri=true")
     assert path.read_bytes() == before
@@ -221,7 +229,7 @@ def test_a_user_who_may_not_change_the_tables_is_told_that_they_need_an_upgrade(
         connection.exec_driver_sql(f"GRANT ALL ON SCHEMA public TO {reader}")
     engine.dispose()
     theirs = sa.make_url(url).set(username=reader).render_as_string(hide_password=False)
-    with one_line_error(StoreError, "upgrading it from version 1 to 2: must be owner of table"):
+    with one_line_error(StoreError, "upgrading it from version 1 to 3: must be owner of table"):
         stored(theirs)
     assert versions_of(url) == OLD
     assert len(stored(url)) == len(stored(theirs)) == len(ROWS)
@@ -229,7 +237,7 @@ def test_a_user_who_may_not_change_the_tables_is_told_that_they_need_an_upgrade(
 
 def test_what_a_person_added_to_a_store_of_version_1_stays(tmp_path):
     path = tmp_path / "episodes.sqlite"
-    make_store_1(file_url(path), ROWS)
+    make_store(file_url(path), ROWS)
     execute(path, "CREATE VIEW mine AS SELECT * FROM episodes", "ALTER TABLE episodes ADD COLUMN note TEXT")
     assert len(stored(file_url(path))) == len(ROWS)
     assert versions_of(file_url(path)) == (NEW[0], {*NEW[1], "note"})
@@ -239,11 +247,11 @@ def test_the_run_of_a_folder_of_version_1_has_its_rows(tmp_path):
     run = document(3, rows_hash=HASH)
     folder = run_folder(tmp_path / "run", run, [])
     (folder / "episodes.sqlite").unlink()
-    make_store_1(file_url(folder / "episodes.sqlite"), ROWS)
+    make_store(file_url(folder / "episodes.sqlite"), ROWS)
     with closing(Store.open_begun(folder, run)) as store:
         assert rows_hash(map(outcome_row, store.results())) == run.rows_hash
 
 
 def test_the_columns_that_came_later_may_be_null():
-    assert {1} == SCHEMA.earlier
+    assert {1, 2} == SCHEMA.earlier
     assert all(metadata.tables["episodes"].c[name].nullable for name in LATER)
