@@ -1,8 +1,8 @@
 """Exported runs that were made to do harm: each is refused in one line, soon, and leaves nothing."""
 
 import json
+import os
 import sqlite3
-import time
 from contextlib import closing
 from functools import cache
 from pathlib import Path
@@ -39,12 +39,12 @@ def export(root, results=RESULTS, **changes):
 
 
 def refuse(file, match=None):
-    """Expects that the file is refused in one line and soon, and that nothing is left."""
+    """Expects that the file is refused in one line after little computing, and that nothing is left."""
     root = file.parent / "there"
-    began = time.monotonic()
+    began = sum(os.times()[:4])  # with the process that reads the file; a busy machine takes longer
     with one_line_error(RunError, match) as caught:
         import_run(file, root)
-    assert time.monotonic() - began < 30
+    assert sum(os.times()[:4]) - began < 30
     assert len(str(caught.value)) < 600
     assert not root.exists()
 
