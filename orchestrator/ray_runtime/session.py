@@ -8,9 +8,11 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
@@ -60,6 +62,7 @@ def ray_session(*, address: str | None, workers: int) -> Iterator[None]:
 
     Raises:
         NoCluster: Nothing answers at the address.
+        RayLost: Ray could not be started on this machine.
     """
     global _head, _folder
     environment = _LOCAL_ENVIRONMENT if address is None else _JOINED_ENVIRONMENT
@@ -136,11 +139,27 @@ def _start(address: str | None, workers: int) -> None:
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
         options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _PAST_THE_OBJECT_STORE}
-    ray.init(address or "local", **options)
+    children = set(psutil.Process().children(recursive=True))
+    try:
+        ray.init(address or "local", **options)
+    except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
+        if address is not None:
+            raise
+        _end_half_a_ray(children)
+        raise RayLost(f"Ray did not start: {str(error).partition(chr(10))[0]}") from error
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     with contextlib.suppress(OSError, RuntimeError):
         (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
+
+
+def _end_half_a_ray(earlier: Collection[psutil.Process]) -> None:
+    """End what Ray has started here before its start failed: Ray itself does so only when this process ends."""
+    started = [child for child in psutil.Process().children(recursive=True) if child not in earlier]
+    for child in started:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            child.kill()
+    psutil.wait_procs(started)
 
 
 def room_for_workers() -> int:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 from robogauntlet.results.statistics.aggregate import (
     DRAWS,
@@ -119,7 +118,9 @@ def retention(rates: NDArray[np.float64], baselines: NDArray[np.float64]) -> NDA
 
 def area(kept: NDArray[np.float64], levels: NDArray[np.float64]) -> NDArray[np.float64]:
     """Area under the retention along the last axis by trapezoids, divided by the range of levels."""
-    found: NDArray[np.float64] = trapezoid(kept, levels, axis=-1) / (levels[-1] - levels[0])
+    # SciPy's function of that name is the same sum; importing it takes half a second of every command that plays.
+    trapezoids = np.diff(levels) * (kept[..., 1:] + kept[..., :-1]) / 2.0
+    found: NDArray[np.float64] = trapezoids.sum(axis=-1) / (levels[-1] - levels[0])
     return found
 
 

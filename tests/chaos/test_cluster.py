@@ -145,7 +145,7 @@ def test_nodes_that_differ_and_fail_change_no_row(namespaces, tmp_path):
 
 def test_the_death_of_the_head_ends_a_run_with_a_message_and_it_continues_elsewhere(namespaces, tmp_path):
     suite, folder, log = tmp_path / "suite.yaml", tmp_path / "nodes", tmp_path / "log.txt"
-    suite.write_text(NULL.replace("workers: 2", "workers: auto"))
+    suite.write_text(NULL.replace("count: 120", "count: 60").replace("workers: 2", "workers: auto"))
     with ray_cluster(tmp_path, nodes=2) as cluster:
         cluster.start_ray(0)
         cluster.start_ray(1)

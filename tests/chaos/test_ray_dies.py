@@ -72,6 +72,7 @@ def suite(tmp_path):
 
 
 def test_ray_is_restarted_while_media_are_recorded_and_no_video_is_missing(start, suite, tmp_path):
+    suite.write_text(NULL.replace("count: 120", "count: 10"))
     folder = tmp_path / "run"
     command = start("run", suite, "--out", folder, "--media")
     command.kill_raylet_when(lambda: "videos and snapshots" in command.log.read_text())

@@ -50,6 +50,32 @@ def test_ray_of_one_machine_listens_on_loopback_with_a_token_and_leaves_the_envi
     assert answer == {"mode": "token", "listening": ["127.0.0.1"], "environment as before": True}
 
 
+FAILING = """
+import psutil, ray._private.services as services
+from robogauntlet.orchestrator.ray_runtime.session import RayLost, ray_session
+
+def get_node(*_):
+    raise Exception("The current node timed out during startup.\\nMore")
+
+services.get_node = get_node
+try:
+    with ray_session(address=None, workers=1):
+        pass
+except RayLost as error:
+    print(error)
+print([child.name() for child in psutil.Process().children()])
+"""
+
+
+@pytest.mark.ray
+def test_a_ray_that_does_not_start_is_lost_and_leaves_no_process():
+    done = subprocess.run([sys.executable, "-c", FAILING], check=True, capture_output=True, text=True, timeout=120)
+    assert done.stdout.splitlines()[-2:] == [
+        "Ray did not start: The current node timed out during startup.",
+        "[]",
+    ]
+
+
 @pytest.mark.ray
 def test_the_token_of_ray_is_for_its_owner_only(ray_here):
     assert (Path.home() / ".ray" / "auth_token").stat().st_mode & 0o077 == 0
