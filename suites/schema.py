@@ -24,6 +24,7 @@ from robogauntlet.suites.conditions import condition_of, read_severities
 from robogauntlet.suites.designs import DesignEntry, Severity
 from robogauntlet.suites.environments import EnvironmentEntry
 from robogauntlet.suites.episode import (
+    AT,
     CAMERAS,
     CLEAN,
     CONTROLS,
@@ -324,10 +325,17 @@ class Suite(_Model):
         return content_hash(evaluated)
 
 
+def _matches(task: str, pattern: str) -> bool:
+    return (AT not in task or AT in pattern) and fnmatchcase(task, pattern)
+
+
 def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
-    """Return the names of the tasks that match the patterns, in their order; a plain name is kept."""
+    """Return the names of the tasks that match the patterns, in their order; a plain name is kept.
+
+    Tasks that name their arm (`robosuite/Lift@UR5e`) match patterns that do so too (`robosuite/*@*`).
+    """
     expanded: list[str] = []
     for pattern in patterns:
         is_plain = not set(pattern) & set("*?[")
-        expanded += [pattern] if is_plain else [task for task in known if fnmatchcase(task, pattern)]
+        expanded += [pattern] if is_plain else [task for task in known if _matches(task, pattern)]
     return expanded

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
@@ -33,6 +34,7 @@ class MujocoArm:
         self._site, self._hand = self._model.site(tool[0]).id, self._model.body(tool[1]).id
         arm = controller()
         self._joints, self._qpos, self._dofs = arm.joint_index, arm.qpos_index, arm.qvel_index
+        self._of_gripper = below(self._model, self._hand)
         self._scratch: Any = None
         """Data on which joint positions are tried, created at first use."""
 
@@ -83,10 +85,23 @@ class MujocoArm:
         return scratch.qpos[self._qpos], error
 
     def _contact(self) -> str:
-        """Return the first contact of the robot, with itself or another body, at the positions tried; empty if none."""
+        """Return the first contact of the robot, with itself or another body, at the positions tried; empty if none.
+
+        Parts of the gripper touch each other in any pose.
+        """
         self._mujoco.mj_fwdPosition(self._model, self._scratch)
         robot = self._model.body_rootid[self._hand]
         for pair in self._scratch.contact.geom:
-            if robot in self._model.body_rootid[self._model.geom_bodyid[pair]]:
+            bodies = self._model.geom_bodyid[pair]
+            if robot in self._model.body_rootid[bodies] and not all(self._of_gripper[bodies]):
                 return " and ".join(self._model.geom(geom).name for geom in pair)
         return ""
+
+
+def below(model: Any, body: int) -> NDArray[np.bool_]:
+    """Return which bodies hang from a body, itself included, (bodies,)."""
+    found = np.zeros(model.nbody, dtype=bool)
+    found[body] = True
+    for number in range(body + 1, model.nbody):  # Parents come before their children.
+        found[number] = found[model.body_parentid[number]]
+    return found

@@ -14,6 +14,7 @@ from robogauntlet.adapters.contract import ActionSpec, FloatArray, Image, Motion
 from robogauntlet.adapters.frames import hash_state
 from robogauntlet.adapters.mujoco_parts.cameras import CAMERA_NAMES
 from robogauntlet.adapters.mujoco_parts.contacts import MujocoContacts
+from robogauntlet.adapters.mujoco_parts.fingers import Fingers, Pads, SlidingFingers
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
@@ -42,13 +43,23 @@ class MujocoSimulation(BaseSimulation):
         option.geomgroup[0] = 0  # Collision shapes.
         self._scene = MujocoScene(self._model, self._data, view.render_profile, option)
 
-    def _take_arm(self, base: str, tool_centre: str, hand: str, fingers: list[str]) -> None:
-        """Take the names of the robot's base body, the tool's site and body, and the fingers' joints."""
+    def _take_arm(
+        self,
+        base: str,
+        tool_centre: str,
+        hand: str,
+        fingers: list[str],
+        pads: tuple[Sequence[str], Sequence[str]] | None = None,
+    ) -> None:
+        """Take the names of the robot's base body, the tool's site and body, and the gripper's joints.
+
+        `pads` has the shapes at the fingertips of each side, where the joints are no slides.
+        """
         self._physics = MujocoPhysics(self._mujoco, self._model, self._data, base)
         self._tool_centre = self._data.site(tool_centre)
         # The hand, not the site in it: along its y axis the fingers open, as in the other simulators.
         self._hand = self._data.body(hand)
-        self._fingers = [self._data.joint(name) for name in fingers]
+        self._fingers: Fingers = Pads(self._physics, hand, pads) if pads else SlidingFingers(self._physics, fingers)
         self._arm = base, fingers
 
     def _take_objects(self, bodies: Iterable[str], places: Mapping[str, Any], angles: Mapping[str, Any]) -> None:
@@ -108,8 +119,11 @@ class MujocoSimulation(BaseSimulation):
         """Bring poses up to date, and return the entries that every `privileged_state` has."""
         self._refresh()
         position, quaternion = self._physics.pose_from_world(self._tool_centre.xpos, self._hand.xmat)
-        fingers = np.abs([finger.qpos[0] for finger in self._fingers])  # Distances from the middle (m).
-        return {"tcp_position": position, "tcp_quaternion": quaternion, "finger_positions": fingers}
+        return {
+            "tcp_position": position,
+            "tcp_quaternion": quaternion,
+            "finger_positions": self._fingers.positions(),
+        }
 
     def motion(self, entries: Sequence[str]) -> Motion:
         """Return the tool, these positions and joint values, contacts and joint limits."""
@@ -124,7 +138,7 @@ class MujocoSimulation(BaseSimulation):
 
         return Motion(
             tool=value("tcp_position"),
-            opening=float(sum(abs(finger.qpos[0]) for finger in self._fingers)),
+            opening=float(sum(self._fingers.positions())),
             entries=tuple(map(value, entries)),
             contact_force=self._contacts.contact_force(),
             joint_margin=self._contacts.joint_margin(),

@@ -1,4 +1,4 @@
-"""robosuite (MuJoCo): the Panda at its table with Lift, Stack and Door, under the benchmark's default controller.
+"""robosuite (MuJoCo): tasks of one arm, under the benchmark's default controller.
 
 Particular to this adapter:
 
@@ -6,6 +6,8 @@ Particular to this adapter:
   that is set again in each control step, relative to the present pose. In steady motion it covers
   sqrt(kp) / 2 * dt = 31 % of the offset. The adapter commands correspondingly more, so that the tool centre point moves
   by the action; `ActionSpec` states the range that remains. A rotation alone also moves the tool centre point.
+  Other arms are slower to follow (0.21 to 0.25): their share is measured when a task is opened.
+- On the IIWA and the XArm7, robosuite ties the controller's frame to the first link; here it is the base, as on others.
 - The gripper uses only the sign of its command: it moves by a fixed amount, and does not move at exactly 0.
 - The size of Lift's cube is drawn once while the model is built, always from `BUILD_SEED`; robosuite's `hard_reset`
   would draw it in each episode, at a second or more per reset.
@@ -17,23 +19,26 @@ Particular to this adapter:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters import references
-from robogauntlet.adapters.contract import ActionSpec, FloatArray, Goal, Simulator, StepOutcome, TaskDescription
+from robogauntlet.adapters.contract import ActionSpec, FloatArray, Simulator, StepOutcome
 from robogauntlet.adapters.mujoco_parts.arm import MujocoArm
 from robogauntlet.adapters.mujoco_parts.cameras import MujocoCameras
 from robogauntlet.adapters.mujoco_parts.control import ControlLoop, Version
 from robogauntlet.adapters.mujoco_parts.dynamics import MujocoDynamics
+from robogauntlet.adapters.mujoco_parts.fingers import Pads
 from robogauntlet.adapters.mujoco_parts.lights import MujocoLights
 from robogauntlet.adapters.mujoco_parts.meshes import simplify_meshes
 from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
 from robogauntlet.adapters.mujoco_parts.simulation import MujocoSimulation, import_with_mujoco
 from robogauntlet.adapters.mujoco_parts.table import MujocoTable
+from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, split_arm
 from robogauntlet.adapters.robosuite.objects import RobosuiteObjects
+from robogauntlet.adapters.robosuite.tasks import PARTS, TASKS
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -41,54 +46,12 @@ CONTROL_HZ = 20.0
 BUILD_SEED = 0
 """Seed with which robosuite builds a model."""
 
+RUN_UP, MEASURED = 8, 5
+"""Control steps until a motion is steady, and over which it is measured."""
+CLOSING_STEPS = 40
+"""Control steps in which any gripper closes."""
 LIFTED = 0.04
 """Height of a cube's centre above the table from which robosuite takes it for lifted (m)."""
-
-TASKS = {
-    "Lift": TaskDescription(
-        "lift the red cube off the table",
-        horizon=80,
-        goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), grasped=True),
-    ),
-    "Stack": TaskDescription(
-        "put the red cube on the green cube",
-        horizon=180,
-        goal=Goal("cubeA_position", "cubeB_position", (0.0, 0.0, 0.045), tolerance=0.02, grasped=True),
-    ),
-    "Door": TaskDescription(
-        "turn the handle down and pull the door open",
-        horizon=180,
-        goal=Goal("hinge_angle", offset=(0.3,), handle="handle_position"),
-    ),
-}
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Names in `privileged_state` to names in the MuJoCo model."""
-
-    bodies: Mapping[str, str] = field(default_factory=dict)
-    sites: Mapping[str, str] = field(default_factory=dict)
-    angles: Mapping[str, str] = field(default_factory=dict)
-    """Hinge joints."""
-    lifted: str = ""
-    """The body without which above the table there is no reward."""
-    placed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Bodies that resets place, the main object first, to the bodies that are mounted on each."""
-
-
-PARTS = {
-    "Lift": Parts(bodies={"cube": "cube_main"}, placed={"cube": ()}),
-    "Stack": Parts(
-        bodies={"cubeA": "cubeA_main", "cubeB": "cubeB_main"}, lifted="cubeA_main", placed={"cubeA": (), "cubeB": ()}
-    ),
-    "Door": Parts(
-        bodies={"door": "Door_door", "latch": "Door_latch"},
-        sites={"handle": "Door_handle"},
-        angles={"hinge_angle": "Door_hinge", "latch_angle": "Door_latch_joint"},
-        placed={"door": ("handle", "latch")},
-    ),
-}
 
 
 class RobosuiteSimulation(MujocoSimulation):
@@ -101,9 +64,11 @@ class RobosuiteSimulation(MujocoSimulation):
             SimulatorUnavailable: robosuite or MuJoCo is missing, or this machine cannot render.
         """
         mujoco, robosuite = import_with_mujoco("robosuite", "robosuite")
+        name, arm = split_arm(task)
         env = robosuite.make(
-            task,
-            robots="Panda",
+            name,
+            robots=arm,
+            gripper_types=ARMS[arm].gripper,
             control_freq=CONTROL_HZ,
             ignore_done=True,
             hard_reset=False,
@@ -121,10 +86,12 @@ class RobosuiteSimulation(MujocoSimulation):
         super().__init__(mujoco, env, view, TASKS[task].instruction, ActionSpec(translation, rotation, CONTROL_HZ))
         if view.render_profile is RenderProfile.FAST_2:
             simplify_meshes(mujoco, self._model)
-        self._parts = PARTS[task]
+        self._parts = PARTS[name]
         tool = robot.gripper["right"].important_sites["grip_site"], robot.robot_model.eef_name["right"]
-        self._take_arm(robot.robot_model.root_body, *tool, robot.gripper["right"].joints)
+        gripper = robot.gripper["right"]
+        self._take_arm(robot.robot_model.root_body, *tool, gripper.joints, ARMS[arm].fingertips(gripper))
         places = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
+        places |= {name: self._data.body(body) for name, body in self._parts.marks.items()}
         places |= {name: self._data.site(site) for name, site in self._parts.sites.items()}
         self._take_objects(
             self._parts.bodies.values(),
@@ -134,17 +101,23 @@ class RobosuiteSimulation(MujocoSimulation):
         objects = {name: self._parts.bodies[name] for name in self._parts.placed}
         sampler, attached = self._env.placement_initializer, self._parts.placed
         self._lights = MujocoLights(self._physics)
-        self._table = MujocoTable(self._physics, self._scene.renderers)
+        self._table = None if "table" in TASKS[task].fixed else MujocoTable(self._physics, self._scene.renderers)
         self.scene_controls = SceneControls(
             cameras=MujocoCameras(self._physics),
             lights=self._lights,
-            objects=RobosuiteObjects(self._physics, objects, attached, sampler),
+            objects=RobosuiteObjects(self._physics, objects, attached, sampler) if objects else None,
             arm=MujocoArm(self._physics, lambda: robot.part_controllers["right"], tool),
-            dynamics=MujocoDynamics(self._physics, objects.values()),
+            dynamics=MujocoDynamics(self._physics, (objects or self._parts.bodies).values()),
             table=self._table,
         )
+        fix_frame(self._model, f"{controller.naming_prefix}{controller.part_name}_center", robot.robot_model.root_body)
         self._control = control_loop(self._physics, env)
         self._control.step(np.zeros(env.action_dim))
+        self.reset(BUILD_SEED)
+        if arm != PANDA:
+            self.action_spec = ActionSpec(*self._measured_bounds(controller.output_max), CONTROL_HZ)
+        if isinstance(self._fingers, Pads):
+            self._close_gripper(self._fingers)
         self.reset(BUILD_SEED)
         self._check_rendering()
 
@@ -167,6 +140,38 @@ class RobosuiteSimulation(MujocoSimulation):
         # The sparse reward is 1 where the task's predicate holds, else 0, so the predicate is computed once.
         return StepOutcome(reward=reward, success=reward > 0.0)
 
+    def _measured_bounds(self, largest: FloatArray) -> tuple[float, float]:
+        """Return the largest translation (m) and rotation (rad) of a step in steady motion, by those of the goal.
+
+        Means over the axes, both ways except down to the table, rounded so that processors agree.
+        """
+        shares: tuple[list[float], list[float]] = ([], [])
+        for axis, sign in ((axis, sign) for axis in range(6) for sign in (1.0, -1.0) if (axis, sign) != (2, -1.0)):
+            self.reset(BUILD_SEED)
+            command = np.zeros(self._env.action_dim)
+            command[axis] = 0.5 * sign
+            for _ in range(RUN_UP):
+                self._control.step(command)
+            start, start_rotation = self._tool_pose()
+            for _ in range(MEASURED):
+                self._control.step(command)
+            end, end_rotation = self._tool_pose()
+            change = np.concatenate([end - start, (end_rotation * start_rotation.inv()).as_rotvec()])
+            shares[axis // 3].append(change[axis] / (MEASURED * command[axis] * largest[axis]))
+        translation, rotation = (round(float(np.mean(share)), 2) for share in shares)
+        return translation * float(largest[0]), rotation * float(largest[3])
+
+    def _tool_pose(self) -> tuple[FloatArray, Rotation]:
+        state = self.arm_state()
+        return state["tcp_position"], Rotation.from_quat(state["tcp_quaternion"])
+
+    def _close_gripper(self, pads: Pads) -> None:
+        """Measure the gap of the closed and empty gripper."""
+        for _ in range(CLOSING_STEPS):
+            self._control.step(np.array([0.0] * 6 + [1.0]))
+        self._refresh()
+        pads.closed = pads.gap()
+
     def _reward(self) -> float:
         """Return robosuite's reward; in most steps without the contacts, which it looks up by name."""
         lifted, env = self._parts.lifted, self._env
@@ -179,7 +184,8 @@ class RobosuiteSimulation(MujocoSimulation):
 
         Lift: `cube_*`. Stack: `cubeA_*` (red, to be put on) and `cubeB_*` (green). Door: `door_*` and `latch_*` (the
         two bodies), `handle_*` (a point near the free end of the handle), `hinge_angle` (1,) (0 closed, success above
-        0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad.
+        0.3) and `latch_angle` (1,) (0 at rest, positive downwards), rad. PickPlace: `can_*` and so on, and `goal_*`
+        (its place in the bin). NutAssembly: `nut_*` (the middle of the hole) and `peg_*`.
         """
         state = self.arm_state() | self._poses({name: p for name, p in self._places.items() if name != "tcp"})
         return state | {name: joint.qpos.copy() for name, joint in self._angles.items()}
@@ -198,6 +204,14 @@ def control_loop(physics: MujocoPhysics, env: Any) -> ControlLoop:
     actuators = robot._ref_actuators_indexes_dict["right"], robot._ref_actuators_indexes_dict["right_gripper"]
     tool = "ref_name", "ref_pos", "ref_ori_mat"
     return ControlLoop(physics, env, Version(lambda: robot.part_controllers["right"], tool, actuators, set_goal))
+
+
+def fix_frame(model: Any, site: str, base: str) -> None:
+    """Bring the site whose frame the controller's input is in to the robot's base, if it is on a link that moves."""
+    frame, body = model.site(site), model.body(base)
+    if model.body_weldid[frame.bodyid[0]]:
+        frame.bodyid[:], frame.pos[:], frame.quat[:] = body.id, 0.0, (1.0, 0.0, 0.0, 0.0)
+        model.site_sameframe[frame.id] = 0
 
 
 def samplers(root: Any) -> list[Any]:

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.policies.oracles.motion import CLOSED, OPEN, Script, State, distance, move, pointing_down, yaw_of
+from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, name_with
+from robogauntlet.policies.oracles.motion import (
+    CLOSED,
+    OPEN,
+    Script,
+    State,
+    distance,
+    limit,
+    move,
+    pointing_down,
+    yaw_of,
+)
 
 MAX_STEP, MAX_TURN = 0.0153, 0.153
 """Largest motion in one step (m, rad), the controller's limit."""
+SLOWER_STEP, SLOWER_TURN = 0.0105, 0.085
+"""The same for the slowest of the other arms."""
 GAIN = 0.306
 """Share of the remaining distance in one step, the largest that this controller follows without overshoot."""
 UP = np.array([0.0, 0.0, 1.0])
@@ -157,4 +171,127 @@ def grasp(state: State, cube: str, yaw: float) -> FloatArray:
     return go(state, target, OPEN, pointing_down(yaw))
 
 
-SCRIPTS: dict[str, Callable[[], Script]] = {"robosuite/Lift": Lift, "robosuite/Stack": Stack, "robosuite/Door": Door}
+class PickPlace:
+    """Grasps an object across its narrow side, carries it over the bins' walls and drops it into its compartment."""
+
+    clearance = 0.18
+    """Height above its place at which the object is carried (m)."""
+    reach = 0.79
+    """Distance from the base at which the arm can still be steered (m)."""
+
+    def __init__(self, name: str, width: float, above: float) -> None:
+        """Take the object's name, its narrow side, and the height of the grasp above its centre (m)."""
+        self._name, self._width, self._above = name, width, above
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        centre, tcp = state[f"{self._name}_position"], state["tcp_position"]
+        yaw = across(state, f"{self._name}_quaternion")
+        goal = state["goal_position"].copy()
+        goal[:2] = limit(goal[:2], self.reach)  # Still within its compartment.
+        to_goal = goal - centre
+        lateral = float(np.linalg.norm(to_goal[:2]))
+        if lateral < 0.05 and to_goal[2] > -0.07:
+            return go(state, tcp + (0.05 * UP if opened(state, self._width) else 0.0), OPEN, pointing_down(yaw))
+        grip = centre + self._above * UP
+        if not gripped(state, grip, self._width):
+            return grasp_at(state, grip, yaw, self._width)
+        to_goal[2] += min(self.clearance, 4.0 * max(0.0, lateral - 0.02))
+        to_goal[:2] *= float(np.clip(1.0 - (to_goal[2] - 0.03) / 0.05, 0.0, 1.0))
+        return go(state, tcp + to_goal, CLOSED, pointing_down(yaw))
+
+
+class NutAssembly:
+    """Grasps a nut by its handle, brings its hole over the peg and lowers it."""
+
+    width, reach = 0.032, 0.066
+    """Width of the handle, distance of the grasp from the middle of the hole (m)."""
+    clearance = 0.12
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        nut, tcp = state["nut_position"], state["tcp_position"]
+        handle = nut + Rotation.from_quat(state["nut_quaternion"]).apply([self.reach, 0.0, 0.0])
+        yaw = across(state, "nut_quaternion")
+        to_peg = state["peg_position"] - nut
+        lateral = float(np.linalg.norm(to_peg[:2]))
+        if lateral < 0.015 and to_peg[2] > -0.06:
+            return go(state, tcp + (0.05 * UP if opened(state, self.width) else 0.0), OPEN, pointing_down(yaw))
+        if not gripped(state, handle, self.width):
+            return grasp_at(state, handle, yaw, self.width)
+        turned = yaw_of(state["nut_quaternion"])
+        # The peg is square, and too far away to be reached by a handle that points away from the robot.
+        straight = min((_wrapped(turned - goal) for goal in (-np.pi / 2, np.pi / 2, np.pi)), key=abs)
+        to_peg[2] += min(self.clearance, max(0.0, 20.0 * (lateral - 0.004), 0.5 * (abs(straight) - 0.05)))
+        to_peg[:2] *= float(np.clip(1.0 - (to_peg[2] - 0.02) / 0.03, 0.0, 1.0))
+        return go(state, tcp + to_peg, CLOSED, pointing_down(tool_yaw(state) - straight))
+
+
+def _wrapped(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+def across(state: State, quaternion: str) -> float:
+    """Return the nearest yaw (rad) at which the fingers close along the y axis of an object."""
+    current = tool_yaw(state)
+    return current + (yaw_of(state[quaternion]) - current + np.pi / 2) % np.pi - np.pi / 2
+
+
+def opened(state: State, width: float) -> bool:
+    """Return whether the fingers have let go of something that is this wide (m)."""
+    return float(state["finger_positions"].sum()) > width + 0.015
+
+
+def gripped(state: State, place: FloatArray, width: float) -> bool:
+    """Return whether the fingers hold something this wide (m) at a place."""
+    return distance(state, place) < 0.03 and abs(float(state["finger_positions"].sum()) - width) < 0.012
+
+
+def grasp_at(state: State, place: FloatArray, yaw: float, width: float) -> FloatArray:
+    """Return one action (7,) of a grasp: open, approach the place from above within a funnel, close."""
+    opening, target = float(state["finger_positions"].sum()), np.array(place)
+    lateral, angle_error = float(np.linalg.norm((target - state["tcp_position"])[:2])), abs(yaw - tool_yaw(state))
+    closing = distance(state, place) < 0.02 and width - 0.01 < opening < width + 0.03
+    if closing or (distance(state, place) < 0.015 and angle_error < 0.2 and opening > width):
+        return go(state, target, CLOSED, pointing_down(yaw))
+    until_open = 0.1 if opening < width + 0.015 else 0.0
+    target[2] += min(0.12, max(0.0, 5.0 * (lateral - 0.01), 0.4 * (angle_error - 0.15), until_open))
+    return go(state, target, OPEN, pointing_down(yaw))
+
+
+WITH_ANY_ARM: dict[str, Callable[[], Script]] = {"Lift": Lift, "Stack": Stack, "Door": Door}
+WITH_PANDA: dict[str, Callable[[], Script]] = {
+    **WITH_ANY_ARM,
+    "PickPlaceCan": partial(PickPlace, "can", 0.052, 0.015),
+    "PickPlaceMilk": partial(PickPlace, "milk", 0.04, 0.05),
+    "PickPlaceBread": partial(PickPlace, "bread", 0.04, 0.015),
+    "PickPlaceCereal": partial(PickPlace, "cereal", 0.03, 0.045),
+    "NutAssemblySquare": NutAssembly,
+    "NutAssemblyRound": NutAssembly,
+}
+
+
+class Slower:
+    """A script for the arms that follow their controllers more slowly than the Panda."""
+
+    def __init__(self, script: Callable[[], Script]) -> None:
+        """Take what makes the Panda's script."""
+        self._script = script()
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,), the motion cut to `SLOWER_STEP` and `SLOWER_TURN` in each axis."""
+        action = self._script(state)
+        action[:3] = np.clip(action[:3], -SLOWER_STEP, SLOWER_STEP)
+        action[3:6] = np.clip(action[3:6], -SLOWER_TURN, SLOWER_TURN)
+        return action
+
+
+SCRIPTS: dict[str, Callable[[], Script]] = {
+    **{f"robosuite/{task}": script for task, script in WITH_PANDA.items()},
+    **{
+        f"robosuite/{name_with(task, arm)}": partial(Slower, script)
+        for arm in ARMS
+        if arm != PANDA
+        for task, script in WITH_ANY_ARM.items()
+    },
+}

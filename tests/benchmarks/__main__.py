@@ -26,7 +26,7 @@ BENCHMARKS = (
 LONG = (
     *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "libero_oracles", "mergevla"),
     *("million", "more_experts", "opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
-    *("sensitivity_coverage", "simplified_meshes", "worst_cases"),
+    *("robosuite_oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks", "varied_experts")

@@ -1,6 +1,6 @@
 """First observations of tasks that no part of a shipped model has seen, through the adapters' own cameras.
 
-The adapters declare no such tasks, since there is no oracle for them. A scene is enough for a first observation.
+A scene is enough for a first observation, so most are opened without what an adapter declares of a task.
 """
 
 from __future__ import annotations

@@ -1,0 +1,50 @@
+"""Reads how far a gripper of robosuite is open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from robogauntlet.adapters.contract import FloatArray
+from robogauntlet.adapters.mujoco_parts.physics import MujocoPhysics
+
+
+class Fingers(Protocol):
+    """The two sides of a gripper."""
+
+    def positions(self) -> FloatArray:
+        """Return the distances of the fingers from where they meet, shape (2,) (m)."""
+
+
+class SlidingFingers:
+    """Fingers on slides, whose joint positions are the distances."""
+
+    def __init__(self, physics: MujocoPhysics, joints: Sequence[str]) -> None:
+        """Take the names of the two joints."""
+        self._joints = [physics.data.joint(name) for name in joints]
+
+    def positions(self) -> FloatArray:
+        """Return the distances, shape (2,) (m)."""
+        return np.abs([joint.qpos[0] for joint in self._joints])
+
+
+class Pads:
+    """Fingers of any other mechanism: half the gap between their pads, beyond that of the closed gripper."""
+
+    def __init__(self, physics: MujocoPhysics, hand: str, pads: tuple[Sequence[str], Sequence[str]]) -> None:
+        """Take the names of the hand's body, along whose y axis the fingers open, and of the pads' shapes, by side."""
+        self._hand = physics.data.body(hand)
+        self._sides = [[physics.data.geom(name) for name in side] for side in pads]
+        self.closed = 0.0
+        """Gap between the pads' centres when the gripper is closed and empty (m)."""
+
+    def gap(self) -> float:
+        """Return the distance between the pads' centres (m)."""
+        left, right = (np.mean([pad.xpos for pad in side], axis=0) for side in self._sides)
+        return abs(float((left - right) @ self._hand.xmat.reshape(3, 3)[:, 1]))
+
+    def positions(self) -> FloatArray:
+        """Return the distances, shape (2,) (m)."""
+        return np.full(2, max(0.0, self.gap() - self.closed) / 2.0)

@@ -1,0 +1,88 @@
+"""The tasks of robosuite that this adapter opens, and the names of their parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from robogauntlet.adapters.contract import Goal, TaskDescription
+from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, name_with
+
+GOODS = {"Can": "red can", "Milk": "milk carton", "Bread": "bread", "Cereal": "cereal box"}
+NUTS = {"Square": "peg1", "Round": "peg2"}
+_IN_BINS = {"objects": "each object has its own place in the bins", "table": "it has bins in place of a table"}
+_AT_PEGS = {"objects": "nuts start in a narrow strip of the table"}
+
+
+def _pick_place(name: str) -> TaskDescription:
+    goal = Goal(f"{name.lower()}_position", "goal_position", axes="xy", tolerance=0.08, grasped=True)
+    return TaskDescription(f"put the {GOODS[name]} into its compartment of the bin", 200, fixed=_IN_BINS, goal=goal)
+
+
+def _nut_assembly(name: str) -> TaskDescription:
+    goal = Goal("nut_position", "peg_position", axes="xy", tolerance=0.03, grasped=True)
+    return TaskDescription(f"put the {name.lower()} nut on the {name.lower()} peg", 200, fixed=_AT_PEGS, goal=goal)
+
+
+WITH_ANY_ARM = {
+    "Lift": TaskDescription(
+        "lift the red cube off the table",
+        horizon=80,
+        goal=Goal("cube_position", offset=(0.0, 0.0, 0.02), grasped=True),
+    ),
+    "Stack": TaskDescription(
+        "put the red cube on the green cube",
+        horizon=180,
+        goal=Goal("cubeA_position", "cubeB_position", (0.0, 0.0, 0.045), tolerance=0.02, grasped=True),
+    ),
+    "Door": TaskDescription(
+        "turn the handle down and pull the door open",
+        horizon=180,
+        goal=Goal("hinge_angle", offset=(0.3,), handle="handle_position"),
+    ),
+}
+WITH_PANDA = {
+    **WITH_ANY_ARM,
+    **{f"PickPlace{name}": _pick_place(name) for name in GOODS},
+    **{f"NutAssembly{name}": _nut_assembly(name) for name in NUTS},
+}
+TASKS = WITH_PANDA | {
+    name_with(task, arm): description for arm in ARMS if arm != PANDA for task, description in WITH_ANY_ARM.items()
+}
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Names in `privileged_state` to names in the MuJoCo model."""
+
+    bodies: Mapping[str, str] = field(default_factory=dict)
+    marks: Mapping[str, str] = field(default_factory=dict)
+    """Bodies that only show where an object has to go."""
+    sites: Mapping[str, str] = field(default_factory=dict)
+    angles: Mapping[str, str] = field(default_factory=dict)
+    """Hinge joints."""
+    lifted: str = ""
+    """The body without which above the table there is no reward."""
+    placed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Bodies that can be placed elsewhere, the main object first, to the bodies that are mounted on each."""
+
+
+PARTS = {
+    "Lift": Parts(bodies={"cube": "cube_main"}, placed={"cube": ()}),
+    "Stack": Parts(
+        bodies={"cubeA": "cubeA_main", "cubeB": "cubeB_main"}, lifted="cubeA_main", placed={"cubeA": (), "cubeB": ()}
+    ),
+    "Door": Parts(
+        bodies={"door": "Door_door", "latch": "Door_latch"},
+        sites={"handle": "Door_handle"},
+        angles={"hinge_angle": "Door_hinge", "latch_angle": "Door_latch_joint"},
+        placed={"door": ("handle", "latch")},
+    ),
+    **{
+        f"PickPlace{name}": Parts(bodies={name.lower(): f"{name}_main"}, marks={"goal": f"Visual{name}_main"})
+        for name in GOODS
+    },
+    **{
+        f"NutAssembly{name}": Parts(bodies={"nut": f"{name}Nut_main"}, marks={"peg": peg}) for name, peg in NUTS.items()
+    },
+}

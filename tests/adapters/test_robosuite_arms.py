@@ -1,0 +1,81 @@
+"""The arms of robosuite's tasks beside the Panda; `python -m tests.benchmarks robosuite_oracles` plays all of them."""
+
+import numpy as np
+import pytest
+
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import UnknownTask
+from robogauntlet.adapters.robosuite.arms import ARMS, PANDA
+from robogauntlet.adapters.robosuite.simulation import SIMULATOR
+from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
+from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.suites.schema import expand_tasks
+from tests import ROOT
+from tests.adapters.control_steps import check_compiled, ours, played, robosuites
+from tests.policies.playing import steps_to_success
+
+OTHERS = [arm for arm in ARMS if arm != PANDA]
+STEPS, STEP = 5, 0.01
+"""Number and length (m) of the steps that are measured."""
+
+
+@pytest.fixture(scope="module", params=OTHERS)
+def lift(request):
+    opened = SIMULATOR.open(f"Lift@{request.param}", View(image_size=48, render_profile=RenderProfile.FAST))
+    yield opened
+    opened.close()
+
+
+@pytest.mark.simulator
+def test_a_step_is_robosuites_own_to_the_bit(lift):
+    check_compiled(lift)
+    assert np.array_equal(played(lift, 0, robosuites), played(lift, 0, ours))
+
+
+@pytest.mark.simulator
+def test_the_fingers_positions_are_distances_from_the_closed_gripper(lift):
+    lift.reset(0)
+    for gripper, low, high in ((-1.0, 0.03, 0.06), (1.0, 0.0, 0.002)):
+        for _ in range(40):
+            lift.step(np.array([0.0] * 6 + [gripper]))
+        positions = lift.privileged_state()["finger_positions"]
+        assert positions.shape == (2,)
+        assert np.all((low <= positions) & (positions <= high))
+
+
+@pytest.mark.simulator
+def test_the_tool_moves_by_the_action_in_steady_motion(lift):
+    for axis, sign in ((0, 1), (1, 1), (1, -1), (2, 1)):
+        lift.reset(0)
+        action = np.zeros(7)
+        action[axis] = sign * STEP
+        positions = []
+        for _ in range(2 * STEPS + 1):
+            lift.step(action)
+            positions.append(lift.privileged_state()["tcp_position"][axis])
+        assert positions[-1] - positions[STEPS] == pytest.approx(STEPS * sign * STEP, rel=0.25)
+
+
+@pytest.mark.simulator
+@pytest.mark.parametrize("task", ["Lift@IIWA", "Stack@UR5e", "Door@XArm7"])
+def test_the_panda_s_oracle_succeeds_with_another_arm(task):
+    assert None not in steps_to_success(SIMULATOR, task, range(2), noise=0.1)
+
+
+def test_a_pattern_finds_other_arms_only_if_it_names_one():
+    known = catalog.task_descriptions()
+    assert expand_tasks(["robosuite/*"], known) == [f"robosuite/{task}" for task in WITH_PANDA]
+    assert expand_tasks(["robosuite/Lift@*"], known) == [f"robosuite/Lift@{arm}" for arm in OTHERS]
+    assert expand_tasks(["robosuite/*@UR5e"], known) == [f"robosuite/{task}@UR5e" for task in ("Lift", "Stack", "Door")]
+
+
+def test_an_arm_that_does_not_exist_is_refused_with_the_nearest():
+    with pytest.raises(UnknownTask, match="unknown task 'robosuite/Lift@UR5'; did you mean 'robosuite/Lift@UR5e'"):
+        catalog.open_simulation("robosuite/Lift@UR5", View())
+
+
+def test_the_entry_of_an_arm_in_the_docs_is_the_one_in_use():
+    page = (ROOT / "docs" / "robosuite.md").read_text(encoding="utf-8")
+    entries = page.partition("```python\n")[2].partition("```")[0]
+    assert entries.strip()
+    assert entries in (ROOT / "adapters" / "robosuite" / "arms.py").read_text(encoding="utf-8")
