@@ -1,4 +1,4 @@
-"""ManiSkill 3 (SAPIEN, PhysX on the CPU): one Panda with a wrist camera, three table-top tasks.
+"""ManiSkill 3 (SAPIEN, PhysX on the CPU): one Panda with a wrist camera, table-top tasks.
 
 What differs from ManiSkill's own defaults, and why:
 
@@ -23,7 +23,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,14 +33,12 @@ from robogauntlet.adapters.contract import (
     PICTURE_SIZE,
     ActionSpec,
     FloatArray,
-    Goal,
     Image,
     Motion,
     Observation,
     Simulator,
     SimulatorUnavailable,
     StepOutcome,
-    TaskDescription,
 )
 from robogauntlet.adapters.frames import hash_state, wxyz_to_xyzw
 from robogauntlet.adapters.maniskill.arm import ManiSkillArm
@@ -53,6 +50,7 @@ from robogauntlet.adapters.maniskill.lights import ManiSkillLights
 from robogauntlet.adapters.maniskill.meshes import simplify_links
 from robogauntlet.adapters.maniskill.objects import ManiSkillObjects
 from robogauntlet.adapters.maniskill.table import ManiSkillTable
+from robogauntlet.adapters.maniskill.tasks import LAYOUTS, TASKS
 from robogauntlet.adapters.scene_control import SceneControls
 from robogauntlet.suites.episode import RenderProfile, View
 
@@ -63,38 +61,6 @@ EYE = (0.5, 0.5, 0.5)
 """Third-person camera relative to its target (m)."""
 FIELD_OF_VIEW = 0.75
 """Vertical field of view of the third-person camera (rad)."""
-
-ONTO_TARGET = Goal("cube_position", "goal_position", axes="xy", tolerance=0.1)
-
-TASKS = {
-    "PushCube-v1": TaskDescription("push the blue cube onto the red and white target", horizon=45, goal=ONTO_TARGET),
-    "PullCube-v1": TaskDescription("pull the blue cube onto the red and white target", horizon=32, goal=ONTO_TARGET),
-    "StackCube-v1": TaskDescription(
-        "stack the red cube on top of the green cube",
-        horizon=100,
-        goal=Goal("red_cube_position", "green_cube_position", (0.0, 0.0, 0.04), tolerance=0.03, grasped=True),
-    ),
-}
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """Names and places in a task's scene."""
-
-    objects: Mapping[str, str]
-    """Names in `privileged_state` to ManiSkill's actors."""
-    look_at: tuple[float, float, float]
-    """Target of the third-person camera in the world (m): the origin is on the table, 0.615 m in front of the base."""
-    spread: tuple[float, float]
-    """Largest distance of an object's centre from the world's origin after a reset, along x and y (m)."""
-    goal: str | None = None
-
-
-LAYOUTS = {
-    "PushCube-v1": _Layout({"cube": "cube"}, look_at=(0.08, 0.0, 0.05), spread=(0.1, 0.1), goal="goal_region"),
-    "PullCube-v1": _Layout({"cube": "cube"}, look_at=(-0.08, 0.0, 0.05), spread=(0.1, 0.1), goal="goal_region"),
-    "StackCube-v1": _Layout({"red_cube": "cubeA", "green_cube": "cubeB"}, look_at=(0.0, 0.0, 0.05), spread=(0.2, 0.3)),
-}
 
 
 class ManiSkillSimulation(BaseSimulation):
@@ -115,8 +81,9 @@ class ManiSkillSimulation(BaseSimulation):
         self._robot = env.agent.robot._objs[0]
         self._tcp = env.agent.tcp._objs[0]
         self._objects = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.objects.items()}
+        self._fixtures = {name: env.scene.actors[theirs]._objs[0] for name, theirs in layout.fixtures.items()}
         self._goal = env.scene.actors[layout.goal]._objs[0] if layout.goal else None
-        self._places = {**self._objects, "goal": self._goal}
+        self._places = {**self._objects, **self._fixtures, "goal": self._goal}
         self._contacts = ManiSkillContacts(self._robot, self._objects.values())
         self._base_from_world = self._robot.pose.inv()
         self._base_inverse = env.agent.controller.controllers["arm"].root_link.pose.inv()
@@ -125,7 +92,7 @@ class ManiSkillSimulation(BaseSimulation):
         self.scene_controls = SceneControls(
             cameras=ManiSkillCameras(env, self._base_from_world),
             lights=ManiSkillLights(env, self._base_from_world),
-            objects=ManiSkillObjects(self._objects, layout.spread, self._base_from_world),
+            objects=ManiSkillObjects(self._objects, layout.regions, self._base_from_world),
             arm=ManiSkillArm(env, self._base_from_world),
             dynamics=ManiSkillDynamics(self._objects.values()),
             table=ManiSkillTable(env, self._base_from_world),
@@ -167,14 +134,14 @@ class ManiSkillSimulation(BaseSimulation):
         gripper.set_action(command[:, 6:])
 
     def privileged_state(self) -> Mapping[str, FloatArray]:
-        """Return tool, fingers, objects and goal, which is the centre of the target's disc."""
+        """Return tool, fingers, objects and goal, which is the centre of the target's disc or ball."""
         position, quaternion = self._pose(self._tcp.entity_pose)
         state = {
             "tcp_position": position,
             "tcp_quaternion": quaternion,
             "finger_positions": self._robot.qpos[-2:].astype(np.float64),
         }
-        for name, entity in self._objects.items():
+        for name, entity in (self._objects | self._fixtures).items():
             state[f"{name}_position"], state[f"{name}_quaternion"] = self._pose(entity.pose)
         if self._goal is not None:
             state["goal_position"], _ = self._pose(self._goal.pose)
@@ -219,7 +186,7 @@ class ManiSkillSimulation(BaseSimulation):
         if self._env is not None:
             self._env.close()
         self._env = self._robot = self._tcp = self._goal = self._culling = None
-        self._objects, self._places = {}, {}
+        self._objects, self._fixtures, self._places = {}, {}, {}
         self.scene_controls = SceneControls()
 
     def engine_time(self) -> float:

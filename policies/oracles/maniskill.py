@@ -20,6 +20,8 @@ REST_YAW = np.pi / 2
 CUBE = 0.04
 """Edge of every cube (m)."""
 XY = slice(0, 2)
+FAR = np.ones(3)
+"""Where the nearest other cube is, if there is none (m)."""
 
 
 class Push:
@@ -72,19 +74,93 @@ class Stack:
     def __call__(self, state: State) -> FloatArray:
         """Return the next action (7,)."""
         tcp, red, green = state["tcp_position"], state["red_cube_position"], state["green_cube_position"]
-        gripper = Rotation.from_quat(state["tcp_quaternion"])
-        opening = float(state["finger_positions"].sum())
         to_place = green - red + np.array([0.0, 0.0, CUBE])
         if np.linalg.norm(to_place[XY]) < 0.015 and abs(to_place[2]) < 0.003:
-            retreat = [0.0, 0.0, STEP if opening > CUBE + 0.02 else 0.0]
-            return _move(state, tcp + retreat, gripper=OPEN, yaw=_yaw(gripper))
-        if distance(state, red) < 0.025 and abs(opening - CUBE) < 0.004:
-            return _hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED, yaw=_yaw(gripper))
-        yaw = _grasp_yaw(state["red_cube_quaternion"], green - red)
-        to_turn = float((pointing_down(yaw) * gripper.inv()).magnitude())
-        if distance(state, red) < 0.013 and to_turn < 0.1:
-            return _move(state, red, gripper=CLOSED, yaw=yaw)
-        return _hover(state, red, clearance=0.07, gripper=OPEN, yaw=yaw, to_turn=to_turn)
+            return _let_go(state)
+        if _holds(state, red):
+            yaw = _yaw(Rotation.from_quat(state["tcp_quaternion"]))
+            return _hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED, yaw=yaw)
+        return _grasp(state, red, _grasp_yaw(state["red_cube_quaternion"], green - red))
+
+
+class Pick:
+    """Grasps the cube across two faces and holds it in the goal."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        cube, yaw = state["cube_position"], _yaw(Rotation.from_quat(state["tcp_quaternion"]))
+        if _holds(state, cube):
+            return _move(state, state["tcp_position"] + state["goal_position"] - cube, gripper=CLOSED, yaw=yaw)
+        return _grasp(state, cube, _grasp_yaw(state["cube_quaternion"], FAR))
+
+
+class Place:
+    """Grasps the sphere, carries it over the bin and lets it drop the last millimetres."""
+
+    height = 0.0225
+    """Height of the sphere's centre above the bin's when it is in it (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        sphere, tcp = state["sphere_position"], state["tcp_position"]
+        to_place = state["bin_position"] - sphere + np.array([0.0, 0.0, self.height + 0.003])
+        if np.linalg.norm(to_place[XY]) < 0.004 and abs(to_place[2]) < 0.005:
+            return _let_go(state)
+        if _holds(state, sphere, slack=0.015):  # Above or below its centre it is less wide.
+            return _hover(state, tcp + to_place, clearance=0.05, gripper=CLOSED)
+        return _grasp(state, sphere, REST_YAW)
+
+
+class Pyramid:
+    """Puts the red cube beside the green one, then the blue one on both."""
+
+    beside = 0.056
+    """Distance between the centres of neighbours (m): their diagonal."""
+    slack = 0.005
+    """What the distance may be longer, so that it is still a success (m)."""
+
+    def __call__(self, state: State) -> FloatArray:
+        """Return the next action (7,)."""
+        tcp, yaw = state["tcp_position"], _yaw(Rotation.from_quat(state["tcp_quaternion"]))
+        red, green, blue = (state[f"{colour}_cube_position"] for colour in ("red", "green", "blue"))
+        apart = (red - green) * [1.0, 1.0, 0.0]
+        gap = float(np.linalg.norm(apart))
+        if gap > self.beside + self.slack or _holds(state, red):
+            to_place = green + self.beside / gap * apart - red
+            if np.linalg.norm(to_place[XY]) < self.slack and abs(to_place[2]) < 0.008:
+                return _let_go(state)
+            if not _holds(state, red):
+                return _grasp(state, red, _grasp_yaw(state["red_cube_quaternion"], -self.beside / gap * apart))
+            # Turned so that no finger comes between the two.
+            turn = (np.arctan2(apart[1], apart[0]) - yaw + np.pi / 2) % np.pi - np.pi / 2
+            place = tcp + to_place
+            return _hover(state, place, clearance=0.07, gripper=CLOSED, yaw=yaw + turn, to_turn=abs(turn))
+        to_place = (red + green) / 2 + np.array([0.0, 0.0, CUBE]) - blue
+        if np.linalg.norm(to_place[XY]) < self.slack and abs(to_place[2]) < 0.008:
+            return _let_go(state)
+        if _holds(state, blue):
+            return _hover(state, tcp + to_place, clearance=0.07, gripper=CLOSED, yaw=yaw)
+        return _grasp(state, blue, _grasp_yaw(state["blue_cube_quaternion"], red - blue))
+
+
+def _holds(state: State, place: FloatArray, *, slack: float = 0.004) -> bool:
+    """Return whether the fingers hold something as wide as a cube, within `slack` (m), at a place."""
+    return distance(state, place) < 0.025 and abs(float(state["finger_positions"].sum()) - CUBE) < slack
+
+
+def _grasp(state: State, place: FloatArray, yaw: float) -> FloatArray:
+    """Return one action (7,) of a grasp: open, approach the place from above, close."""
+    to_turn = float((pointing_down(yaw) * Rotation.from_quat(state["tcp_quaternion"]).inv()).magnitude())
+    if distance(state, place) < 0.013 and to_turn < 0.1:
+        return _move(state, place, gripper=CLOSED, yaw=yaw)
+    return _hover(state, place, clearance=0.07, gripper=OPEN, yaw=yaw, to_turn=to_turn)
+
+
+def _let_go(state: State) -> FloatArray:
+    """Return one action (7,) that opens the fingers, and then withdraws them upwards."""
+    yaw = _yaw(Rotation.from_quat(state["tcp_quaternion"]))
+    retreat = [0.0, 0.0, STEP if float(state["finger_positions"].sum()) > CUBE + 0.02 else 0.0]
+    return _move(state, state["tcp_position"] + retreat, gripper=OPEN, yaw=yaw)
 
 
 def _to_goal(state: State) -> tuple[FloatArray, float]:
@@ -150,4 +226,7 @@ SCRIPTS: dict[str, Callable[[], Script]] = {
     "maniskill/PushCube-v1": Push,
     "maniskill/PullCube-v1": Pull,
     "maniskill/StackCube-v1": Stack,
+    "maniskill/PickCube-v1": Pick,
+    "maniskill/PlaceSphere-v1": Place,
+    "maniskill/StackPyramid-v1": Pyramid,
 }

@@ -45,9 +45,10 @@ def open_scene(task: str, view: View) -> Simulation:
 
 def _maniskill(name: str, description: TaskDescription, view: View) -> Simulation:
     from robogauntlet.adapters.maniskill import simulation as adapter
+    from robogauntlet.adapters.maniskill.tasks import Layout
 
     adapter.TASKS[name] = description
-    adapter.LAYOUTS[name] = adapter._Layout({}, look_at=(0.0, 0.0, 0.05), spread=(0.1, 0.1))
+    adapter.LAYOUTS[name] = Layout((0.0, 0.0, 0.05))
     return adapter.open_task(name, view)
 
 

@@ -1,0 +1,74 @@
+"""The tasks of ManiSkill that this adapter opens, and what is where in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from robogauntlet.adapters.contract import Goal, TaskDescription
+
+ONTO_TARGET = Goal("cube_position", "goal_position", axes="xy", tolerance=0.1)
+
+TASKS = {
+    "PushCube-v1": TaskDescription("push the blue cube onto the red and white target", horizon=45, goal=ONTO_TARGET),
+    "PullCube-v1": TaskDescription("pull the blue cube onto the red and white target", horizon=32, goal=ONTO_TARGET),
+    "StackCube-v1": TaskDescription(
+        "stack the red cube on top of the green cube",
+        horizon=100,
+        goal=Goal("red_cube_position", "green_cube_position", (0.0, 0.0, 0.04), tolerance=0.03, grasped=True),
+    ),
+    "PickCube-v1": TaskDescription(
+        "pick up the red cube and hold it in the green ball",
+        horizon=80,
+        goal=Goal("cube_position", "goal_position", tolerance=0.025, grasped=True),
+    ),
+    "PlaceSphere-v1": TaskDescription(
+        "put the blue sphere into the bin",
+        horizon=100,
+        goal=Goal("sphere_position", "bin_position", (0.0, 0.0, 0.0225), tolerance=0.01, grasped=True),
+    ),
+    "StackPyramid-v1": TaskDescription(
+        "put the red cube beside the green cube, and the blue cube on top of both",
+        horizon=250,
+        goal=Goal("blue_cube_position", offset=(0.0, 0.0, 0.03), grasped=True),
+    ),
+}
+
+Region = tuple[tuple[float, float], tuple[float, float]]
+"""Smallest and largest x and y (m)."""
+
+
+def _square(x: float, y: float) -> Region:
+    return (-x, -y), (x, y)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Names and places in a task's scene. World frame: the origin is on the table, 0.615 m in front of the base."""
+
+    look_at: tuple[float, float, float]
+    """Target of the third-person camera (m)."""
+    objects: Mapping[str, str] = field(default_factory=dict)
+    """Names in `privileged_state` to ManiSkill's actors, of what can be moved."""
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    """Where resets put the centres of these objects."""
+    fixtures: Mapping[str, str] = field(default_factory=dict)
+    """The same as `objects`, of what stands still."""
+    goal: str | None = None
+
+
+_ABOVE = (0.0, 0.0, 0.05)
+_CUBES = {"red_cube": "cubeA", "green_cube": "cubeB", "blue_cube": "cubeC"}
+
+LAYOUTS = {
+    "PushCube-v1": Layout((0.08, 0.0, 0.05), {"cube": "cube"}, {"cube": _square(0.1, 0.1)}, goal="goal_region"),
+    "PullCube-v1": Layout((-0.08, 0.0, 0.05), {"cube": "cube"}, {"cube": _square(0.1, 0.1)}, goal="goal_region"),
+    "StackCube-v1": Layout(
+        _ABOVE, {"red_cube": "cubeA", "green_cube": "cubeB"}, dict.fromkeys(_CUBES, _square(0.2, 0.3))
+    ),
+    "PickCube-v1": Layout((0.0, 0.0, 0.1), {"cube": "cube"}, {"cube": _square(0.1, 0.1)}, goal="goal_site"),
+    "PlaceSphere-v1": Layout(
+        _ABOVE, {"sphere": "sphere"}, {"sphere": ((-0.1, -0.1), (-0.05, 0.1))}, fixtures={"bin": "bin"}
+    ),
+    "StackPyramid-v1": Layout(_ABOVE, _CUBES, dict.fromkeys(_CUBES, _square(0.1, 0.2))),
+}
