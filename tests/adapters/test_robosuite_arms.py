@@ -1,4 +1,4 @@
-"""The arms of robosuite's tasks beside the Panda; `python -m tests.benchmarks robosuite_oracles` plays all of them."""
+"""The arms of robosuite's tasks beside the Panda; `python -m tests.benchmarks oracles` plays all of them."""
 
 import numpy as np
 import pytest

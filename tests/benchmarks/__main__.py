@@ -13,7 +13,6 @@ BENCHMARKS = (
     "control_step",
     "bare_loop",
     "throughput",
-    "oracles",
     "answers",
     "inference",
     "overhead",
@@ -26,7 +25,7 @@ BENCHMARKS = (
 LONG = (
     *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "libero_oracles", "mergevla"),
     *("million", "more_experts", "opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
-    *("robosuite_oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
+    *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
 NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks", "varied_experts")

@@ -1,35 +1,76 @@
-"""Successes of the oracles on seeds 0 to 99 of every task, and the number of steps that they need."""
+"""Successes of the oracles of ManiSkill, panda-gym and robosuite, the steps that they need, and the bounds of actions.
+
+The run stays in `runs/bench/oracles`, so that a second call plays what is missing.
+"""
 
 import os
 
-from robogauntlet.adapters import catalog
-from robogauntlet.orchestrator.environments.resolver import worker_environment
-from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
-from robogauntlet.orchestrator.episodes.lease import Lease
-from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.runs.plan import load_registry
-from robogauntlet.results.record import Status
-from robogauntlet.suites.episode import Cell, Protocol
-from tests.benchmarks.shared import table_of
+import pandas as pd
 
-SEEDS = tuple(range(100))
+from robogauntlet.adapters import catalog
+from robogauntlet.adapters.contract import ActionSpec
+from robogauntlet.orchestrator.environments.resolver import worker_environment
+from robogauntlet.results.api import open_run
+from robogauntlet.suites.episode import RenderProfile, View
+from tests.benchmarks.document import WRITTEN, write_episodes
+from tests.benchmarks.shared import run_suite, table_of
+
+FOLDER = WRITTEN / "oracles"
+SIMULATORS = ("maniskill", "pybullet", "robosuite")
+FIELDS = ("task", "seed", "status", "steps", "state_hash", "actions_hash", "policy_digest")
+SUITE = """
+name: oracles
+policies: [oracle]
+tasks: ["maniskill/*", "pybullet/*", "robosuite/*", "robosuite/*@*"]
+seeds: {start: 0, count: 100}
+image_size: 96
+render_profile: fast
+"""
 
 
 def measure() -> list[dict[str, object]]:
-    """Play each oracle on its task within the task's own horizon; nothing is rendered."""
-    shown = {name for name, simulator in catalog.simulators().items() if not simulator.internal}
-    for name in shown:
-        os.environ.update(worker_environment(catalog.find(name)))
-    runner = EpisodeRunner({"oracle": PolicySource("oracle")})
-    rows = []
-    for task, known in load_registry().tasks.items():
-        if task.partition("/")[0] not in shown:
-            continue
-        results = list(runner.play(Lease(Cell("oracle", "oracle", task, Protocol(known.horizon)), SEEDS)))
-        steps = [result.steps for result in results if result.status == Status.SUCCESS]
-        row = {"task": task, "horizon": known.horizon, "successes": len(steps), "episodes": len(results)}
-        rows.append({**row, "mean_steps": sum(steps) / max(len(steps), 1), "most_steps": max(steps, default=None)})
-    runner.close()
-    columns = {"task": "{task}", "horizon": "{horizon}", "successes": "{successes}/{episodes}"}
-    table_of(rows, columns | {"mean steps": "{mean_steps:.1f}", "most steps": "{most_steps}"})
+    """Play seeds 0 to 99 of every task within its own horizon; nothing is rendered, as the oracles do not look."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    suite = FOLDER / "suite.yaml"
+    suite.write_text(SUITE, encoding="utf-8")
+    run_suite(suite, FOLDER / "run")
+    episodes = open_run(FOLDER / "run").episodes(FIELDS)
+    write_episodes("oracles", episodes, ("task", "seed"))
+    rows = rows_of(episodes, {task: _bounds(task) for task in tasks()})
+    columns = {
+        "task": "`{task}`",
+        "horizon": "{horizon}",
+        "oracle": "{successes} of {episodes}",
+        "mean / most steps": "{mean_steps:.0f} / {most_steps}",
+        "largest step, mm": "{step_mm:.1f}",
+        "largest turn, rad": "{turn_rad:.3f}",
+    }
+    table_of(rows, columns)
     return rows
+
+
+def tasks() -> dict[str, int]:
+    """Return the tasks to their horizons."""
+    found = [(f"{name}/{task}", told) for name in SIMULATORS for task, told in catalog.find(name).tasks.items()]
+    return {task: description.horizon for task, description in found}
+
+
+def rows_of(episodes: pd.DataFrame, bounds: dict[str, tuple[float, float]]) -> list[dict[str, object]]:
+    """Return a row for each task; `bounds` has the largest step (mm) and turn (rad) of an action in each."""
+    rows: list[dict[str, object]] = []
+    for task, horizon in tasks().items():
+        played = episodes[episodes.task == task]
+        steps = played.steps[played.status == "success"]
+        counts = {"successes": len(steps), "episodes": len(played)}
+        needed = {"mean_steps": float(steps.mean()), "most_steps": int(steps.max())}
+        step_mm, turn_rad = bounds[task]
+        rows.append({"task": task, "horizon": horizon, **counts, **needed, "step_mm": step_mm, "turn_rad": turn_rad})
+    return rows
+
+
+def _bounds(task: str) -> tuple[float, float]:
+    os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
+    simulation = catalog.open_simulation(task, View(image_size=32, render_profile=RenderProfile.FAST))
+    spec: ActionSpec = simulation.action_spec
+    simulation.close()
+    return round(1000.0 * spec.max_translation, 3), round(spec.max_rotation, 4)

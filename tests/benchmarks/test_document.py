@@ -5,9 +5,8 @@ import json
 import pandas as pd
 import pytest
 
-from robogauntlet.adapters.robosuite.arms import split_arm
 from tests import ROOT
-from tests.benchmarks import libero_oracles, robosuite_oracles, varied_experts
+from tests.benchmarks import libero_oracles, oracles, varied_experts
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.more_experts import with_success
 from tests.benchmarks.operators import rows_of
@@ -54,10 +53,10 @@ def test_the_table_of_libero_s_oracles_counts_the_committed_episodes():
     assert libero_oracles.rows_of(pd.read_parquet(MEASUREMENTS / "libero_oracles.parquet")) == rows
 
 
-def test_the_table_of_robosuite_s_oracles_counts_the_committed_episodes():
-    rows = json.loads((MEASUREMENTS / "robosuite_oracles.json").read_text(encoding="utf-8"))["rows"]
-    bounds = {split_arm(row["task"])[1]: (row["translation_mm"], row["rotation"]) for row in rows}
-    assert robosuite_oracles.rows_of(pd.read_parquet(MEASUREMENTS / "robosuite_oracles.parquet"), bounds) == rows
+def test_the_table_of_tasks_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "oracles.json").read_text(encoding="utf-8"))["rows"]
+    bounds = {row["task"]: (row["step_mm"], row["turn_rad"]) for row in rows}
+    assert oracles.rows_of(pd.read_parquet(MEASUREMENTS / "oracles.parquet"), bounds) == rows
 
 
 def test_what_the_zoo_s_experts_keep_in_the_screening_is_counted_in_its_rows():
