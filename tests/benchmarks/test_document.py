@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from tests import ROOT
-from tests.benchmarks import libero_oracles, oracles, varied_experts
+from tests.benchmarks import libero_oracles, oracles, training_controls, varied_experts
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.more_experts import with_success
 from tests.benchmarks.operators import rows_of
@@ -57,6 +57,11 @@ def test_the_table_of_tasks_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "oracles.json").read_text(encoding="utf-8"))["rows"]
     bounds = {row["task"]: (row["step_mm"], row["turn_rad"]) for row in rows}
     assert oracles.rows_of(pd.read_parquet(MEASUREMENTS / "oracles.parquet"), bounds) == rows
+
+
+def test_the_table_of_training_controls_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "training_controls.json").read_text(encoding="utf-8"))["rows"]
+    assert training_controls.rows_of(pd.read_parquet(MEASUREMENTS / "training_controls.parquet")) == rows
 
 
 def test_what_the_zoo_s_experts_keep_in_the_screening_is_counted_in_its_rows():

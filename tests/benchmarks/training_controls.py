@@ -18,6 +18,16 @@ from tests.benchmarks.shared import table_of
 
 REFERENCE = "cross-sigmoid"
 """MergeVLA's own block on a base of the same tasks, which the others are compared with."""
+KINDS = {
+    "cross-sigmoid": "trunk from the base",
+    "cross-sigmoid-fresh": "trunk from a seed of its own",
+    "other": "base of four other tasks",
+    "other-fresh": "base of other tasks, own trunks",
+    "cross-tanh": "tanh gate",
+    "self-sigmoid": "self-attention",
+    "self-tanh": "self-attention, tanh gate",
+}
+"""Names in the table."""
 WAYS = {
     "experts": "experts",
     "signs": "two bits of magnitudes",
@@ -36,9 +46,9 @@ def measure() -> list[dict[str, object]]:
     frame = pd.concat([open_run(run).episodes(EPISODE) for run in sorted(folder.glob("run-*"))])
     write_episodes("training_controls", frame, EPISODE[:3])
     rows = rows_of(frame)
-    columns = {"training": "{kind}", "way of merging": "{way}", "success by training seed (%)": "{seeds}"}
+    columns = {"training": "{title}", "way of merging": "{way}", "success by training seed (%)": "{seeds}"}
     columns |= {"mean": "{mean:.0f}", "to its experts (points)": "{to_experts}"}
-    table_of(rows, columns | {f"to {REFERENCE} (points)": "{to_reference}"})
+    table_of(rows, columns | {f"to {KINDS[REFERENCE]} (points)": "{to_reference}"})
     return rows
 
 
@@ -57,6 +67,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
         rows.append(
             {
                 "kind": kind if way != "joint" else "-",
+                "title": KINDS.get(kind, kind) if way != "joint" else "one network on all tasks",
                 "way": WAYS[way],
                 "seeds": " / ".join(f"{rate:.0f}" for rate in own.dropna()),
                 "mean": float(own.mean()),
