@@ -67,7 +67,9 @@ class MujocoArm:
         """
         if self._scratch is None:
             self._scratch = self._mujoco.MjData(self._model)
-        scratch, (low, high) = self._scratch, self._model.jnt_range[self._joints].T
+        scratch, (low, high) = self._scratch, self._model.jnt_range[self._joints].T.copy()
+        endless = self._model.jnt_limited[self._joints] == 0
+        low[endless], high[endless] = -np.inf, np.inf
         scratch.qpos[:] = self._data.qpos
         jacobian = np.zeros((6, self._model.nv))
         for _ in range(ROUNDS):

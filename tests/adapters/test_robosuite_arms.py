@@ -57,6 +57,15 @@ def test_the_tool_moves_by_the_action_in_steady_motion(lift):
 
 
 @pytest.mark.simulator
+def test_the_tool_is_brought_to_another_start_whatever_joints_and_gripper_the_arm_has(lift):
+    lift.reset(0)
+    state = lift.privileged_state()
+    place = state["tcp_position"] + [0.0, 0.04, 0.02]
+    lift.scene_controls.arm.place_tool(place, state["tcp_quaternion"])
+    assert lift.privileged_state()["tcp_position"] == pytest.approx(place, abs=1e-3)
+
+
+@pytest.mark.simulator
 @pytest.mark.parametrize("task", ["Lift@IIWA", "Stack@UR5e", "Door@XArm7"])
 def test_the_panda_s_oracle_succeeds_with_another_arm(task):
     assert None not in steps_to_success(SIMULATOR, task, range(2), noise=0.1)
