@@ -25,7 +25,7 @@ export OMP_NUM_THREADS=1
 
 finished() { [ -e "$1/card.json" ]; }
 
-"$ROBOGAUNTLET" policies demonstrate 'maniskill/*' robosuite/{Lift,Stack,Door} 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
+"$ROBOGAUNTLET" policies demonstrate maniskill/{PushCube,PullCube,StackCube}-v1 robosuite/{Lift,Stack,Door} 'pybullet/*' --out "$DATA" --episodes "$(few 150)" --workers 2
 finished "$FOLDER/base" ||
     OMP_NUM_THREADS=2 OMP_WAIT_POLICY=PASSIVE "$ROBOGAUNTLET" policies pretrain "$DATA" --out "$FOLDER/base" \
         --steps "$(few 3200)" --batch-size 64 --learning-rate 1.5e-3 --shift 2 --threads 2 --action-steps 4
