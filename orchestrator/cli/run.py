@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from robogauntlet.adapters.catalog import simulators
 from robogauntlet.orchestrator.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_STOPPED,
@@ -48,7 +49,7 @@ STORE_VARIABLE = "ROBOGAUNTLET_STORE"
 def run(
     suite: Annotated[
         str | None,
-        typer.Argument(help="A suite file, or the name of a shipped suite; without one, --policy plays each --task."),
+        typer.Argument(help="A suite file or the name of a shipped suite; SIMULATOR/TASK is played by --policy."),
     ] = None,
     policy: Policies = None,
     option: PolicyOptions = None,
@@ -114,6 +115,8 @@ def run(
         require_trust(read_run(out_folder), out_folder, trust=trust)
     tracker = None if log is None else LiveTracker(read_tracker(log), log_project)
     policy_options, part = read_options(option or ()), SuiteSelection()
+    if suite is not None and _is_task(suite):
+        task, suite = [suite, *(task or ())], None
     if suite is None:
         missing = [name for name, given in (("--policy", policy), ("--task", task)) if not given]
         if missing:
@@ -164,6 +167,10 @@ def run(
     if outcome.logged is not None:
         print_line(f"logged: {outcome.logged}")
     _conclude(outcome, command, command + {None: "", True: " --media", False: " --no-media"}[media])
+
+
+def _is_task(text: str) -> bool:
+    return not Path(text).exists() and text.partition("/")[0] in simulators() and "/" in text
 
 
 def _command(path: Path, folder: Path, part: SuiteSelection, store: str | None, address: str | None) -> str:

@@ -39,6 +39,8 @@ def own(folder):
         ((), "expected a suite, or --policy and --task; got no --policy and no --task"),
         (OWN, "expected a suite, or --policy and --task; got no --task"),
         (TASK, "expected a suite, or --policy and --task; got no --policy"),
+        (("null/Rech", *OWN), "unknown task 'null/Rech'; did you mean 'null/Reach'?"),
+        (("null/Reach",), "expected a suite, or --policy and --task; got no --policy"),
         ((*OWN, "--task", "null/Rech"), "unknown task 'null/Rech'; did you mean 'null/Reach'?"),
         ((*OWN, "--task", "pybullet/Foo*"), "unknown task 'pybullet/Foo*'; did you mean 'pybullet/Panda"),
         ((*OWN, "--task", "nul/*"), "unknown simulator 'nul' in 'nul/*'"),
@@ -90,7 +92,7 @@ def test_a_suite_that_needs_a_policy_is_valid_and_is_planned_with_one(run_comman
 @pytest.mark.ray
 @pytest.mark.usefixtures("ray_here")
 def test_one_line_runs_a_function_and_the_same_line_continues(run_command, folder, own):
-    line = ("run", *own, *TASK, "--seeds", "2", "--condition", "noise:2,4", "--out", "run", "--no-media")
+    line = ("run", "null/Reach", *own, "--seeds", "2", "--condition", "noise:2,4", "--out", "run", "--no-media")
     first = run_command(*line)
     assert (first.code, first.err) == (0, "")
     assert "null-Reach: 6 episodes into run" in first.out
