@@ -74,6 +74,69 @@ PARAPHRASES: Mapping[str, tuple[str, str, str, str, str]] = MappingProxyType(
             "work the lever and open what it keeps shut",
             "the floor was swept yesterday now turn the handle down and pull the door open",
         ),
+        "pick up the red cube and hold it in the green ball": (
+            "please pick up the red cube and hold it in the green ball",
+            "grasp the red block and keep it inside the green sphere",
+            "in the green ball the red cube should be held",
+            "take the only block to the round green thing and stay there",
+            "dinner is late pick up the red cube and hold it in the green ball",
+        ),
+        "put the blue sphere into the bin": (
+            "please put the blue sphere into the bin",
+            "place the blue ball into the box",
+            "into the bin the blue sphere should be put",
+            "put the round thing into the small open container",
+            "the lamp was bought last week so put the blue sphere into the bin",
+        ),
+        "build a pyramid with the blue cube on the other two": (
+            "please build a pyramid with the blue cube on the other two",
+            "make a pyramid with the blue block above the other two",
+            "a pyramid should be built whose top is the blue cube",
+            "join two cubes and put the one that is neither red nor green above",
+            "it rains so build a pyramid with the blue cube on the other two",
+        ),
+        "put the red can into its compartment of the bin": (
+            "please put the red can into its compartment of the bin",
+            "place the red tin into its section of the box",
+            "into its compartment of the bin the red can should be put",
+            "put the round container where its faint copy stands",
+            "it is windy outside so put the red can into its compartment of the bin",
+        ),
+        "put the milk carton into its compartment of the bin": (
+            "please put the milk carton into its compartment of the bin",
+            "place the milk pack into its section of the box",
+            "into its compartment of the bin the milk carton should be put",
+            "put the tall white container where its faint copy stands",
+            "the clock is wrong so put the milk carton into its compartment of the bin",
+        ),
+        "put the bread into its compartment of the bin": (
+            "please put the bread into its compartment of the bin",
+            "place the loaf into its section of the box",
+            "into its compartment of the bin the bread should be put",
+            "put the brown thing where its faint copy stands",
+            "a phone rings next door but put the bread into its compartment of the bin",
+        ),
+        "put the cereal box into its compartment of the bin": (
+            "please put the cereal box into its compartment of the bin",
+            "place the cereal pack into its section of the box",
+            "into its compartment of the bin the cereal box should be put",
+            "put the flat tall thing where its faint copy stands",
+            "the tea is cold so put the cereal box into its compartment of the bin",
+        ),
+        "put the square nut on the square peg": (
+            "please put the square nut on the square peg",
+            "place the square nut over the square pin",
+            "on the square peg the square nut should be put",
+            "put the angular ring over the pole that it fits",
+            "the shop closes at six so put the square nut on the square peg",
+        ),
+        "put the round nut on the round peg": (
+            "please put the round nut on the round peg",
+            "place the round nut over the round pin",
+            "on the round peg the round nut should be put",
+            "put the ring without corners over the pole that it fits",
+            "the garden needs water but put the round nut on the round peg",
+        ),
     }
 )
 """Instruction to its five paraphrases."""
@@ -88,6 +151,15 @@ OTHER_GOALS: Mapping[str, str] = MappingProxyType(
         "lift the red cube off the table": "push the red cube across the table",
         "put the red cube on the green cube": "put the green cube on the red cube",
         "turn the handle down and pull the door open": "leave the handle alone and keep the door shut",
+        "pick up the red cube and hold it in the green ball": "push the red cube away from the green ball",
+        "put the blue sphere into the bin": "roll the blue sphere away from the bin",
+        "build a pyramid with the blue cube on the other two": "build a pyramid with the red cube on the other two",
+        "put the red can into its compartment of the bin": "leave the red can and move the gripper over the empty bin",
+        "put the milk carton into its compartment of the bin": "lift the milk carton and hold it above its place",
+        "put the bread into its compartment of the bin": "push the bread into a corner of its bin",
+        "put the cereal box into its compartment of the bin": "lay the cereal box down where it is",
+        "put the square nut on the square peg": "put the square nut on the round peg",
+        "put the round nut on the round peg": "put the round nut on the square peg",
     }
 )
 """Instruction to one with another goal that is possible in the same scene."""

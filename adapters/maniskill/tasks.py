@@ -28,7 +28,7 @@ TASKS = {
         goal=Goal("sphere_position", "bin_position", (0.0, 0.0, 0.0225), tolerance=0.01, grasped=True),
     ),
     "StackPyramid-v1": TaskDescription(
-        "put the red cube beside the green cube, and the blue cube on top of both",
+        "build a pyramid with the blue cube on the other two",
         horizon=250,
         goal=Goal("blue_cube_position", offset=(0.0, 0.0, 0.03), grasped=True),
     ),
