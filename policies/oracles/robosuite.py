@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robogauntlet.adapters.catalog import simulators
 from robogauntlet.adapters.contract import FloatArray
-from robogauntlet.adapters.robosuite.arms import ARMS, PANDA, name_with
 from robogauntlet.policies.oracles.motion import (
     CLOSED,
     OPEN,
@@ -21,6 +21,7 @@ from robogauntlet.policies.oracles.motion import (
     pointing_down,
     yaw_of,
 )
+from robogauntlet.suites.episode import AT
 
 MAX_STEP, MAX_TURN = 0.0153, 0.153
 """Largest motion in one step (m, rad), the controller's limit."""
@@ -259,9 +260,10 @@ def grasp_at(state: State, place: FloatArray, yaw: float, width: float) -> Float
     return go(state, target, OPEN, pointing_down(yaw))
 
 
-WITH_ANY_ARM: dict[str, Callable[[], Script]] = {"Lift": Lift, "Stack": Stack, "Door": Door}
-WITH_PANDA: dict[str, Callable[[], Script]] = {
-    **WITH_ANY_ARM,
+BY_TASK: dict[str, Callable[[], Script]] = {
+    "Lift": Lift,
+    "Stack": Stack,
+    "Door": Door,
     "PickPlaceCan": partial(PickPlace, "can", 0.052, 0.015),
     "PickPlaceMilk": partial(PickPlace, "milk", 0.04, 0.05),
     "PickPlaceBread": partial(PickPlace, "bread", 0.04, 0.015),
@@ -286,12 +288,10 @@ class Slower:
         return action
 
 
-SCRIPTS: dict[str, Callable[[], Script]] = {
-    **{f"robosuite/{task}": script for task, script in WITH_PANDA.items()},
-    **{
-        f"robosuite/{name_with(task, arm)}": partial(Slower, script)
-        for arm in ARMS
-        if arm != PANDA
-        for task, script in WITH_ANY_ARM.items()
-    },
-}
+def _script_of(name: str) -> Callable[[], Script]:
+    task, _, other_arm = name.partition(AT)
+    return partial(Slower, BY_TASK[task]) if other_arm else BY_TASK[task]
+
+
+_SIMULATOR = simulators().get("robosuite")
+SCRIPTS = {f"robosuite/{name}": _script_of(name) for name in (_SIMULATOR.tasks if _SIMULATOR else ())}

@@ -2,9 +2,10 @@
 
 import pytest
 
-from robogauntlet.adapters.catalog import simulators
+from robogauntlet.adapters.catalog import task_descriptions
 from robogauntlet.policies.mergevla.network.config import TINY
 from robogauntlet.policies.mergevla.network.tokenizer import PromptTooLong, tokenizer_for, word_ids
+from tests.policies.zoo import WITH_EXPERTS
 
 
 def test_words_have_the_same_ids_on_every_machine_in_any_case():
@@ -13,8 +14,7 @@ def test_words_have_the_same_ids_on_every_machine_in_any_case():
 
 
 def test_the_instructions_of_tasks_with_experts_fit_and_no_two_words_of_them_share_an_id():
-    trained = [simulators()[name] for name in ("maniskill", "pybullet", "robosuite")]
-    instructions = {metadata.instruction for simulator in trained for metadata in simulator.tasks.values()}
+    instructions = {task_descriptions()[task].instruction for task in WITH_EXPERTS}
     words = {word for instruction in instructions for word in instruction.split()}
     assert len({word_ids(word, TINY.language.vocabulary)[1] for word in words}) == len(words)
     tokenizer_for(TINY)(sorted(instructions))
