@@ -233,11 +233,16 @@ def exclusive_server(database: Database, root: Path) -> Iterator[None]:
     """
     if database.engine.dialect.name == "postgresql":
         with database.reading() as connection:
-            connection.detach()  # so that it is closed afterwards, which releases the lock
+            connection.detach()  # so that it is closed afterwards, whatever happens
             if not connection.scalar(sa.select(sa.func.pg_try_advisory_lock(_ADVISORY))):
                 raise AlreadyRunning(f"another schedule server runs on {database.where}")
             connection.commit()  # the lock needs the connection, not a transaction
-            yield
+            try:
+                yield
+            finally:
+                # Without it, PostgreSQL keeps the lock until it notices that the connection was closed.
+                with contextlib.suppress(sa.exc.SQLAlchemyError):
+                    connection.scalar(sa.select(sa.func.pg_advisory_unlock(_ADVISORY)))
         return
     with exclusive(root / ".schedule.lock", AlreadyRunning(f"another schedule server runs on {root}")):
         yield

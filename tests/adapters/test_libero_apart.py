@@ -25,6 +25,7 @@ workers: {robosuite: 1, libero: 1}
 """
 pytestmark = [
     pytest.mark.simulator,
+    pytest.mark.slow,
     pytest.mark.ray,
     pytest.mark.skipif(package_folder() is not None, reason="LIBERO is installed here: its tests run as they are"),
 ]

@@ -11,6 +11,7 @@ from tests.adapters.test_libero_apart import run_command, surroundings
 
 pytestmark = [
     pytest.mark.simulator,
+    pytest.mark.slow,
     pytest.mark.skipif(package_folder() is not None, reason="LIBERO is installed here: its tests run as they are"),
 ]
 __all__ = ["surroundings"]
