@@ -55,20 +55,20 @@ class Layout:
     fixtures: Mapping[str, str] = field(default_factory=dict)
     """The same as `objects`, of what stands still."""
     goal: str | None = None
+    """ManiSkill's actor of the goal."""
 
 
 _ABOVE = (0.0, 0.0, 0.05)
-_CUBES = {"red_cube": "cubeA", "green_cube": "cubeB", "blue_cube": "cubeC"}
+_TWO = {"red_cube": "cubeA", "green_cube": "cubeB"}
+_THREE = _TWO | {"blue_cube": "cubeC"}
 
 LAYOUTS = {
     "PushCube-v1": Layout((0.08, 0.0, 0.05), {"cube": "cube"}, {"cube": _square(0.1, 0.1)}, goal="goal_region"),
     "PullCube-v1": Layout((-0.08, 0.0, 0.05), {"cube": "cube"}, {"cube": _square(0.1, 0.1)}, goal="goal_region"),
-    "StackCube-v1": Layout(
-        _ABOVE, {"red_cube": "cubeA", "green_cube": "cubeB"}, dict.fromkeys(_CUBES, _square(0.2, 0.3))
-    ),
+    "StackCube-v1": Layout(_ABOVE, _TWO, dict.fromkeys(_TWO, _square(0.2, 0.3))),
     "PickCube-v1": Layout((0.0, 0.0, 0.1), {"cube": "cube"}, {"cube": _square(0.1, 0.1)}, goal="goal_site"),
     "PlaceSphere-v1": Layout(
         _ABOVE, {"sphere": "sphere"}, {"sphere": ((-0.1, -0.1), (-0.05, 0.1))}, fixtures={"bin": "bin"}
     ),
-    "StackPyramid-v1": Layout(_ABOVE, _CUBES, dict.fromkeys(_CUBES, _square(0.1, 0.2))),
+    "StackPyramid-v1": Layout(_ABOVE, _THREE, dict.fromkeys(_THREE, _square(0.1, 0.2))),
 }

@@ -87,8 +87,8 @@ class RobosuiteSimulation(MujocoSimulation):
         if view.render_profile is RenderProfile.FAST_2:
             simplify_meshes(mujoco, self._model)
         self._parts = PARTS[name]
-        tool = robot.gripper["right"].important_sites["grip_site"], robot.robot_model.eef_name["right"]
         gripper = robot.gripper["right"]
+        tool = gripper.important_sites["grip_site"], robot.robot_model.eef_name["right"]
         self._take_arm(robot.robot_model.root_body, *tool, gripper.joints, ARMS[arm].fingertips(gripper))
         places = {name: self._data.body(body) for name, body in self._parts.bodies.items()}
         places |= {name: self._data.body(body) for name, body in self._parts.marks.items()}
@@ -166,11 +166,12 @@ class RobosuiteSimulation(MujocoSimulation):
         return state["tcp_position"], Rotation.from_quat(state["tcp_quaternion"])
 
     def _close_gripper(self, pads: Pads) -> None:
-        """Measure the gap of the closed and empty gripper."""
+        """Measure the gap of the closed and empty gripper, rounded so that processors agree."""
+        self.reset(BUILD_SEED)
         for _ in range(CLOSING_STEPS):
             self._control.step(np.array([0.0] * 6 + [1.0]))
         self._refresh()
-        pads.closed = pads.gap()
+        pads.closed = round(pads.gap(), 4)
 
     def _reward(self) -> float:
         """Return robosuite's reward; in most steps without the contacts, which it looks up by name."""

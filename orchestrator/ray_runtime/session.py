@@ -16,6 +16,7 @@ import psutil
 
 from robogauntlet.orchestrator.ray_runtime.cluster import PROBE_S, ClusterHead, check_address
 from robogauntlet.orchestrator.ray_runtime.session_folder import SessionFolder
+from robogauntlet.support.errors import first_line
 
 _LOCAL_ENVIRONMENT: dict[str, str | None] = {
     "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0",  # in spite of its name: one node only, on the loopback address
@@ -145,17 +146,17 @@ def _start(address: str | None, workers: int) -> None:
     except Exception as error:  # Ray raises no narrower one when its processes take longer than 30 s to start
         if address is not None:
             raise
-        _end_half_a_ray(children)
-        raise RayLost(f"Ray did not start: {str(error).partition(chr(10))[0]}") from error
+        _end_children(but=children)
+        raise RayLost(f"Ray did not start: {first_line(error)}") from error
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_terminate)  # Ray's own handler exits immediately
     with contextlib.suppress(OSError, RuntimeError):
         (Path.home() / ".ray" / "auth_token").chmod(0o600)  # Ray lets everybody on this machine read it
 
 
-def _end_half_a_ray(earlier: Collection[psutil.Process]) -> None:
-    """End what Ray has started here before its start failed: Ray itself does so only when this process ends."""
-    started = [child for child in psutil.Process().children(recursive=True) if child not in earlier]
+def _end_children(but: Collection[psutil.Process]) -> None:
+    """End the processes that Ray started before its start failed: Ray itself does so only when this process ends."""
+    started = [child for child in psutil.Process().children(recursive=True) if child not in but]
     for child in started:
         with contextlib.suppress(psutil.NoSuchProcess):
             child.kill()

@@ -10,7 +10,7 @@ from tests.adapters.control_steps import alternating, check_compiled, ours, play
 pytestmark = pytest.mark.simulator
 
 
-@pytest.fixture(scope="module", params=["Lift", "Stack", "Door"])
+@pytest.fixture(scope="module", params=["Lift", "Stack", "Door", "PickPlaceCan"])
 def simulation(request):
     opened = SIMULATOR.open(request.param, View(image_size=48, render_profile=RenderProfile.FAST))
     yield opened

@@ -158,7 +158,7 @@ def test_a_tracker_that_never_answers_costs_one_warning_and_a_moment(
 
 
 @pytest.mark.ray
-@pytest.mark.parametrize("address", [NOWHERE, "sqlite:///suite.yaml/mlflow.db"])
+@pytest.mark.parametrize("address", [NOWHERE, "sqlite:///suite.yaml/mlflow.db", "no-such-scheme://x"])
 def test_a_tracker_that_raises_costs_one_warning(tmp_path, monkeypatch, untracked, address):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", address)
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
