@@ -8,6 +8,7 @@ from robogauntlet.adapters.contract import UnknownTask
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA
 from robogauntlet.adapters.robosuite.simulation import SIMULATOR
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
+from robogauntlet.policies.oracles.robosuite import SLOWER_STEP, SLOWER_TURN
 from robogauntlet.suites.episode import RenderProfile, View
 from robogauntlet.suites.schema import expand_tasks
 from tests import ROOT
@@ -54,6 +55,12 @@ def test_the_tool_moves_by_the_action_in_steady_motion(lift):
             lift.step(action)
             positions.append(lift.privileged_state()["tcp_position"][axis])
         assert positions[-1] - positions[STEPS] == pytest.approx(STEPS * sign * STEP, rel=0.25)
+
+
+@pytest.mark.simulator
+def test_the_motions_of_scripts_are_within_the_bounds_of_every_arm(lift):
+    assert lift.action_spec.max_translation >= SLOWER_STEP
+    assert lift.action_spec.max_rotation >= SLOWER_TURN
 
 
 @pytest.mark.simulator

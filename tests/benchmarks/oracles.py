@@ -36,6 +36,8 @@ def measure() -> list[dict[str, object]]:
     run_suite(suite, FOLDER / "run")
     episodes = open_run(FOLDER / "run").episodes(FIELDS)
     write_episodes("oracles", episodes, ("task", "seed"))
+    for name in SIMULATORS:  # Of all, before the first is imported.
+        os.environ.update(worker_environment(catalog.find(name)))
     rows = rows_of(episodes, {task: _bounds(task) for task in tasks()})
     columns = {
         "task": "`{task}`",
@@ -69,7 +71,6 @@ def rows_of(episodes: pd.DataFrame, bounds: dict[str, tuple[float, float]]) -> l
 
 
 def _bounds(task: str) -> tuple[float, float]:
-    os.environ.update(worker_environment(catalog.find(task.partition("/")[0])))
     simulation = catalog.open_simulation(task, View(image_size=32, render_profile=RenderProfile.FAST))
     spec: ActionSpec = simulation.action_spec
     simulation.close()
