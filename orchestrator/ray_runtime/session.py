@@ -26,6 +26,8 @@ _LOCAL_ENVIRONMENT: dict[str, str | None] = {
 }
 _PAST_THE_OBJECT_STORE = {"max_direct_call_object_size": 64 * 2**20, "task_rpc_inlined_bytes_limit": 2**40}
 """Send results directly: when the object store dies, Ray kills every process that reads from it without a message."""
+_STARTED_HERE = {**_PAST_THE_OBJECT_STORE, "prestart_worker_first_driver": False}
+"""Start no process ahead of work, one per core: ours have environments of their own, so none of these would be used."""
 WORKER_BYTES = 2 * 1024**3
 """Memory of a worker with a simulator, its renderer and a policy (bytes)."""
 _JOINED_ENVIRONMENT: dict[str, str | None] = {
@@ -139,7 +141,7 @@ def _start(address: str | None, workers: int) -> None:
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     if address is None:
         cores = max(os.cpu_count() or 1, workers)
-        options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _PAST_THE_OBJECT_STORE}
+        options |= {"num_cpus": cores, "include_dashboard": False, "_system_config": _STARTED_HERE}
     children = set(psutil.Process().children(recursive=True))
     try:
         ray.init(address or "local", **options)
