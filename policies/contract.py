@@ -59,6 +59,8 @@ class PolicySpec:
     """Cameras without which the policy cannot act."""
     image_size: int | None = None
     """Height and width (px) of its images, or None for any."""
+    tasks: frozenset[str] | None = None
+    """Tasks (`simulator/task`) in which it can act, or None for all."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +166,16 @@ class PolicyKind:
     """Further requirements, which are installed without their dependencies."""
     files: Callable[[Mapping[str, Any]], PolicyFiles] | None = None
     """Returns the policy's files under these options, for cluster nodes that lack them; None if it needs none."""
+
+
+def check_tasks(spec: PolicySpec, tasks: Sequence[str]) -> None:
+    """Refuse a policy that cannot act in one of the tasks.
+
+    Raises:
+        PolicyMismatch: It cannot; the message names the tasks in which it can.
+    """
+    if spec.tasks is not None and (beyond := [task for task in tasks if task not in spec.tasks]):
+        raise PolicyMismatch(f"it cannot act in {', '.join(beyond)}; it can in {', '.join(sorted(spec.tasks))}")
 
 
 def check_fit(spec: PolicySpec, action_spec: ActionSpec, observation_spec: ObservationSpec) -> None:

@@ -102,9 +102,14 @@ class ServedPolicy:
     def __init__(self, server: Any, name: str, spec: PolicySpec) -> None:
         self.spec = spec
         self._server, self._name = server, name
+        self._ended: tuple[Sequence[Episode], Any] = ((), None)
+        """The episodes that were ended last, and the call that makes the server forget them."""
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes."""
+        ended, call = self._ended
+        if any(episode in ended for episode in episodes):  # a second attempt, which a late call would end
+            ray.wait([call])
         ray.get(self._server.reset.remote(self._name, list(episodes)))
 
     def act(self, queries: Sequence[Query]) -> Sequence[Decision]:
@@ -114,7 +119,7 @@ class ServedPolicy:
 
     def finish(self, episodes: Sequence[Episode]) -> None:
         """Forget these episodes, without waiting for the server."""
-        self._server.finish.remote(self._name, list(episodes))
+        self._ended = episodes, self._server.finish.remote(self._name, list(episodes))
 
 
 def served_policies(server: Any, sources: Mapping[str, PolicySource]) -> dict[str, Policy]:

@@ -20,6 +20,7 @@ from robogauntlet.policies.contract import (
     PolicySpec,
     PolicyUnreachable,
     check_fit,
+    check_tasks,
 )
 from robogauntlet.policies.function_policy import FunctionPolicy, StatefulFunctionPolicy
 from robogauntlet.policies.hub import OnHub, without_downloads
@@ -183,3 +184,4 @@ def _find_without_start(
 
 def _check_fit(spec: PolicySpec, suite: Suite) -> None:
     check_fit(spec, ActionSpec(1.0, 1.0, 1.0), ObservationSpec(suite.cameras, suite.image_size))
+    check_tasks(spec, suite.tasks)

@@ -21,6 +21,7 @@ REFERENCES = {
     "text": "expected openpi://HOST:PORT",
     "notes": "expected openpi://HOST:PORT",
     "zoo:nothing": "expected the name of a shipped checkpoint after 'zoo:', got",
+    "zoo:experts": "policy 'zoo-experts' does not fit: it cannot act in null/Reach; it can in maniskill/PullCube-v1, ",
     "zoo:../base": "expected the name of a shipped checkpoint after 'zoo:', got",
     "zoo:": "expected the name of a shipped checkpoint after 'zoo:', got",
     "python:": "got 'python:'; did you mean 'python'?",

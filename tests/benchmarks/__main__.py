@@ -28,7 +28,7 @@ LONG = (
     *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
-NEED_DEMONSTRATIONS = ("merges", "routers", "training_controls", "unknown_tasks", "varied_experts")
+NEED_DEMONSTRATIONS = ("arms", "merges", "routers", "training_controls", "unknown_tasks", "varied_experts")
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
 CODE = """

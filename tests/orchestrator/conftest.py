@@ -10,7 +10,7 @@ import pytest
 def ray_here():
     from robogauntlet.orchestrator.ray_runtime.session import ray_session
 
-    with ray_session(address=None, workers=6):
+    with ray_session(address=None, workers=3):
         yield
 
 

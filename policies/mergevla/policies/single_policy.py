@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -153,6 +153,7 @@ class MergeVLAPolicy(StatelessPolicy):
         for task, spec in specs.items():
             if spec != self.spec:
                 raise PolicyMismatch(f"expected experts of one architecture, got others for {first} and {task}")
+        self.spec = replace(self.spec, tasks=frozenset(checkpoints))
 
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Refuse episodes of a task without a checkpoint."""

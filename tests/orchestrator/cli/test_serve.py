@@ -128,11 +128,11 @@ def test_a_failing_server_causes_error_rows_of_its_policy_only(run_command, tmp_
 
 
 def test_a_dead_server_or_a_broken_module_starts_nothing(run_command, tmp_path):
-    (tmp_path / "broken.py").write_text("raise RuntimeError('no GPU')\n")
+    (tmp_path / "gpuless.py").write_text("raise RuntimeError('no GPU')\n")
     dead = {"name": "pi0", "kind": "openpi", "options": {"address": "127.0.0.1:1", "retries": 0}}
-    result = run_of(run_command, tmp_path, [dead, "python:broken:act", "zero"])
+    result = run_of(run_command, tmp_path, [dead, "python:gpuless:act", "zero"])
     assert result.code == 2
     assert not (tmp_path / "run").exists()
     first, second = [line for line in result.err.splitlines() if "policy" in line]
     assert "policy 'pi0': policy server ws://127.0.0.1:1: expected an answer" in first
-    assert "importing 'broken' raised RuntimeError: no GPU" in second
+    assert "importing 'gpuless' raised RuntimeError: no GPU" in second

@@ -1,5 +1,6 @@
 """Policy servers on a real Ray."""
 
+import asyncio
 import os
 import signal
 from collections import Counter
@@ -8,10 +9,16 @@ import pytest
 import ray
 
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
-from robogauntlet.orchestrator.inference.ray_policy_server import choose_inference, measure_answer_times, start_servers
+from robogauntlet.orchestrator.inference.ray_policy_server import (
+    ServedPolicy,
+    choose_inference,
+    measure_answer_times,
+    start_servers,
+)
 from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
 from robogauntlet.orchestrator.scheduling.scheduler import Scheduler, SchedulerOptions
 from robogauntlet.orchestrator.scheduling.work_queue import work_queues
+from robogauntlet.policies.contract import PolicyInput, PolicySpec
 from robogauntlet.results.record import outcome_row, rows_hash
 from robogauntlet.suites.episode import Cell, Protocol, View
 from robogauntlet.suites.resources import Inference
@@ -110,6 +117,35 @@ def test_a_killed_server_costs_no_row(observer, servers):
     observer.on_rows = lambda rows: None
     undisturbed = play(observer, work("untrained", "null/Slow"))
     assert rows_hash(map(outcome_row, rows)) == rows_hash(map(outcome_row, undisturbed))
+
+
+def test_an_episode_that_is_played_again_is_not_forgotten_by_the_end_of_its_first_attempt():
+    class SlowToForget:
+        def __init__(self):
+            self.known = set()
+
+        async def reset(self, name, episodes):
+            self.known |= set(episodes)
+
+        async def finish(self, name, episodes):
+            await asyncio.sleep(1.0)
+            self.known -= set(episodes)
+
+        async def knows(self):
+            await asyncio.sleep(2.0)
+            return self.known
+
+    server = ray.remote(SlowToForget).options(num_cpus=0, max_concurrency=10).remote()
+    policy, episode = (
+        ServedPolicy(server, "mine", PolicySpec(PolicyInput.OBSERVATION, 8)),
+        Cell("mine", "mine", "null/Reach", Protocol(60)).episode(0),
+    )
+    for _ in range(2):
+        policy.reset([episode])
+        policy.finish([episode])
+    policy.reset([episode])
+    assert ray.get(server.knows.remote()) == {episode}
+    ray.kill(server)
 
 
 def test_policies_compute_where_measured_answers_are_faster(monkeypatch):

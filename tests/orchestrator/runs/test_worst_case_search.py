@@ -15,7 +15,7 @@ from robogauntlet.suites.episode import FIRST_TRAINING_SEED
 from robogauntlet.support.errors import BadInput
 from tests.orchestrator.runs.playing import rows_of
 
-BUDGET = 110
+BUDGET = 150
 
 
 def request(**changes):

@@ -186,7 +186,7 @@ def test_more_workers_than_ray_has_room_for_take_turns(observer):
     rows = []
     sources = {"zero": PolicySource("zero")}
     given = options(workers={"null": 2, "pybullet": 2})
-    pool = RayWorkerPool(sources, dict.fromkeys(("null", "pybullet"), Resources(num_cpus=3.0)))
+    pool = RayWorkerPool(sources, dict.fromkeys(("null", "pybullet"), Resources(num_cpus=1.5)))
     Scheduler(work_queues(items, 3), pool, given, rows.extend, observer).run()
     assert Counter(row.simulator for row in rows) == {"null": 6, "pybullet": 12}
     assert not observer.warnings
@@ -220,7 +220,7 @@ def test_a_worker_above_the_memory_limit_is_replaced(observer):
     ("asked", "message"),
     [
         ({"num_gpus": 0.5}, "resources.null.num_gpus: expected at most what one node has, 0; got 0.5"),
-        ({"num_cpus": 500}, "resources.null.num_cpus: expected at most what one node has, 6; got 500"),
+        ({"num_cpus": 500}, "resources.null.num_cpus: expected at most what one node has, 3; got 500"),
         ({"memory_gb": 9999}, r"resources.null.memory_gb: expected at most what one node has, .*; got 9999"),
     ],
 )
