@@ -21,7 +21,6 @@ REFERENCES = {
     "text": "expected openpi://HOST:PORT",
     "notes": "expected openpi://HOST:PORT",
     "zoo:nothing": "expected the name of a shipped checkpoint after 'zoo:', got",
-    "zoo:experts": "policy 'zoo-experts' does not fit: it cannot act in null/Reach; it can in maniskill/PullCube-v1, ",
     "zoo:../base": "expected the name of a shipped checkpoint after 'zoo:', got",
     "zoo:": "expected the name of a shipped checkpoint after 'zoo:', got",
     "python:": "got 'python:'; did you mean 'python'?",
@@ -43,6 +42,7 @@ REFERENCES = {
     "lerobot:nowhere": "expected a folder or an id on the hub, got 'nowhere'",
     "experts": "policy 'experts' does not fit: the policy was made for 16 px images, the suite renders 96 px",
     "base": "policy 'base' does not fit: the policy was made for 16 px images, the suite renders 96 px",
+    "zoo:experts": "policy 'zoo-experts' does not fit: it cannot act in null/Reach; it can in maniskill/PullCube-v1, ",
 }
 SEARCH = "bisect --good {} --bad {} --task null/Reach --out new {}"
 SEARCHED = {
