@@ -20,8 +20,9 @@ from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.policies.zoo import shipped
 from robogauntlet.results.api import open_run
 from robogauntlet.results.statistics.pairs import Pairs, paired_ratio
-from robogauntlet.results.statistics.rates import Interval, wilson_interval
+from robogauntlet.results.statistics.rates import wilson_interval
 from tests.benchmarks.document import write_episodes
+from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import run_suite, table_of
 from tests.processes import run_gauntlet
 
@@ -114,8 +115,8 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
                     "policy": policy,
                     "title": _title(policy),
                     "tasks": " / ".join(f"{100 * outcomes[t].mean():.0f}" for t in tasks),
-                    "success": _percent(outcomes.mean(), interval),
-                    "kept": "" if policy == "experts" else _percent(kept.value, kept.interval),
+                    "success": percent(outcomes.mean(), interval),
+                    "kept": "" if policy == "experts" else percent(kept.value, kept.interval),
                     "chosen": _chosen(own, setting) if policy in ROUTED else "",
                 }
             )
@@ -151,14 +152,9 @@ def _chosen(episodes: pd.DataFrame, setting: str) -> str:
     if setting != "unseen arms":
         right = episodes.inferred_task == episodes.task
         interval = wilson_interval(int(right.sum()), len(right))
-        return f"right in {_percent(right.mean(), interval)}"
+        return f"right in {percent(right.mean(), interval)}"
     found = episodes.inferred_task.map(_arm).value_counts(normalize=True)
     return ", ".join(f"{arm} {100 * share:.0f} %" for arm, share in found.items())
-
-
-def _percent(value: float, interval: Interval | None) -> str:
-    ends = f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval else ""
-    return f"{100 * value:.0f} %{ends}"
 
 
 def _arm(task: str) -> str:

@@ -86,16 +86,19 @@ def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[st
                 "kilobytes": kilobytes[policy],
                 "successes": int(own.sum()),
                 "episodes": int(own.count()),
-                "success": _percent(own.mean(), interval),
-                "kept": "" if policy == EXPERTS else _percent(ratio.value, ratio.interval),
+                "success": percent(own.mean(), interval),
+                "kept": "" if policy == EXPERTS else percent(ratio.value, ratio.interval),
                 "weakest": f"{rates.idxmin()} {rates.min():.0%}".replace("%", " %"),
             }
         )
     return rows
 
 
-def _percent(value: float, interval: Interval | None) -> str:
-    ends = f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval else ""
+def percent(value: float, interval: Interval | None) -> str:
+    """A share with its interval, in percent; an interval without width is none: no resample differed."""
+    ends = (
+        f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval and interval.low < interval.high else ""
+    )
     return f"{100 * value:.0f} %{ends}"
 
 

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from tests import ROOT
-from tests.benchmarks import libero_oracles, oracles, training_controls, varied_experts
+from tests.benchmarks import arms, libero_oracles, oracles, training_controls, varied_experts
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
 from tests.benchmarks.more_experts import with_success
 from tests.benchmarks.operators import rows_of
@@ -62,6 +62,11 @@ def test_the_table_of_tasks_counts_the_committed_episodes():
 def test_the_table_of_training_controls_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "training_controls.json").read_text(encoding="utf-8"))["rows"]
     assert training_controls.rows_of(pd.read_parquet(MEASUREMENTS / "training_controls.parquet")) == rows
+
+
+def test_the_table_of_arms_counts_the_committed_episodes():
+    rows = json.loads((MEASUREMENTS / "arms.json").read_text(encoding="utf-8"))["rows"]
+    assert arms.rows_of(pd.read_parquet(MEASUREMENTS / "arms.parquet")) == rows
 
 
 def test_what_the_zoo_s_experts_keep_in_the_screening_is_counted_in_its_rows():
