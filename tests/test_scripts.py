@@ -55,7 +55,9 @@ def parsed(arguments: Sequence[str]) -> dict[str, object]:
         _, command, rest = command.resolve_command(context, [*context._protected_args, *context.args])
 
 
-@pytest.mark.parametrize(("script", "verbs"), [("zoo.sh", 23), ("training_controls.sh", 211), ("varied_experts.sh", 5)])
+@pytest.mark.parametrize(
+    ("script", "verbs"), [("zoo.sh", 23), ("training_controls.sh", 211), ("varied_experts.sh", 5), ("arms.sh", 14)]
+)
 def test_every_command_of_the_long_scripts_is_valid(script: str, verbs: int, tmp_path: Path) -> None:
     commands = commands_of(script, tmp_path)
     for command in commands:
