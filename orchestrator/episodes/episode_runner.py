@@ -115,6 +115,10 @@ class EpisodeRunner:
                 self.close()
         return EpisodeResult.failed_to_run(episode, error, started_at=started, wall_s=time.perf_counter() - clock)
 
+    def load(self, policy: str) -> None:
+        """Load a policy, by its name. Raises whatever that raises; episodes that need it would report it."""
+        self._policy(policy)
+
     def close(self) -> None:
         """Close the open simulation. The runner can go on afterwards."""
         simulation, self._simulation, self._opened = self._simulation, None, None

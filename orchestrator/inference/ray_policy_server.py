@@ -105,6 +105,10 @@ class ServedPolicy:
         self._ended: tuple[Sequence[Episode], Any] = ((), None)
         """The episodes that were ended last, and the call that makes the server forget them."""
 
+    def load(self) -> None:
+        """Wait until the server has loaded the policy."""
+        ray.get(self._server.reset.remote(self._name, []))
+
     def reset(self, episodes: Sequence[Episode]) -> None:
         """Start these episodes."""
         ended, call = self._ended
@@ -122,7 +126,7 @@ class ServedPolicy:
         self._ended = episodes, self._server.finish.remote(self._name, list(episodes))
 
 
-def served_policies(server: Any, sources: Mapping[str, PolicySource]) -> dict[str, Policy]:
+def served_policies(server: Any, sources: Mapping[str, PolicySource]) -> dict[str, ServedPolicy]:
     """A server's policies by name."""
     local = {name: resolve_locally(source) for name, source in sources.items()}
     return {name: ServedPolicy(server, name, spec) for name, spec in _image_policies(local).items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
@@ -33,8 +34,9 @@ class Worker:
     def __init__(self, name: str, sources: Mapping[str, PolicySource], job: Job, server: Any = None) -> None:
         # Ctrl-C in a terminal reaches the whole process group. The driver decides what it means.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        remote_policies = served_policies(server, sources) if server else None
-        self._runner = EpisodeRunner(sources, name, remote_policies)
+        self._served = served_policies(server, sources) if server else {}
+        self._runner = EpisodeRunner(sources, name, self._served)
+        self._loaded: set[str] = set()
         self._job = job
         self._process = psutil.Process()
 
@@ -56,8 +58,14 @@ class Worker:
         """Play a lease and yield its results in order, short episodes in batches.
 
         Yields:
-            Results, the memory of this process (bytes), and whether the lease is complete.
+            Results, the memory of this process (bytes), and whether the lease is complete. First no results, once a
+            policy is loaded that was not before: that may take minutes, which are not those of an episode.
         """
+        if (name := lease.cell.policy) not in self._loaded:
+            self._loaded.add(name)
+            with contextlib.suppress(Exception):  # the episodes say what is wrong
+                self._served[name].load() if name in self._served else self._runner.load(name)
+            yield [], self._process.memory_info().rss, False
         batch: list[Any] = []
         sent = time.perf_counter()
         for left, result in zip(reversed(range(len(lease.seeds))), self._job(self._runner, lease), strict=True):

@@ -22,6 +22,8 @@ from robogauntlet.support.text import counted
 
 OPEN_ALLOWANCE_S = 180.0
 """Added to the time limit while a worker starts, imports its simulator and opens a task."""
+LOAD_ALLOWANCE_S = 180.0
+"""Added to the time limit while a worker, or its policy server, loads a policy."""
 RECYCLE_AFTER = 5000
 """Episodes after which a worker is replaced, because renderers leak memory."""
 GROW_S = 5.0
@@ -92,6 +94,8 @@ class _Slot:
     last_event_at: float = 0.0
     activity_began: float = 0.0
     open_task: str | None = None
+    loaded: set[str] = field(default_factory=set)
+    """Policies that its worker has loaded."""
     played: int = 0
     memory_bytes: int = 0
     opening: str = ""
@@ -284,11 +288,14 @@ class Scheduler(Generic[Result]):
                 self._give_up(slot.simulator, task, reason)
             case worker_pool.EpisodesFinished(results, memory_bytes, last) if slot.lease is not None:
                 lease = slot.lease
+                slot.loaded.add(lease.cell.policy)
+                slot.memory_bytes = memory_bytes
+                if not results:
+                    return
                 if not slot.played:
                     self.start_s[slot.simulator] = self.now() - slot.started_at
                 slot.finished += len(results)
                 slot.played += len(results)
-                slot.memory_bytes = memory_bytes
                 slot.open_task = lease.cell.task
                 source.returned(lease, results)
                 if last:
@@ -332,12 +339,16 @@ class Scheduler(Generic[Result]):
             if not slot.running:
                 continue
             limit_s = self.options.episode_time_limit_s
-            if slot.lease is None or slot.open_task != slot.lease.cell.task:
+            what, allowed_s = "an episode", limit_s
+            if slot.lease is not None and slot.lease.cell.policy not in slot.loaded:
+                allowed_s = limit_s = limit_s + LOAD_ALLOWANCE_S
+                what = f"loading policy '{slot.lease.cell.policy}'"
+            elif slot.lease is None or slot.open_task != slot.lease.cell.task:
                 limit_s += OPEN_ALLOWANCE_S
             if slot.lease is not None:
                 limit_s += slot.lease.message_s
             if self.now() - slot.last_event_at > limit_s:
-                self._worker_failed(slot, f"an episode took longer than {self.options.episode_time_limit_s:g} s")
+                self._worker_failed(slot, f"{what} took longer than {allowed_s:g} s")
 
     def _accept(self, results: Sequence[Result]) -> None:
         if not results:
@@ -366,4 +377,5 @@ class Scheduler(Generic[Result]):
             self.pool.end(slot.worker)
         slot.worker = slot.lease = slot.open_task = None
         slot.running = False
+        slot.loaded = set()
         slot.played = slot.memory_bytes = 0

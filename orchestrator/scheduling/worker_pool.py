@@ -32,7 +32,7 @@ class Unavailable:
 
 @dataclass(frozen=True)
 class EpisodesFinished:
-    """Results of episodes of the lease, in order."""
+    """Results of episodes of the lease, in order; none once the worker has loaded the lease's policy."""
 
     results: Sequence[Any]
     """What the workers' job yields for each episode, such as an `EpisodeResult`."""

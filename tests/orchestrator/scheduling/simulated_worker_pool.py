@@ -53,6 +53,8 @@ class SimulatedWorker:
     """Events that have not been handled."""
     idle_since: float | None = None
     played: int = 0
+    loaded: set[str] = field(default_factory=set)
+    """Policies."""
 
     def play(self, lease):
         with self.pool.clock.stopped():
@@ -75,6 +77,7 @@ class SimulatedWorkerPool:
         seconds: Duration of an episode.
         clock: The scheduler's clock.
         start_s: Time until a worker is ready.
+        load_s: Time to load a policy.
         event_s: Time to handle an event on a real Ray, besides the computation here.
         wait_s: Time per worker to find the workers with events on a real Ray.
         fate: Called before each episode; "dies" ends the worker there, "hangs" stops its events.
@@ -89,6 +92,7 @@ class SimulatedWorkerPool:
         clock: Clock,
         *,
         start_s: float = 5.0,
+        load_s: float = 0.0,
         event_s: float = 0.0,
         wait_s: float = 0.0,
         fate: Callable[[Any], str] = lambda episode: "plays",
@@ -99,7 +103,7 @@ class SimulatedWorkerPool:
         ),
     ):
         self.clock, self._seconds, self._start_s, self._fate = clock, seconds, start_s, fate
-        self.event_s, self._wait_s, self._result = event_s, wait_s, result
+        self.event_s, self._wait_s, self._load_s, self._result = event_s, wait_s, load_s, result
         self.charged_s = 0.0
         self._unavailable, self._memory_bytes = set(unavailable), memory_bytes
         self._events: list[tuple[float, int, SimulatedWorker, Any]] = []
@@ -137,6 +141,10 @@ class SimulatedWorkerPool:
         now = self.clock()
         if worker.idle_since is not None:
             self.idle_s += now - worker.idle_since
+        if lease.cell.policy not in worker.loaded:
+            worker.loaded.add(lease.cell.policy)
+            now += self._load_s
+            self._at(now, worker, EpisodesFinished([], self._memory_bytes(worker.played), False))
         batch, sent = [], now
         for left, episode in zip(reversed(range(len(lease.seeds))), lease.episodes(), strict=True):
             fate = self._fate(episode)

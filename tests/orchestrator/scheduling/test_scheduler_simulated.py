@@ -61,6 +61,20 @@ def test_a_hanging_worker_is_ended_after_the_time_limit():
     assert 30.0 < pool.clock() < 60.0
 
 
+def test_the_time_to_load_a_policy_does_not_count_as_that_of_an_episode():
+    pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), load_s=100.0)
+    rows, observer = play(work({("a/1", "p"): 5, ("a/1", "q"): 5}), pool, {"a": 1})
+    assert Counter(row.seed for row in rows) == Counter([*range(5), *range(5)])
+    assert not observer.warnings
+
+
+def test_a_worker_that_does_not_finish_loading_a_policy_is_ended():
+    pool = SimulatedWorkerPool(lambda episode: 1.0, Clock(), load_s=1000.0)
+    rows, observer = play(work({("a/1", "p"): 1}), pool, {"a": 1})
+    assert rows[0].error == "WorkerDied: loading policy 'p' took longer than 210 s (attempts: 3)"
+    assert len(observer.warnings) == 3
+
+
 def test_an_episode_that_was_left_out_is_not_named_as_the_latest_error():
     def result(lease, seed, **fields):
         error = "left out: it needs a scene" if seed % 4 else "RuntimeError: broken"
