@@ -117,7 +117,10 @@ class EpisodeRunner:
 
     def load(self, policy: str) -> None:
         """Load a policy, by its name. Raises whatever that raises; episodes that need it would report it."""
+        start = time.perf_counter()
         self._policy(policy)
+        if self._idle_since is not None:
+            self._idle_since += time.perf_counter() - start
 
     def close(self) -> None:
         """Close the open simulation. The runner can go on afterwards."""

@@ -1,5 +1,6 @@
 """The playing of leases, without Ray."""
 
+import time
 from dataclasses import replace
 
 import pytest
@@ -8,7 +9,7 @@ from robogauntlet.adapters.contract import Delivered, TaskUnavailable
 from robogauntlet.adapters.null import SIMULATOR, NullSimulation
 from robogauntlet.orchestrator.episodes.episode_runner import EpisodeRunner
 from robogauntlet.orchestrator.episodes.lease import Lease
-from robogauntlet.orchestrator.episodes.policy_source import PolicySource
+from robogauntlet.orchestrator.episodes.policy_source import PolicySource, build_policy
 from robogauntlet.policies.catalog import digest
 from robogauntlet.policies.contract import Decision, PolicyInput, PolicyKind, PolicySpec, StatelessPolicy
 from robogauntlet.results.record import is_left_out, outcome_row
@@ -38,6 +39,19 @@ def test_only_the_first_episode_has_a_build_time(runner):
     results = list(runner.play(lease()))
     assert results[0].build_s > 0
     assert [result.build_s for result in results[1:]] == [0.0, 0.0]
+
+
+def test_the_time_to_load_a_policy_before_its_lease_is_none_in_which_the_worker_waited(runner, monkeypatch):
+    def build_slowly(source):
+        time.sleep(1.0)
+        return build_policy(source)
+
+    list(runner.play(lease()))
+    monkeypatch.setattr("robogauntlet.orchestrator.episodes.episode_runner.build_policy", build_slowly)
+    runner.load("zero")
+    (row,) = runner.play(lease(policy="zero", seeds=(0,)))
+    assert row.load_s >= 1.0
+    assert row.wait_s < row.load_s
 
 
 @pytest.mark.parametrize("policy", ["oracle", "random", "untrained", "zero"])
