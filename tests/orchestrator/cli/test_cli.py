@@ -207,7 +207,7 @@ def start(suite, folder, *part):
     command = [*GAUNTLET, "run", str(suite), *part, "--out", str(folder), "--no-media"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 240
     while time.monotonic() < deadline and count(folder) < 10:
         time.sleep(0.05)
     assert count(folder) >= 10
