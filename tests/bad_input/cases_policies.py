@@ -77,6 +77,7 @@ OPTIONS = {
     "random --option 'a=['": "--option a: not YAML",
     "random --option 'a=!!python/name:os.system'": "--option a: expected plain YAML, found the object tag",
     "random --option a=2026-01-01": "--option a: expected plain YAML, found a date",
+    "zoo:merged --option router=oracle": "policy 'zoo-merged' does not fit: it cannot act in null/Reach; it can in ",
     "replay --option file=nowhere": "policy 'replay' has no option 'file'",
     "python:json:loads --option n=1": "policy 'python' has no option 'n'",
     "openpi://127.0.0.1:1 --option token_variable=WANDB_API_KEY": "token_variable: expected ROBOGAUNTLET_POLICY",

@@ -51,7 +51,7 @@ ROUTED = {
 }
 """Name to merge and router."""
 SEEDS = 50
-EPISODE = ("policy", "task", "seed", "status", "inferred_task")
+EPISODE = ("policy", "task", "seed", "status", "inferred_task", "failure")
 COLUMNS = {
     "setting": "{setting}",
     "policy": "{title}",
@@ -98,7 +98,7 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
     rows = []
     for setting, tasks in SETTINGS.items():
         inside = frame[frame.setting == setting]
-        won = inside.assign(won=(inside.status == "success").astype(float)).pivot(
+        won = inside.assign(won=inside.status.map({"success": 1.0, "failure": 0.0})).pivot(
             index=["task", "seed"], columns="policy", values="won"
         )
         for policy in _order(won.columns):
@@ -144,7 +144,7 @@ def _title(policy: str) -> str:
     if policy in ROUTED:
         way, router = ROUTED[policy]
         return f"{MERGES[way][0]}, routed: {router}"
-    return f"{MERGES[policy][0]}, told" if policy in MERGES else policy.replace("-", " ")
+    return f"{MERGES[policy][0]}, oracle-routed" if policy in MERGES else policy.replace("-", " ")
 
 
 def _chosen(episodes: pd.DataFrame, setting: str) -> str:

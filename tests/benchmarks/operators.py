@@ -95,7 +95,7 @@ def rows_of(frame: pd.DataFrame, kilobytes: Mapping[str, float]) -> list[dict[st
 
 
 def percent(value: float, interval: Interval | None) -> str:
-    """A share with its interval, in percent; an interval without width is none: no resample differed."""
+    """A share with its interval, in percent; an interval of no width is left out, as all resamples were alike."""
     ends = (
         f" [{100 * interval.low:.0f}, {100 * interval.high:.0f}]" if interval and interval.low < interval.high else ""
     )

@@ -13,6 +13,7 @@ from robogauntlet.orchestrator.inference.ray_policy_server import (
     ServedPolicy,
     choose_inference,
     measure_answer_times,
+    served_policies,
     start_servers,
 )
 from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
@@ -86,6 +87,13 @@ def test_simultaneous_episodes_of_a_class_with_reset_do_not_share_its_state(obse
     assert max(ray.get(server.batch_sizes.remote())["mine"]) == 2
     assert {row.status for row in served} == {"failure"}
     assert rows_hash(map(outcome_row, served)) == rows_hash(map(outcome_row, play(observer, work("mine"), sources)))
+
+
+def test_a_served_policy_can_be_loaded_before_its_first_episode(servers):
+    (server,) = servers(SOURCES)
+    assert ray.get(server.batch_sizes.remote()) == {}
+    served_policies(server, SOURCES)["untrained"].load()
+    assert ray.get(server.batch_sizes.remote()) == {"untrained": {}}
 
 
 def test_every_replica_is_queried(observer, servers):

@@ -7,6 +7,7 @@ from collections import Counter
 
 import pytest
 
+from robogauntlet.orchestrator.episodes.lease import Lease, Readiness
 from robogauntlet.orchestrator.episodes.policy_source import PolicySource
 from robogauntlet.orchestrator.ray_runtime.session import NoRoom
 from robogauntlet.orchestrator.scheduling.ray_worker_pool import RayWorkerPool
@@ -113,6 +114,30 @@ def test_a_hanging_episode_is_ended(observer):
     assert seeds(rows) == Counter(range(5, 9))
     (hung,) = [row for row in rows if row.status == "error"]
     assert (hung.seed, hung.error) == (7, "WorkerDied: an episode took longer than 10 s (attempts: 1)")
+
+
+def test_a_worker_reports_once_that_it_has_loaded_a_policy():
+    cell, pool = Cell("zero", "zero", "null/Reach", Protocol(20)), RayWorkerPool({"zero": PolicySource("zero")})
+    worker = pool.start("null-0", "null", cell)
+
+    def next_event():
+        while not pool.wait(1.0):
+            pass
+        return worker.next_event()
+
+    def lengths():
+        worker.play(Lease(cell, (0, 1)))
+        events = [next_event()]
+        while not events[-1].last:
+            events.append(next_event())
+        return [len(event.results) for event in events]
+
+    while not isinstance(next_event(), Readiness):
+        pass
+    assert lengths()[0] == 0
+    assert 0 not in lengths()
+    pool.end(worker)
+    pool.close()
 
 
 def test_a_stopped_process_is_ended(observer):
