@@ -69,6 +69,14 @@ def test_the_table_of_arms_counts_the_committed_episodes():
     assert arms.rows_of(pd.read_parquet(MEASUREMENTS / "arms.parquet")) == rows
 
 
+def test_what_the_page_says_of_arms_beside_the_table_is_counted_in_its_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "arms.parquet")
+    failures = rows[(rows.policy == "experts") & (rows.task == "robosuite/Door@Kinova3") & (rows.status == "failure")]
+    assert failures.failure.tolist() == ["misplaced"] * 10
+    routed = rows[(rows.policy == "ta-s-averaged-trunk-paper-coded") & (rows.setting == "one skill")]
+    assert routed.inferred_task.tolist() == ["robosuite/Lift@UR5e"] * 200
+
+
 def test_what_the_zoo_s_experts_keep_in_the_screening_is_counted_in_its_rows():
     rows = pd.read_parquet(ROOT / "docs/reports/screening/episodes.parquet")
     kept = (rows[(rows.policy == "experts") & (rows.severity == 2)].status == "success").mean()
