@@ -41,7 +41,7 @@ def test_only_the_first_episode_has_a_build_time(runner):
     assert [result.build_s for result in results[1:]] == [0.0, 0.0]
 
 
-def test_the_time_to_load_a_policy_before_its_lease_is_none_in_which_the_worker_waited(runner, monkeypatch):
+def test_loading_a_policy_before_its_lease_does_not_count_as_waiting(runner, monkeypatch):
     def build_slowly(source):
         time.sleep(1.0)
         return build_policy(source)

@@ -54,7 +54,7 @@ class SimulatedWorker:
     idle_since: float | None = None
     played: int = 0
     loaded: set[str] = field(default_factory=set)
-    """Policies."""
+    """Policies that it has loaded."""
 
     def play(self, lease):
         with self.pool.clock.stopped():
