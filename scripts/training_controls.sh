@@ -4,7 +4,9 @@
 # five tasks, three merges; then all of them play the same episodes. Smaller than the zoo, so that many trainings fit:
 # five tasks, 150 demonstrations each.
 #   cross-sigmoid  MergeVLA's blocks, a base of the five tasks; cross-tanh, self-sigmoid, self-tanh: other blocks
+#   quirks         the errors of the paper's released code, a base of the five tasks
 #   other          a base of four other tasks
+#   matched        a base of their images and sentences, without actions
 #   KIND-fresh     the same base, each expert's trunk from a seed of its own, as in arXiv 2511.18810
 #   joint          one network on all five tasks, with as many frames as a base and its experts
 # Finished parts are skipped and stopped ones continue, so the same command goes on after any interruption.
@@ -18,7 +20,7 @@ cd "$(dirname "$0")/.."
 FOLDER=$(realpath -m "${1:-runs/training-controls${PERCENT:+-$PERCENT-percent}}")  # suites name checkpoints by it
 shift || true
 SEEDS=${*:-0 1 2}
-KINDS=${KINDS:-cross-sigmoid self-tanh cross-tanh self-sigmoid joint cross-sigmoid-fresh other other-fresh}
+KINDS=${KINDS:-cross-sigmoid self-tanh cross-tanh self-sigmoid quirks joint cross-sigmoid-fresh other other-fresh matched matched-fresh}
 DATA=$(realpath -m "${DEMONSTRATIONS:-$FOLDER/demonstrations}")
 ROBOGAUNTLET=${ROBOGAUNTLET:-.venv/bin/robogauntlet}
 TASKS="maniskill/PushCube-v1 maniskill/PullCube-v1 pybullet/PandaReach-v3 robosuite/Lift robosuite/Door"
@@ -51,7 +53,9 @@ base() {
     cross-tanh) options=(--size tiny-tanh) ;;
     self-sigmoid) options=(--size tiny-self-attention-sigmoid) ;;
     self-tanh) options=(--size tiny-self-attention) ;;
+    quirks) options=(--size tiny-quirks) ;;
     other) tasks="$OTHER_TASKS" ;;
+    matched) tasks="$OTHER_TASKS" options=(--without-actions) ;;
     joint) steps="$JOINT_STEPS" ;;
     esac
     # shellcheck disable=SC2046,SC2086

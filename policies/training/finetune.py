@@ -2,7 +2,8 @@
 
 The loss is the mean L1 over the normalised action chunk (arXiv 2511.18810), past the episode's end left out. The paper
 starts from a pretrained vision-language model and initialises each expert's trunk; this base holds the trunk too, so
-that experts share their initialisation and task vectors are defined for all of it.
+that experts share their initialisation and task vectors are defined for all of it. A base without actions, as the
+paper's, is trained to match images and sentences.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from robogauntlet.policies.mergevla.network.lora import BACKBONE, add_lora
 from robogauntlet.policies.mergevla.network.model import MergeVLA, build
 from robogauntlet.policies.mergevla.network.tokenizer import tokenizer_for
 from robogauntlet.policies.stored import STRICT, Stored
-from robogauntlet.policies.training.batch_loss import BatchLoss
+from robogauntlet.policies.training.batch_loss import BatchLoss, Objective
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture
 from robogauntlet.policies.training.training_checkpoint import (
     STATE_FILE,
@@ -105,11 +106,12 @@ class TrainingStatus:
     """Steps taken."""
     steps: int
     loss: float
-    """Mean over the last steps."""
+    """Mean of the objective over the last steps."""
     held_out: float | None
-    """Latest L1 on held-out episodes, if there are any."""
+    """Latest on held-out episodes, if there are any."""
     steps_per_s: float | None
     left_s: float | None
+    objective: Objective
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ class TrainingResult:
     metadata: CheckpointMetadata | None
     """The checkpoint's, or None if the training was stopped before its end."""
     history: History
+    objective: Objective
 
 
 Listener = Callable[[TrainingStatus], None]
@@ -134,6 +137,7 @@ def pretrain(
     settings: Settings,
     *,
     action_steps: int | None = None,
+    objective: Objective = Objective.L1,
     prepare: Callable[[MergeVLA], None] | None = None,
     listener: Listener = lambda status: None,
     stop: Stop = lambda: False,
@@ -147,6 +151,8 @@ def pretrain(
         out: Folder of the checkpoint. A training that was stopped there is continued.
         settings: Training settings.
         action_steps: See `CheckpointMetadata.action_steps`; it does not affect the training.
+        objective: With `Objective.MATCHING` only the backbone and the action queries are trained, and no action is
+            read: the paper's base has seen none either.
         prepare: Loads pretrained weights into the new network.
         listener: See `Listener`.
         stop: See `Stop`.
@@ -160,9 +166,13 @@ def pretrain(
     if prepare is not None:
         prepare(model)
     metadata = CheckpointMetadata(
-        architecture, mixture.statistics, action_steps=action_steps, data_hash=mixture.data_hash
+        architecture,
+        mixture.statistics,
+        action_steps=action_steps,
+        data_hash=mixture.data_hash,
+        metrics={} if objective is Objective.L1 else {"without_actions": 1},
     )
-    return _train(model, metadata, None, mixture, out, settings, listener, stop)
+    return _train(model, metadata, None, mixture, out, settings, listener, stop, objective)
 
 
 def finetune(
@@ -243,13 +253,15 @@ def _train(
     settings: Settings,
     listener: Listener,
     stop: Stop,
+    objective: Objective = Objective.L1,
 ) -> TrainingResult:
     if (out / METADATA_FILE).exists():
         raise TrainingError(f"expected a folder without a checkpoint, '{out}' holds a finished one")
     torch.set_num_threads(settings.threads)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     model = model.to(device).train()
-    batch_loss = BatchLoss(model.architecture, metadata.statistics, tokenizer_for(model.architecture), device)
+    tokenizer = tokenizer_for(model.architecture)
+    batch_loss = BatchLoss(model.architecture, metadata.statistics, tokenizer, device, objective)
     weights = {name: weight for name, weight in model.named_parameters() if weight.requires_grad}
     optimiser = torch.optim.AdamW(
         weights.values(), lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True
@@ -267,20 +279,23 @@ def _train(
             _evaluate(model, batch_loss, mixture, settings, history)
         now = time.monotonic()
         history.seconds = seconds_before + now - began
-        listener(_pace(history, settings, history.step - before, now - began))
+        listener(_pace(history, settings, history.step - before, now - began, objective))
         stopping = stop() and history.step < settings.steps
         if stopping or now - saved >= settings.save_s:
             save_state(out / STATE_FILE, weights, optimiser, history)
             saved = now
         if stopping:
-            return TrainingResult(None, history)
+            return TrainingResult(None, history, objective)
     written = save_checkpoint(
-        out, model, replace(metadata, metrics={**metadata.metrics, **_metrics(settings, mixture, history)}), base
+        out,
+        model,
+        replace(metadata, metrics={**metadata.metrics, **_metrics(settings, mixture, history, objective)}),
+        base,
     )
     curve = {"train": [round(loss, 5) for loss in history.losses], "held_out": history.held_out}
     (out / CURVE_FILE).write_text(json.dumps(curve) + "\n", encoding="utf-8")
     (out / STATE_FILE).unlink(missing_ok=True)
-    return TrainingResult(written, history)
+    return TrainingResult(written, history, objective)
 
 
 def _step(
@@ -328,7 +343,7 @@ def _evaluate(
         history.held_out.append((history.step, float(np.average(losses, weights=counts))))
 
 
-def _pace(history: History, settings: Settings, taken: int, seconds: float) -> TrainingStatus:
+def _pace(history: History, settings: Settings, taken: int, seconds: float, objective: Objective) -> TrainingStatus:
     rate = taken / seconds if seconds > WARMING_S else None
     return TrainingStatus(
         history.step,
@@ -337,10 +352,11 @@ def _pace(history: History, settings: Settings, taken: int, seconds: float) -> T
         history.held_out[-1][1] if history.held_out else None,
         rate,
         (settings.steps - history.step) / rate if rate else None,
+        objective,
     )
 
 
-def _metrics(settings: Settings, mixture: DatasetMixture, history: History) -> dict[str, float]:
+def _metrics(settings: Settings, mixture: DatasetMixture, history: History, objective: Objective) -> dict[str, float]:
     metrics = {
         "seed": settings.seed,
         "steps": settings.steps,
@@ -348,7 +364,7 @@ def _metrics(settings: Settings, mixture: DatasetMixture, history: History) -> d
         "learning_rate": settings.learning_rate,
         "largest_shift": settings.largest_shift,
         "frames": mixture.frames,
-        "train_l1": float(np.mean(history.losses[-RECENT:])),
+        f"train_{objective}": float(np.mean(history.losses[-RECENT:])),
         "seconds": round(history.seconds, 1),
     }
-    return metrics | ({"held_out_l1": history.held_out[-1][1]} if history.held_out else {})
+    return metrics | ({f"held_out_{objective}": history.held_out[-1][1]} if history.held_out else {})

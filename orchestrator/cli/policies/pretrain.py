@@ -26,20 +26,29 @@ def pretrain(
         int | None,
         typer.Option(help="Actions of a chunk that the base executes before its next query; by default all."),
     ] = None,
+    without_actions: Annotated[
+        bool,
+        typer.Option(
+            "--without-actions",
+            help="Read no action: train the backbone to match the images of a moment with each other and its sentence.",
+        ),
+    ] = False,
     shift: Annotated[int, typer.Option(help="Largest random shift of the images (px).")] = 4,
     seed: Annotated[int, typer.Option(help="Seed of weights, batches and shifts.")] = 0,
     threads: Annotated[int, typer.Option(help="CPU threads.")] = 1,
 ) -> None:
     """Train the base that experts start from.
 
-    Backbone and action expert are trained on the demonstrations of all tasks. The same command continues a training
-    that was stopped.
+    Backbone and action expert are trained on the demonstrations of all tasks. With --without-actions, the action
+    expert keeps its random weights, as that of the paper's base has. The same command continues a training that was
+    stopped.
     """
     with needs_training_packages():
         from robogauntlet.policies.mergevla.checkpoints.metadata import check_action_steps
         from robogauntlet.policies.mergevla.network.backbone import Pretrained, load_pretrained
         from robogauntlet.policies.mergevla.network.config import CONTROLS, SIZES, ArchitectureError, ConvStem
         from robogauntlet.policies.training import finetune as training
+        from robogauntlet.policies.training.batch_loss import Objective
         from robogauntlet.policies.training.dataset_mixture import DatasetMixture
 
     def train(listener: Callable[[TrainingStatus], None], stop: Callable[[], bool]) -> TrainingResult:
@@ -67,6 +76,7 @@ def pretrain(
             out_folder,
             settings,
             action_steps=action_steps,
+            objective=Objective.MATCHING if without_actions else Objective.L1,
             prepare=(lambda model: load_pretrained(model.backbone, Pretrained())) if pretrained else None,
             listener=listener,
             stop=stop,

@@ -38,8 +38,8 @@ def line(pace: TrainingStatus) -> str:
     """Format progress: `step 400/2000  L1 0.081  held-out L1 0.093  6.2 steps/s  4 min 18 s left`."""
     parts = [
         f"step {pace.step}/{pace.steps}",
-        f"L1 {pace.loss:.4f}",
-        f"held-out L1 {pace.held_out:.4f}" if pace.held_out is not None else "",
+        f"{pace.objective.label} {pace.loss:.4f}",
+        f"held-out {pace.objective.label} {pace.held_out:.4f}" if pace.held_out is not None else "",
         f"{pace.steps_per_s:.1f} steps/s" if pace.steps_per_s else "",
         f"{format_duration(pace.left_s)} left" if pace.left_s else "",
     ]
@@ -98,7 +98,7 @@ def run_training(
     if trained.metadata is None:
         fail(f"interrupted after step {trained.history.step}; give the same command to continue")
         raise typer.Exit(EXIT_INTERRUPTED)
-    metrics = trained.metadata.metrics
-    held_out = f", held-out {metrics['held_out_l1']:.4f}" if "held_out_l1" in metrics else ""
+    metrics, objective = trained.metadata.metrics, trained.objective
+    held_out = f", held-out {metrics[key]:.4f}" if (key := f"held_out_{objective}") in metrics else ""
     took = format_duration(trained.history.seconds)
-    print_line(f"{folder}: L1 {metrics['train_l1']:.4f}{held_out} after {took}")
+    print_line(f"{folder}: {objective.label} {metrics[f'train_{objective}']:.4f}{held_out} after {took}")

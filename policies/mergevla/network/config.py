@@ -243,6 +243,7 @@ SIZES = {architecture.name: architecture for architecture in (TINY, QWEN)}
 CONTROLS = {
     "tiny-tanh": replace(TINY, expert=ExpertConfig(heads=4, tanh_gate=True)),
     "tiny-self-attention": replace(TINY, expert=ExpertConfig(heads=4, self_attention=True)),
+    "tiny-quirks": replace(TINY, quirks=PaperCodeQuirks.paper()),
     "tiny-self-attention-sigmoid": replace(TINY, expert=ExpertConfig(heads=4, self_attention=True, tanh_gate=False)),
 }
 """Networks of `scripts/training_controls.sh`, which trains with other action experts for comparison."""

@@ -16,7 +16,7 @@ from robogauntlet.policies.mergevla.checkpoints.metadata import METADATA_FILE, W
 from robogauntlet.policies.mergevla.network.config import LoraSettings, PaperCodeQuirks
 from robogauntlet.policies.mergevla.network.normalisation import Statistics
 from robogauntlet.policies.mergevla.policies.single_policy import load_network
-from robogauntlet.policies.training.batch_loss import masked_l1
+from robogauntlet.policies.training.batch_loss import Objective, masked_l1
 from robogauntlet.policies.training.dataset import Demonstrations
 from robogauntlet.policies.training.dataset_mixture import DatasetMixture, shift
 from robogauntlet.policies.training.finetune import Schedule, Settings, TrainingStatus, finetune, pretrain, rate_at
@@ -287,7 +287,7 @@ def test_a_shift_moves_down_and_right_and_repeats_the_border():
 
 
 def test_progress_is_one_line():
-    text = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0))
+    text = line(TrainingStatus(400, 2000, 0.0812, 0.0934, 6.2, 258.0, Objective.L1))
     assert text == "step 400/2000  L1 0.0812  held-out L1 0.0934  6.2 steps/s  4 min 18 s left"
 
 
