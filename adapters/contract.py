@@ -241,6 +241,8 @@ class TaskDescription:
     published_instruction: str = ""
     """The instruction that the benchmark's own code gives, if it says more than the goal; see the control
     `variant-name`."""
+    robot: str = ""
+    """The robot that plays it, if others can: tasks with the same name before an `@` differ in it."""
 
 
 @dataclass(frozen=True)

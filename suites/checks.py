@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 
 from robogauntlet.suites.axes import AXES, why_exclusive
-from robogauntlet.suites.episode import CAMERAS, CLEAN, CONTROLS, Condition, ProtocolName
+from robogauntlet.suites.episode import AT, CAMERAS, CLEAN, CONTROLS, Condition, ProtocolName
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
-from robogauntlet.suites.schema import Mistake, Suite, expand_tasks
+from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, robots_of, with_robots
 
 MOST_SEVERE = 5
 LIBERO = ("libero", "libero-plus")
@@ -21,6 +21,7 @@ def check_names(suite: Suite, names: Registry) -> list[Mistake]:
     return [
         *_check_policies(suite, names),
         *_check_tasks(suite, names),
+        *_check_robots(suite, names),
         *_check_conditions(suite, names),
         *_check_design(suite, names),
         *_check_cameras(suite),
@@ -55,7 +56,7 @@ def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
         matches = [task for task in expand_tasks([pattern], names.tasks) if task in names.tasks]
         if not matches:
             yield place, _unknown_task(pattern, names)
-        for task in matches:
+        for task in with_robots(matches, suite.robots, names.tasks):
             if task in seen:
                 yield place, f"duplicate task '{task}'"
             seen.add(task)
@@ -63,6 +64,19 @@ def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
                 known = names.policies.get(policy.kind)
                 if known and known.tasks is not None and task not in known.tasks:
                     yield place, f"policy '{policy.name}' cannot act in '{task}'"
+
+
+def _check_robots(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    for i, robot in enumerate(suite.robots):
+        for task in (task for task in expand_tasks(suite.tasks, names.tasks) if task in names.tasks):
+            able = robots_of(task, names.tasks)
+            if AT in task:
+                yield ("robots", i), f"expected tasks that name no robot beside robots, got '{task}'"
+                return
+            if robot not in able:
+                known = did_you_mean(robot, able) if able else "; it has one robot only"
+                yield ("robots", i), f"'{robot}' cannot play '{task}'{known}"
+                break
 
 
 def _check_protocol(suite: Suite, names: Registry) -> Iterator[Mistake]:

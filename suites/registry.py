@@ -13,6 +13,8 @@ class KnownTask:
     horizon: int
     internal: bool = False
     """Whether it is for tests only, and not suggested to users."""
+    robot: str = ""
+    """Its robot, if it is a task for several."""
 
 
 @dataclass(frozen=True)

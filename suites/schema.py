@@ -217,6 +217,8 @@ class Suite(_Model):
     policies: tuple[PolicyEntry, ...] = Field(default=(), max_length=MAX_ENTRIES, validate_default=True)
     tasks: tuple[Text, ...] = Field(min_length=1, max_length=MAX_ENTRIES)
     """`simulator/task`, or a pattern such as `maniskill/*`."""
+    robots: tuple[Text, ...] = Field(default=(), max_length=MAX_ENTRIES)
+    """Robots that play each of the tasks; by default the one that its name says."""
     conditions: tuple[ConditionEntry, ...] = Field(default=(ConditionEntry.model_validate(CLEAN),), min_length=1)
     design: DesignEntry | None = None
     """Combinations of axes, besides `conditions`."""
@@ -295,8 +297,9 @@ class Suite(_Model):
         return View(self.cameras, self.image_size, self.render_profile)
 
     def with_names(self, names: Registry) -> Suite:
-        """Return the suite with its task patterns replaced by task names."""
-        return self.model_copy(update={"tasks": tuple(expand_tasks(self.tasks, names.tasks))})
+        """Return the suite with its task patterns and its robots replaced by task names."""
+        tasks = with_robots(expand_tasks(self.tasks, names.tasks), self.robots, names.tasks)
+        return self.model_copy(update={"tasks": tuple(tasks), "robots": ()})
 
     def all_conditions(self) -> list[Condition]:
         """Return every condition once, in the order of the file; those of the design come last."""
@@ -339,3 +342,21 @@ def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> lis
         is_plain = not set(pattern) & set("*?[")
         expanded += [pattern] if is_plain else [task for task in known if _matches(task, pattern)]
     return expanded
+
+
+def robots_of(task: str, known: Mapping[str, KnownTask]) -> dict[str, str]:
+    """Robot to the name of the task that it plays, of all that can play a task."""
+    named = (name for name in known if name.partition(AT)[0] == task.partition(AT)[0])
+    return {robot: name for name in named if (robot := known[name].robot)}
+
+
+def with_robots(tasks: Iterable[str], robots: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
+    """Return the names of the tasks when each is played by each of the robots, or by its own if there are none.
+
+    A robot that cannot play a task is left out.
+    """
+    wanted = tuple(robots)
+    if not wanted:
+        return list(tasks)
+    able = [(robots_of(task, known), robot) for task in tasks for robot in wanted]
+    return [names[robot] for names, robot in able if robot in names]

@@ -46,8 +46,10 @@ WITH_PANDA = {
     **{f"PickPlace{name}": _pick_place(name) for name in GOODS},
     **{f"NutAssembly{name}": _nut_assembly(name) for name in NUTS},
 }
-TASKS = WITH_PANDA | {
-    name_with(task, arm): replace(description, horizon=3 * description.horizon // 2)  # Slower, see `simulation`.
+TASKS = {name: replace(description, robot=PANDA) for name, description in WITH_PANDA.items()} | {
+    name_with(task, arm): replace(
+        description, horizon=3 * description.horizon // 2, robot=arm
+    )  # Slower, see `simulation`.
     for arm in ARMS
     if arm != PANDA
     for task, description in WITH_ANY_ARM.items()

@@ -101,7 +101,7 @@ def load_registry() -> Registry:
     """All tasks and policies that entry points declare, installed or not."""
     return Registry(
         tasks={
-            f"{simulator.name}/{task}": KnownTask(description.horizon, simulator.internal)
+            f"{simulator.name}/{task}": KnownTask(description.horizon, simulator.internal, description.robot)
             for simulator in simulators.simulators().values()
             for task, description in simulator.tasks.items()
         },

@@ -16,7 +16,7 @@ from robogauntlet.results.analysis.timing import PHASES
 from robogauntlet.results.report import behaviour as behaviour_text
 from robogauntlet.results.report import combinations as combinations_text
 from robogauntlet.results.report import condition_comparison as condition_texts
-from robogauntlet.results.report import facts, formatting
+from robogauntlet.results.report import facts, formatting, robots
 from robogauntlet.results.report import failures as failures_text
 from robogauntlet.results.report import merging_cost as merging_text
 from robogauntlet.results.report import pairwise as pairwise_text
@@ -43,6 +43,8 @@ def render_markdown(report: Report) -> str:
     for simulator in tables.simulators:
         parts += [f"### {escape(simulator)}", markdown(formatting.task_table(tables, simulator))]
     parts.append(_define("done", "error", "bounds"))
+    if report.robots:
+        parts += ["## By robot", robots.EXPLANATION, markdown(robots.robot_table(report.robots))]
     parts += _failures(report.failures) if report.failures else []
     parts += _behaviour(report.behaviour) if report.behaviour else []
     parts += _pairwise(report.pairwise) if report.pairwise else []

@@ -18,6 +18,7 @@ from robogauntlet.results.report import facts, formatting
 from robogauntlet.results.report import failures as failures_text
 from robogauntlet.results.report import merging_cost as merging_text
 from robogauntlet.results.report import pairwise as pairwise_text
+from robogauntlet.results.report import robots as robots_text
 from robogauntlet.results.report import robustness as robustness_text
 from robogauntlet.results.report.media import Media, Video, task_picture
 from robogauntlet.results.report.summary import ERROR_GROUPS, Report
@@ -109,6 +110,8 @@ def render_page(folder: Path, report: Report, media: Media) -> str:
             behaviour=report.behaviour,
             behaviour_text=behaviour_text,
             behaviour_terms=list(facts.BEHAVIOUR_TERMS),
+            robots=report.robots,
+            robots_text=robots_text,
             findings=report.findings,
             shift_terms=list(facts.SHIFT_TERMS),
             robustness_terms=list(facts.ROBUSTNESS_TERMS),

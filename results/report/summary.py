@@ -15,6 +15,7 @@ from robogauntlet.results.analysis.combinations import Combinations
 from robogauntlet.results.analysis.failures import Failures
 from robogauntlet.results.analysis.merging_cost import Merging
 from robogauntlet.results.analysis.pairwise import PairwiseComparisons
+from robogauntlet.results.analysis.robots import RobotRow, compare_robots
 from robogauntlet.results.analysis.robustness import Robustness
 from robogauntlet.results.analysis.tables import Aggregate, CellRow, ErrorGroup, NotRun, Tables, Tally
 from robogauntlet.results.analysis.timing import AnswerTiming, PhaseTiming
@@ -84,6 +85,11 @@ class Report:
     """How robots move in clean episodes, if it was measured."""
 
     @cached_property
+    def robots(self) -> tuple[RobotRow, ...]:
+        """Success by robot in tasks that several play."""
+        return compare_robots(self.tables)
+
+    @cached_property
     def findings(self) -> tuple[str, ...]:
         """Sentences derived from the tests of `robustness`."""
         return findings(self.robustness) if self.robustness else ()
@@ -150,6 +156,8 @@ class Summary(BaseModel):
     """Kinds of failures, if any is known."""
     behaviour: tuple[BehaviourRow, ...] | None = None
     """How robots move in clean episodes, if it was measured."""
+    robots: tuple[RobotRow, ...] = ()
+    """Success by robot in tasks that several play."""
     findings: tuple[str, ...] = ()
     """Sentences derived from the tests of `robustness`."""
 
@@ -173,6 +181,7 @@ def build_summary(report: Report) -> Summary:
         error_messages=len(tables.errors),
         policy_digests={cell.policy: cell.policy_digest for cell in tables.cells},
         merging=report.merging,
+        robots=report.robots,
         robustness=report.robustness,
         pairwise=report.pairwise,
         combinations=report.combinations,

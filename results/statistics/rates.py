@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -43,6 +44,21 @@ class RateBounds:
     """Rate if every trial without verdict had succeeded."""
     interval: Interval
     """From the lower Wilson end of `low` to the upper Wilson end of `high`."""
+
+
+def rate_difference(first: tuple[int, int], second: tuple[int, int]) -> Estimate | None:
+    """Rate of the first side minus rate of the second, each given as (successes, trials), with a 95 % interval.
+
+    R. G. Newcombe, "Interval estimation for the difference between independent proportions", Statistics in Medicine 17
+    (1998) 873-890, method 10: with Wilson's intervals (l1, u1) and (l2, u2) of the rates p1 and p2, its ends are
+    p1 - p2 - sqrt((p1 - l1)² + (u2 - p2)²) and p1 - p2 + sqrt((u1 - p1)² + (p2 - l2)²). None if a side has no trials.
+    """
+    one, other = wilson_interval(*first), wilson_interval(*second)
+    if one is None or other is None:
+        return None
+    p1, p2 = first[0] / first[1], second[0] / second[1]
+    below, above = math.hypot(p1 - one.low, other.high - p2), math.hypot(one.high - p1, p2 - other.low)
+    return Estimate(p1 - p2, Interval(p1 - p2 - below, p1 - p2 + above))
 
 
 @lru_cache(maxsize=1 << 16)  # Pages need the same ones many times.

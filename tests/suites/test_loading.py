@@ -51,6 +51,56 @@ def load(tmp_path, text):
     return load_suite(path, NAMES)
 
 
+ROBOTS = Registry(
+    tasks={
+        "robosuite/Lift": KnownTask(80, robot="Panda"),
+        "robosuite/Door": KnownTask(180, robot="Panda"),
+        "robosuite/Can": KnownTask(200, robot="Panda"),
+        "robosuite/Lift@UR5e": KnownTask(120, robot="UR5e"),
+        "robosuite/Door@UR5e": KnownTask(270, robot="UR5e"),
+        "maniskill/PushCube-v1": KnownTask(80),
+    },
+    policies=NAMES.policies,
+)
+
+
+def with_robots(tmp_path, tasks, robots):
+    (path := tmp_path / "suite.yaml").write_text(SOUND.replace("[robosuite/Lift]", f"{tasks}\nrobots: {robots}"))
+    return load_suite(path, ROBOTS)
+
+
+def test_each_task_is_played_by_each_of_the_robots(tmp_path):
+    suite = with_robots(tmp_path, "[robosuite/Lift, robosuite/Door]", "[Panda, UR5e]")
+    lift, door = "robosuite/Lift", "robosuite/Door"
+    assert suite.tasks == (lift, f"{lift}@UR5e", door, f"{door}@UR5e")
+
+
+def test_a_suite_with_robots_plays_what_one_with_their_tasks_plays(tmp_path):
+    suite = with_robots(tmp_path, "[robosuite/Lift]", "[UR5e, Panda]")
+    assert suite == with_robots(tmp_path, "['robosuite/Lift@UR5e', robosuite/Lift]", "[]")
+
+
+@pytest.mark.parametrize(
+    ("tasks", "robots", "message"),
+    [
+        ("[robosuite/Lift]", "[Panda, UR5]", "'UR5' cannot play 'robosuite/Lift'; did you mean 'UR5e'?"),
+        ("[robosuite/Lift]", "[Panda, Atlas]", "'Atlas' cannot play 'robosuite/Lift'; known: Panda, UR5e"),
+        ("['robosuite/*']", "[UR5e]", "'UR5e' cannot play 'robosuite/Can'; known: Panda"),
+        ("[maniskill/PushCube-v1]", "[UR5e]", "'UR5e' cannot play 'maniskill/PushCube-v1'; it has one robot only"),
+        (
+            "['robosuite/Lift@UR5e']",
+            "[Panda]",
+            "expected tasks that name no robot beside robots, got 'robosuite/Lift@UR5e'",
+        ),
+        ("[robosuite/Lift]", "[UR5e, UR5e]", "duplicate task 'robosuite/Lift@UR5e'"),
+    ],
+)
+def test_a_robot_that_cannot_play_is_refused_in_one_line(tmp_path, tasks, robots, message):
+    with pytest.raises(SuiteError) as refused:
+        with_robots(tmp_path, tasks, robots)
+    assert [problem.message for problem in refused.value.problems] == [message]
+
+
 def test_a_valid_suite_has_the_documented_defaults(tmp_path):
     suite = load(tmp_path, SOUND)
     assert suite.all_conditions() == [Condition()]

@@ -14,6 +14,7 @@ from robogauntlet.results.statistics.rates import (
     clustered_rate,
     rate,
     rate_bounds,
+    rate_difference,
     wilson_interval,
     wilson_intervals,
 )
@@ -43,6 +44,23 @@ def test_the_interval_covers_the_rate_over_all_start_states_where_few_seeds_diff
         found = clustered_rate((generator.random((points, seeds)) < rates).ravel().astype(float), point, seed)
         covered += found.interval.low <= rate_over_seeds <= found.interval.high
     assert covered / 300 > 0.9
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "low", "high"),
+    [((56, 70), (48, 80), 0.0524, 0.3339), ((9, 10), (3, 10), 0.1705, 0.8090), ((10, 10), (0, 10), 0.6075, 1.0)],
+)
+def test_the_difference_of_independent_rates_has_newcombes_interval(first, second, low, high):
+    # G. Newcombe, Statistics in Medicine 17 (1998) 873-890, table II, cases a, b and h, method 10.
+    found = rate_difference(first, second)
+    assert found.value == pytest.approx(first[0] / first[1] - second[0] / second[1])
+    assert (found.interval.low, found.interval.high) == pytest.approx((low, high), abs=6e-5)
+    assert rate_difference(second, first).interval.low == pytest.approx(-high, abs=6e-5)
+
+
+def test_without_trials_on_a_side_there_is_no_difference():
+    assert rate_difference((0, 0), (3, 10)) is None
+    assert rate_difference((3, 10), (0, 0)) is None
 
 
 def test_trials_of_a_cluster_that_are_equal_count_once():
