@@ -16,7 +16,5 @@ EXPLANATION = (
 
 def robot_table(rows: Sequence[RobotRow]) -> TextTable:
     """Success of each policy and robot, and its difference to the first robot's."""
-    lines = (
-        (row.task, row.policy, row.robot or "default", share(row.tally), points(row.difference)) for row in rows
-    )
+    lines = ((row.task, row.policy, row.robot or "default", share(row.tally), points(row.difference)) for row in rows)
     return TextTable(HEADER, tuple(lines), 3)

@@ -24,11 +24,14 @@ BENCHMARKS = (
 )
 LONG = (
     *("ablations", "clusters_found", "coverage", "crowd", "dashboard", "failure_kinds", "libero_oracles", "mergevla"),
-    *("million", "more_experts", "opening", "operators", "paper_size", "readers", "resume", "scale", "shifted_routing"),
+    *("million", "opening", "operators", "paper_size", "readers", "resume", "scale"),
     *("oracles", "sensitivity_coverage", "simplified_meshes", "worst_cases"),
 )
 INSTALLS = ("first_use", "vla_eval")
-NEED_DEMONSTRATIONS = ("arms", "merges", "routers", "training_controls", "unknown_tasks", "varied_experts")
+NEED_DEMONSTRATIONS = (
+    *("arms", "merges", "more_experts", "more_experts_routing", "routers", "training_controls", "unknown_tasks"),
+    *("shifted_routing", "varied_experts"),
+)
 ON_DEMAND = (*LONG, *NEED_DEMONSTRATIONS, *INSTALLS)
 """Run only when named."""
 CODE = """

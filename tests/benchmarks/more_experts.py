@@ -1,121 +1,222 @@
-"""What further experts cost: merges of the first 3, 6 and 9 experts, their masks beside chance, and success.
+"""What further experts cost: merges of 3 to 20 experts of Meta-World on a base that has not seen it.
 
-`EXPERTS=FOLDER python -m tests.benchmarks more_experts` merges other experts of one base, in the order of their names,
-and as many as there are.
+`META_WORLD=FOLDER python -m tests.benchmarks more_experts` (default `runs/meta-world`) merges and plays the experts of
+`scripts/meta_world.sh`. What is finished in the folder is kept, so that the same command continues.
 """
 
+from __future__ import annotations
+
+import json
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 import yaml
 
-from robogauntlet.policies.zoo import shipped
+from robogauntlet.policies.mergevla.options import expert_folders
 from robogauntlet.results.api import open_run
+from robogauntlet.results.statistics.pairs import Pairs, paired_difference, paired_ratio, pooled
 from robogauntlet.results.statistics.rates import wilson_interval
 from tests.benchmarks.document import write_episodes
+from tests.benchmarks.operators import percent
 from tests.benchmarks.shared import kilobytes, run_suite, table_of
 
-ORDER = (
-    *("maniskill/PushCube-v1", "pybullet/PandaReach-v3", "robosuite/Lift"),
-    *("maniskill/PullCube-v1", "pybullet/PandaPush-v3", "robosuite/Stack"),
-    *("maniskill/StackCube-v1", "pybullet/PandaPickAndPlace-v3", "robosuite/Door"),
-)
-"""One task of each simulator after the other."""
-NUMBERS = (3, 6, 9, 15, 20, 30, 50)
-WAYS = {
+if TYPE_CHECKING:
+    from robogauntlet.policies.mergevla.checkpoints.merge_experts import Merging
+
+NUMBERS = (3, 6, 9, 15, 20)
+EXPERTS, UNMERGED, ROUTED = "experts", "none-4", "magnitude-2-blind"
+WAYS: dict[str, dict[str, Any]] = {
+    UNMERGED: {"operator": "none", "masks": "none", "options": {"bits": 4}},
+    "magnitude-2": {"operator": "magnitude", "masks": "signs", "rounds": 2},
     "ta-s": {"operator": "ta"},
+    "ties-s": {"operator": "ties"},
     "ties-published-s": {"operator": "ties-published"},
     "tsv-s": {"operator": "tsv"},
     "wudi-s": {"operator": "wudi"},
-    "signs-1": {"operator": "magnitude", "masks": "signs"},
+    "ta-s-averaged-trunk": {"operator": "ta", "trunk": "mean"},
 }
 """Names and recipes of the suite `operators`."""
-SEEDS = 20
-EPISODE = ("policy", "task", "seed", "status")
+TITLES = {
+    EXPERTS: "experts",
+    UNMERGED: "four bits each, not merged",
+    "magnitude-2": "two bits of magnitudes",
+    ROUTED: "the same, routed without the instruction",
+    "ta-s": "TA+S",
+    "ties-s": "TIES+S",
+    "ties-published-s": "TIES+S as published",
+    "tsv-s": "TSV+S",
+    "wudi-s": "WUDI+S",
+    "ta-s-averaged-trunk": "TA+S, averaged trunk",
+}
+SEEDS = 10
+EPISODE = ("policy", "task", "seed", "status", "inferred_task")
 COLUMNS = {
-    "way": "{way}",
+    "way": "{title}",
     "experts": "{experts}",
-    "kB per task": "{kilobytes:,.0f}",
+    "kB per task": "{kilobytes}",
+    "keep rate (by chance)": "{keep}",
     "selfish rate (by chance)": "{selfish}",
     "cosine (by chance)": "{cosine}",
-    "success in the first three tasks": "{first}",
-    "in all of its tasks": "{success}",
+    "success": "{success}",
+    "of the experts'": "{kept}",
+    "in the tasks of the row above (points)": "{change}",
 }
 
 
 def measure() -> list[dict[str, object]]:
     """A row for each way and number of experts; writes the episodes beside the rows."""
-    from robogauntlet.policies.mergevla.options import expert_folders
-
-    folders = expert_folders(shipped(os.environ.get("EXPERTS", "zoo:experts")))
-    order = [task for task in ORDER if task in folders] or sorted(folders)
-    rows, played = [], []
-    for number in (number for number in NUMBERS if number <= len(order)):
-        tasks = order[:number]
-        with tempfile.TemporaryDirectory() as name:
-            merged = {way: _merged({t: folders[t] for t in tasks}, way, Path(name) / way) for way in WAYS}
-            (suite := Path(name) / "suite.yaml").write_text(yaml.safe_dump(_suite(tasks, Path(name))))
-            run_suite(suite, folder := Path(name) / "run")
-            played.append(open_run(folder).episodes(EPISODE).assign(experts=number))
-        rows += [{"way": way, "experts": number, **found} for way, found in merged.items()]
+    folder = folder_of_experts()
+    tasks = in_order(expert_folders(folder / "experts"))
+    apart = {EXPERTS: {"kind": "mergevla-experts", "options": {"folder": str(folder / "experts")}}}
+    frames, described = [], {}
+    for number in (number for number in NUMBERS if number <= len(tasks)):
+        last = number == min(NUMBERS[-1], len(tasks))  # what is not merged does not depend on the number
+        ways = [way for way in WAYS if last or way != UNMERGED]
+        described |= {(way, number): merged(folder, tasks[:number], way) for way in ways}
+        policies = {way: _merge(folder, number, way) for way in ways}
+        policies |= {ROUTED: _merge(folder, number, "magnitude-2", router="calibrated", sees_instruction=False)}
+        played = _play(folder, number, policies | (apart if last else {}), tasks[:number])
+        frames.append(played.assign(experts=number))
         print(f"{number} experts", flush=True)
-    frame = pd.concat(played)
+    frame = pd.concat(frames)
     write_episodes("more_experts", frame, ("experts", "policy", "task", "seed"))
-    rows = with_success(rows, frame)
+    rows = rows_of(frame, [{"policy": way, "experts": number, **what} for (way, number), what in described.items()])
     table_of(rows, COLUMNS)
     return rows
 
 
-def with_success(rows: Sequence[Mapping[str, object]], frame: pd.DataFrame) -> list[dict[str, object]]:
-    """Rows by way with their success, and Wilson's interval, in the tasks of the fewest experts and in all tasks.
+def rows_of(frame: pd.DataFrame, described: Sequence[Mapping[str, object]]) -> list[dict[str, object]]:
+    """Success with Wilson's interval, its share of the experts', and its change by the experts that were added.
 
-    `frame` has a row per episode: number of experts, policy (a way), task, seed, status.
+    Args:
+        frame: A row per episode: number of experts, policy, task, seed, status.
+        described: Rows with policy, number of experts, and what is known of a merge before it is played.
     """
-    first = set(frame.loc[frame["experts"] == frame["experts"].min(), "task"])
-    complete = []
-    for row in rows:
-        own = frame[(frame["policy"] == row["way"]) & (frame["experts"] == row["experts"])]
-        complete.append({**row, "first": _rate(own[own["task"].isin(first)]), "success": _rate(own)})
-    return sorted(complete, key=lambda row: list(WAYS).index(str(row["way"])))
+    won = frame.assign(won=frame.status.map({"success": 1.0, "failure": 0.0})).pivot(
+        index=["task", "seed"], columns=["policy", "experts"], values="won"
+    )
+    known = {(row["policy"], row["experts"]): {key: row[key] for key in _BEFORE} for row in described}
+    rows = []
+    for policy in TITLES:
+        before: pd.Series | None = None
+        for number in sorted(won[policy].columns):
+            outcomes = won[policy, number].dropna()
+            experts = won[EXPERTS].iloc[:, 0].loc[outcomes.index]
+            interval = wilson_interval(int(outcomes.sum()), len(outcomes))
+            ratio = paired_ratio(_by_task(outcomes, experts), np.random.default_rng(0))
+            assert interval is not None
+            assert ratio is not None
+            rows.append(
+                {
+                    "policy": policy,
+                    "experts": number,
+                    "title": TITLES[policy],
+                    **known.get((policy, number), dict.fromkeys(_BEFORE, "")),
+                    "success": percent(outcomes.mean(), interval),
+                    "kept": "" if policy == EXPERTS else percent(ratio.value, ratio.interval),
+                    "change": "" if before is None else _change(outcomes.loc[before.index], before),
+                }
+            )
+            before = outcomes
+    return rows
 
 
-def _rate(episodes: pd.DataFrame) -> str:
-    successes, trials = int((episodes["status"] == "success").sum()), int((episodes["status"] != "error").sum())
-    interval = wilson_interval(successes, trials)
-    assert interval is not None
-    return f"{successes / trials:.0%} [{100 * interval.low:.0f}, {100 * interval.high:.0f}]".replace("%", " %")
+_BEFORE = ("kilobytes", "keep", "selfish", "cosine")
 
 
-def _merged(folders: Mapping[str, Path], way: str, folder: Path) -> dict[str, object]:
-    """Merge, save and describe."""
+def _by_task(one: pd.Series, other: pd.Series) -> list[Pairs]:
+    return [Pairs.from_outcomes(own.to_numpy(), other.loc[own.index].to_numpy()) for _, own in one.groupby("task")]
+
+
+def _change(after: pd.Series, before: pd.Series) -> str:
+    found = paired_difference(pooled(_by_task(after, before)))
+    assert found is not None
+    assert found.interval is not None
+    return f"{100 * found.value:+.0f} [{100 * found.interval.low:+.0f}, {100 * found.interval.high:+.0f}]"
+
+
+def folder_of_experts() -> Path:
+    """The folder of `scripts/meta_world.sh`."""
+    return Path(os.environ.get("META_WORLD", "runs/meta-world")).absolute()
+
+
+def in_order(tasks: Mapping[str, object]) -> list[str]:
+    """All tasks in a random order, the same for each call, since neighbours in the alphabet are alike."""
+    names = sorted(tasks)
+    return [names[place] for place in np.random.default_rng(0).permutation(len(names))]
+
+
+def merged(folder: Path, tasks: Sequence[str], way: str) -> dict[str, str]:
+    """Merge the experts of these tasks, unless that is done, and describe the merge."""
     from robogauntlet.policies.mergevla.checkpoints.merge_experts import merge_experts, read_experts
-    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged, tensors_of_parts
-    from robogauntlet.policies.mergevla.merging.recipe import MaskRule, Recipe
+    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import save_merged
+    from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
+    from robogauntlet.policies.mergevla.merging.recipe import Recipe
+    from robogauntlet.policies.mergevla.routing.catalog import fit_routers
+    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
+    from robogauntlet.policies.training.dataset import datasets_of
 
-    recipe = Recipe(**WAYS[way])  # type: ignore[arg-type]
-    merging = merge_experts(read_experts(folders.values()), recipe)
-    save_merged(folder, merging)
-    report = merging.report
-    cosines = [sum(found.cosine.values()) / len(folders) for found in (report.observed, report.null)]
+    out = folder_of_merge(folder, len(tasks), way)
+    description = out / "described.json"
+    if not description.exists():
+        folders = expert_folders(folder / "experts")
+        merging = merge_experts(read_experts(folders[task] for task in tasks), Recipe(**WAYS[way]))
+        fitted = {}
+        if way == "magnitude-2":
+            model = MergedModel(merging.parts)
+            shown = [folder / "demonstrations" / task.replace("/", "__") for task in tasks]
+            first = first_observations(datasets_of(shown, model.experts), model.architecture.cameras)
+            fitted = fit_routers(model, first.frames, first.held_out)
+        save_merged(out, merging, fitted)
+        description.write_text(json.dumps(_described(merging)))
+    found: dict[str, str] = json.loads(description.read_text())
+    return found
+
+
+def folder_of_merge(folder: Path, number: int, way: str) -> Path:
+    """Where the checkpoint of a merge lies."""
+    return folder / "merges" / str(number) / way
+
+
+def _described(merging: Merging) -> dict[str, str]:
+    from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import tensors_of_parts
+
+    def both(text: str, *values: float) -> str:
+        return f"{{:{text}}} ({{:{text}}})".format(*values)
+
+    sides = merging.report.observed, merging.report.null
+    masked = merging.parts.merged.masks and merging.parts.recipe.masks.value == "task"
+    is_merged = merging.parts.recipe.operator != "none"
     return {
-        "kilobytes": kilobytes(tensors_of_parts(merging.parts)) / len(folders),
-        "selfish": f"{report.observed.selfish:.3f} ({report.null.selfish:.3f})"
-        if recipe.masks is MaskRule.TASK
-        else "",
-        "cosine": "{:.3f} ({:.3f})".format(*cosines),
+        "kilobytes": f"{kilobytes(tensors_of_parts(merging.parts)) / len(merging.parts.tasks):,.0f}",
+        "keep": both(".3f", *(fmean(side.keep.values()) for side in sides)) if masked else "",
+        "selfish": both(".3f", *(side.selfish for side in sides)) if masked else "",
+        "cosine": both(".3f", *(fmean(side.cosine.values()) for side in sides)) if is_merged else "",
     }
 
 
-def _suite(tasks: Sequence[str], folder: Path) -> dict[str, object]:
-    options = {way: {"checkpoint": str(folder / way), "router": "oracle"} for way in WAYS}
-    return {
-        "name": "more-experts",
-        "policies": [{"name": way, "kind": "mergevla-merged", "options": options[way]} for way in WAYS],
+def _merge(folder: Path, number: int, way: str, **options: object) -> dict[str, Any]:
+    chosen = {"checkpoint": str(folder_of_merge(folder, number, way)), "router": "oracle", **options}
+    return {"kind": "mergevla-merged", "options": chosen}
+
+
+def _play(folder: Path, number: int, policies: Mapping[str, Mapping[str, Any]], tasks: Sequence[str]) -> pd.DataFrame:
+    """Play the policies on the tasks, or what is missing of it: a row per episode with the columns `EPISODE`."""
+    plan = {
+        "name": f"more-experts-{number}",
+        "policies": [{"name": name, **options} for name, options in policies.items()],
         "tasks": list(tasks),
         "seeds": {"count": SEEDS},
         "image_size": 96,
         "render_profile": "fast-2",
     }
+    suite, run = folder / "suites" / f"{number}.yaml", folder / "played" / str(number)
+    suite.parent.mkdir(parents=True, exist_ok=True)
+    suite.write_text(yaml.safe_dump(plan))
+    run_suite(suite, run)
+    return open_run(run).episodes(EPISODE)

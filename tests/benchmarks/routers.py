@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robogauntlet.results.statistics.rates import wilson_interval
-from robogauntlet.suites.episode import RenderProfile, View
+from robogauntlet.suites.episode import View
 from tests.benchmarks.document import WRITTEN
-from tests.benchmarks.shared import open_task, table_of
+from tests.benchmarks.shared import EXPERT_VIEW, open_task, table_of
 from tests.benchmarks.unknown_scenes import INSTRUCTIONS, open_scene
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def measure() -> list[dict[str, object]]:
     averaged = Recipe(operator="ta", trunk=TrunkRule.MEAN, kept_blocks=1)
     paper = MergedModel(merge_parts(read_experts(expert_folders(shipped("zoo:experts")).values()), averaged))
     first = first_of_demonstrations(model)
-    seen = list(chain(*observed(model.experts, model.architecture.cameras).values()))
+    seen = list(chain(*observed(model.experts, EXPERT_VIEW).values()))
     ways: dict[str, tuple[str, Scores]] = {}
     for name in ("calibrated", "nearest-centroid", "delta-energy", "instruction-match", "random"):
         ways[name] = SHIPPED, by_router(name, model, checkpoint.fitted)
@@ -224,8 +224,8 @@ def first_of_demonstrations(model: MergedModel) -> RouterTrainingSet:
     return first_observations(datasets_of([folder], model.experts), model.architecture.cameras)
 
 
-def observed(tasks: Sequence[str], cameras: tuple[str, ...]) -> dict[str, list[FirstObservation]]:
-    """First observations of `SEEDS`, clean, rendered once and cached beside the measurements."""
+def observed(tasks: Sequence[str], view: View, seeds: Sequence[int] = SEEDS) -> dict[str, list[FirstObservation]]:
+    """First observations of these seeds, clean, rendered once and cached beside the measurements."""
     from robogauntlet.policies.mergevla.routing.observation_cache import (
         ObservationCache,
         file_of,
@@ -233,7 +233,6 @@ def observed(tasks: Sequence[str], cameras: tuple[str, ...]) -> dict[str, list[F
         save_observations,
     )
 
-    view = View(cameras, render_profile=RenderProfile.FAST)
     folder = WRITTEN / "first_observations"
     folder.mkdir(parents=True, exist_ok=True)
     found = {}
@@ -242,11 +241,11 @@ def observed(tasks: Sequence[str], cameras: tuple[str, ...]) -> dict[str, list[F
         if not path.exists():
             simulation = open_scene(task, view) if task in INSTRUCTIONS else open_task(task, view)
             images = []
-            for seed in SEEDS:
+            for seed in seeds:
                 simulation.reset(seed)
                 images.append(simulation.observe())
             simulation.close()
-            save_observations(ObservationCache.of(task, view, SEEDS, images), path)
+            save_observations(ObservationCache.of(task, view, seeds, images), path)
             print(f"{task}: observed", flush=True)
-        found[task] = load_observations(path).observations(SEEDS)
+        found[task] = load_observations(path).observations(seeds)
     return found

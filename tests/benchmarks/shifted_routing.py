@@ -1,107 +1,174 @@
-"""Accuracy of the shipped router on first observations under each axis; no episode is played.
+"""Accuracy of routers on first observations with sentences, light and cameras that no choice has looked at.
 
-The router is fitted to demonstrations in four ways, the shipped one last; see `scripts/zoo.sh` for the folder.
-`DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
+No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, the shipped one last. A row has its decisions, as the experts' numbers in the order of their names,
+in the order of tasks, seeds and sentences. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from robogauntlet.adapters.contract import AdapterError
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
-from robogauntlet.suites.episode import CLEAN, Condition, RenderProfile, View
-from tests.benchmarks.shared import open_task, table
+from robogauntlet.suites.episode import Condition
+from robogauntlet.suites.episode import Perturbation as At
+from tests.benchmarks.routers import by_router, first_of_demonstrations, interval
+from tests.benchmarks.shared import EXPERT_VIEW, open_task, table_of
 
 if TYPE_CHECKING:
+    from robogauntlet.adapters.contract import Observation
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
     from robogauntlet.policies.mergevla.routing.contract import FirstObservation
     from robogauntlet.policies.mergevla.routing.demonstrations import RouterTrainingSet
     from robogauntlet.policies.mergevla.routing.features import FeatureSpec
 
-SEEDS = range(2_000_000, 2_000_012)
-"""Seeds that neither training (from 1,000,000) nor the reports (from 0) use."""
-AXES = (
-    *("camera-orbit", "camera-distance", "field-of-view", "camera-bump", "illuminance", "light-direction"),
-    *("colour-temperature", "table", "distractors", "object-position", "robot-start", "noise", "blur"),
-)
-LEVELS = dict.fromkeys(AXES, (2, 4)) | {"instruction": (1, 2, 3, 4, 5)}
-"""Severities of the axes that change the first observation."""
-UNCHANGED, AUGMENTED = "unchanged", "augmented"
-AUROC = "AUROC of unknown tasks, clean"
+SEEDS = range(20)
+SENTENCES = {
+    "maniskill/PullCube-v1": (
+        "could the blue cube be on the target, nearer to you",
+        "blue cube back to the rings",
+        "i want to see the blue cube in the bullseye, so draw it closer",
+        "move the cube towards the robot until it covers the target",
+    ),
+    "maniskill/PushCube-v1": (
+        "could the blue cube be on the target, further away",
+        "blue cube forward to the rings",
+        "i want to see the blue cube in the bullseye, so nudge it along",
+        "move the cube away from the robot until it covers the target",
+    ),
+    "maniskill/StackCube-v1": (
+        "could the red cube sit on the green one",
+        "red cube onto green cube",
+        "make a tower of two with green at the bottom",
+        "grab the red cube, raise it and release it above the green cube",
+    ),
+    "pybullet/PandaPickAndPlace-v3": (
+        "could the green cube be lifted to the red place",
+        "grip green cube then to red",
+        "hold the green cube and take it through the air to the red area",
+        "take hold of the cube and bring it where the goal is",
+    ),
+    "pybullet/PandaPush-v3": (
+        "could the green cube slide to the red place",
+        "green cube along the table to red",
+        "get the green cube over to the red area without lifting it",
+        "keep the cube on the table and move it to the goal",
+    ),
+    "pybullet/PandaReach-v3": (
+        "could the hand go to the red ball",
+        "hand to the ball",
+        "move your fingertips until they meet the ball",
+        "bring the end of the arm to where the red ball floats",
+    ),
+    "robosuite/Door": (
+        "could the door be open",
+        "door open",
+        "use the handle to open the door",
+        "get this door open by its lever",
+    ),
+    "robosuite/Lift": (
+        "could the red cube go up",
+        "red cube up",
+        "get hold of the red cube and raise it above the table",
+        "take the cube in the gripper and bring it higher",
+    ),
+    "robosuite/Stack": (
+        "could the red cube rest on the green one",
+        "red onto green",
+        "set the red cube down on top of the green one",
+        "two cubes make a tower with the green one below",
+    ),
+}
+"""A question, a telegram and two other wordings for each task, written before any router was asked about them."""
+LIGHT = (At("illuminance", 3), At("colour-temperature", 3), At("light-direction", 3))
+CAMERA = (At("camera-orbit", 3), At("camera-distance", 3), At("field-of-view", 3))
+SHIFTS = {
+    "as trained": (Condition(), False),
+    "sentences": (Condition(), True),
+    "light": (Condition.of(*LIGHT), False),
+    "camera": (Condition.of(*CAMERA), False),
+    "all three": (Condition.of(*LIGHT, *CAMERA), True),
+}
+"""Shift to its condition, and whether the task's `SENTENCES` take the place of its instruction."""
+OTHERS = ("self-trained", "nearest-centroid", "instruction-match", "paper-coded")
+AUROC = "AUROC"
 
 
 def measure() -> list[dict[str, object]]:
-    """Accuracy by axis, pooled over tasks and severities, and AUROC of unknown tasks, for each layer and fit."""
+    """A row for each router, with the instruction read and hidden: its accuracy under each shift."""
     import torch
 
     from robogauntlet.policies.mergevla.checkpoints.merged_checkpoint import load_merged
     from robogauntlet.policies.mergevla.checkpoints.merged_model import MergedModel
-    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of
-    from robogauntlet.policies.mergevla.routing.demonstrations import first_observations
+    from robogauntlet.policies.mergevla.routing.catalog import feature_spec_of, fit_routers
     from robogauntlet.policies.mergevla.routing.features import FeatureSpec
-    from robogauntlet.policies.training.dataset import datasets_of
 
     torch.set_num_threads(1)
     model = MergedModel(load_merged("zoo:merged").parts)
-    view = View(model.architecture.cameras, model.architecture.image_size, RenderProfile.FAST)
-    folder = Path(os.environ.get("DEMONSTRATIONS", "runs/zoo/demonstrations"))
-    first = first_observations(datasets_of([folder], model.experts), view.cameras)
-    seen = dict(_first_observations(model.experts, view))
-    rows = []
-    for sees in (True, False):
-        ways = {
-            f"{frames}, {layer}": _evaluated(model, first, seen, feature_spec, augments=frames == AUGMENTED)
-            for frames in (UNCHANGED, AUGMENTED)
-            for layer, feature_spec in (
-                ("last", FeatureSpec(sees)),
-                ("middle", feature_spec_of(model.architecture, sees_instruction=sees)),
-            )
-        }
-        print(f"\nInstruction {'read' if sees else 'hidden'}, {sum(map(len, seen.values()))} first observations")
-        names = next(iter(ways.values()))
-        shares = [(name, *(f"{100 * own[name]:.1f} %" for own in ways.values())) for name in names if name != AUROC]
-        table(("", *ways), [*shares, (AUROC, *(f"{own[AUROC]:.3f}" for own in ways.values()))])
-        rows += [{"sees_instruction": sees, "way": way, **own} for way, own in ways.items()]
+    first, seen = first_of_demonstrations(model), observed(model.experts)
+    fitted = fit_routers(model, first.frames, first.held_out)
+    rows: list[dict[str, object]] = []
+    for sees, instruction in ((True, "read"), (False, "hidden")):
+        middle = feature_spec_of(model.architecture, sees_instruction=sees)
+        for layer, spec in (("last", FeatureSpec(sees)), ("middle", middle)):
+            for frames, augments in (("unmodified", False), ("augmented", True)):
+                name = f"calibrated, {layer} layer, {frames} frames"
+                found = _fitted(model, first, seen, spec, augments=augments)
+                rows.append({"router": name, "instruction": instruction, **found})
+        for name in OTHERS if sees else (name for name in OTHERS if name != "instruction-match"):
+            scores = by_router(name, model, fitted)
+            chosen = {shift: _text(scores(own, sees).argmax(dim=1).tolist()) for shift, own in seen.items()}
+            rows.append({"router": name, "instruction": instruction, AUROC: "", "decisions": chosen})
+    rows = [row | rates(row["decisions"], model.experts) for row in rows]  # type: ignore[arg-type]
+    shifts = {shift: f"{{{shift}}}" for shift in SHIFTS}
+    table_of(rows, {"router": "{router}", "instruction": "{instruction}", **shifts, "AUROC, left out": f"{{{AUROC}}}"})
     return rows
 
 
-def _first_observations(tasks: Sequence[str], view: View) -> Iterator[tuple[tuple[str, str], list[FirstObservation]]]:
-    """First observations of each task under each axis that it supports."""
-    from robogauntlet.policies.mergevla.routing.observation_cache import ObservationCache
+def rates(decisions: Mapping[str, str], experts: Sequence[str]) -> dict[str, str]:
+    """Shift to the share of decisions that name the task's expert, with Wilson's interval."""
+    found = {}
+    for shift, chosen in decisions.items():
+        each = len(chosen) // len(experts)
+        found[shift] = interval([int(choice) == place // each for place, choice in enumerate(chosen)])
+    return found
 
+
+def observed(tasks: Sequence[str]) -> dict[str, list[FirstObservation]]:
+    """First observations of all tasks, in their order, under each shift."""
+    found: dict[str, list[FirstObservation]] = {shift: [] for shift in SHIFTS}
     for task in tasks:
-        simulation = open_task(task, view)
-        for axis, severities in {CLEAN: (0,), **LEVELS}.items():
-            found: list[FirstObservation] = []
-            for severity in severities:
-                for seed in SEEDS:
-                    snapshot = Snapshot(task, Condition(axis, severity), seed, view)
-                    with contextlib.suppress(AdapterError):
-                        observation = first_observation(simulation, snapshot)
-                        found += ObservationCache.of(task, view, [seed], [observation]).observations([seed])
-            if found:
-                yield (task, axis), found
+        simulation = open_task(task, EXPERT_VIEW)
+        for shift, (condition, rewords) in SHIFTS.items():
+            for seed in SEEDS:
+                snapshot = Snapshot(task, condition, seed, EXPERT_VIEW)
+                found[shift] += _worded(snapshot, first_observation(simulation, snapshot), rewords=rewords)
         simulation.close()
         print(f"{task}: observed", flush=True)
+    return found
 
 
-def _evaluated(
+def _worded(snapshot: Snapshot, observation: Observation, *, rewords: bool) -> Iterator[FirstObservation]:
+    from robogauntlet.policies.mergevla.routing.observation_cache import ObservationCache
+
+    cache = ObservationCache.of(snapshot.task, snapshot.view, [snapshot.seed], [observation])
+    (first,) = cache.observations([snapshot.seed])
+    for sentence in SENTENCES[snapshot.task] if rewords else (first.instruction,):
+        yield replace(first, instruction=sentence)
+
+
+def _fitted(
     model: MergedModel,
     first: RouterTrainingSet,
-    seen: Mapping[tuple[str, str], Sequence[FirstObservation]],
+    seen: Mapping[str, Sequence[FirstObservation]],
     feature_spec: FeatureSpec,
     *,
     augments: bool,
-) -> dict[str, float]:
-    """Axis to accuracy, their mean, and the mean AUROC of clean observations of each task left out of the fit."""
+) -> dict[str, object]:
+    """Decisions by shift, and the mean AUROC of clean observations of each task left out of the fit."""
     from robogauntlet.orchestrator.routing_evaluation.evaluation import detection_of
     from robogauntlet.policies.mergevla.routing.catalog import FITTED, fitting_features
     from robogauntlet.policies.mergevla.routing.evaluation import leave_one_out
@@ -111,12 +178,17 @@ def _evaluated(
     fitting = replace(FITTED["calibrated"], augments=augments)
     parts = fitting_features(fitting, model, first.frames, first.held_out, feature_spec)
     fitted = fit(*parts, feature_spec)
-    right: dict[str, list[bool]] = {}
-    for (task, axis), observations in seen.items():
+    decisions = {}
+    for shift, observations in seen.items():
         chosen = fitted.scores(features_of(model, observations, feature_spec)).argmax(dim=1).tolist()
-        right.setdefault(axis, []).extend(fitted.experts[place] == task for place in chosen)
-    rates = {axis: sum(own) / len(own) for axis, own in right.items()}
-    clean = labelled_features(model, {task: own for (task, axis), own in seen.items() if axis == CLEAN}, feature_spec)
-    left_out = leave_one_out(partial(fit, feature_spec=feature_spec), *parts, clean)
-    auroc = fmean(detection_of(scores).auroc for scores in left_out.values())
-    return {**rates, "mean of these": fmean(rates.values()), AUROC: auroc}
+        decisions[shift] = _text([model.experts.index(fitted.experts[place]) for place in chosen])
+    clean: dict[str, list[FirstObservation]] = {}
+    for one in seen["as trained"]:
+        clean.setdefault(one.task, []).append(one)
+    new = labelled_features(model, clean, feature_spec)
+    left_out = leave_one_out(partial(fit, feature_spec=feature_spec), *parts, new)
+    return {AUROC: f"{fmean(detection_of(scores).auroc for scores in left_out.values()):.3f}", "decisions": decisions}
+
+
+def _text(chosen: Sequence[int]) -> str:
+    return "".join(map(str, chosen))

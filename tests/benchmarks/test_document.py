@@ -6,9 +6,17 @@ import pandas as pd
 import pytest
 
 from tests import ROOT
-from tests.benchmarks import arms, libero_oracles, oracles, training_controls, varied_experts
+from tests.benchmarks import (
+    arms,
+    libero_oracles,
+    more_experts,
+    more_experts_routing,
+    oracles,
+    shifted_routing,
+    training_controls,
+    varied_experts,
+)
 from tests.benchmarks.document import BLOCK, MEASUREMENTS, PAGES, with_measurements
-from tests.benchmarks.more_experts import with_success
 from tests.benchmarks.operators import rows_of
 from tests.benchmarks.routers import SEEDS, interval
 from tests.chaos.__main__ import table
@@ -40,7 +48,21 @@ def test_tables_of_merges_count_the_committed_episodes(name):
 
 def test_the_table_of_more_experts_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "more_experts.json").read_text(encoding="utf-8"))["rows"]
-    assert with_success(rows, pd.read_parquet(MEASUREMENTS / "more_experts.parquet")) == rows
+    assert more_experts.rows_of(pd.read_parquet(MEASUREMENTS / "more_experts.parquet"), rows) == rows
+
+
+def test_rates_of_routers_of_more_experts_are_those_of_the_committed_decisions():
+    for row in json.loads((MEASUREMENTS / "more_experts_routing.json").read_text(encoding="utf-8"))["rows"]:
+        for instruction in ("read", "hidden"):
+            right = more_experts_routing.right(row[f"decisions, {instruction}"])
+            assert len(right) == row["experts"] * more_experts_routing.SEEDS
+            assert row[instruction] == interval(right)
+
+
+def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
+    for row in json.loads((MEASUREMENTS / "shifted_routing.json").read_text(encoding="utf-8"))["rows"]:
+        rates = shifted_routing.rates(row["decisions"], sorted(shifted_routing.SENTENCES))
+        assert {shift: row[shift] for shift in shifted_routing.SHIFTS} == rates
 
 
 def test_the_table_of_varied_experts_counts_the_committed_episodes():

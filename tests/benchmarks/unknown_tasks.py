@@ -13,7 +13,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from tests.benchmarks.routers import first_of_demonstrations, observed
-from tests.benchmarks.shared import table_of
+from tests.benchmarks.shared import EXPERT_VIEW, table_of
 from tests.benchmarks.unknown_scenes import REPORTED
 
 if TYPE_CHECKING:
@@ -47,8 +47,8 @@ def measure() -> list[dict[str, object]]:
     torch.set_num_threads(1)
     checkpoint = load_merged("zoo:merged")
     model = MergedModel(checkpoint.parts)
-    first, cameras = first_of_demonstrations(model), model.architecture.cameras
-    known, unknown = observed(model.experts, cameras), observed(tuple(REPORTED), cameras)
+    first = first_of_demonstrations(model)
+    known, unknown = observed(model.experts, EXPERT_VIEW), observed(tuple(REPORTED), EXPERT_VIEW)
     rows: list[dict[str, object]] = []
     for detector in DETECTORS:
         found: dict[str, dict[str, Detection]] = {}
