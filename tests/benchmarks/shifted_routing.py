@@ -1,7 +1,8 @@
 """Accuracy of routers on first observations with sentences, light and cameras that no choice has looked at.
 
-No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, the shipped one last. A row has its decisions, as the experts' numbers in the order of their names,
-in the order of tasks, seeds and sentences. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
+No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, the shipped one last.
+A row has its decisions, as the experts' numbers in the order of their names, in the order of tasks, seeds and
+sentences. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
 """
 
 from __future__ import annotations

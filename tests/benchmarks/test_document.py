@@ -1,6 +1,7 @@
 """Tables of measurements in the documentation are those of the committed rows."""
 
 import json
+from string import ascii_lowercase
 
 import pandas as pd
 import pytest
@@ -57,6 +58,22 @@ def test_rates_of_routers_of_more_experts_are_those_of_the_committed_decisions()
             right = more_experts_routing.right(row[f"decisions, {instruction}"])
             assert len(right) == row["experts"] * more_experts_routing.SEEDS
             assert row[instruction] == interval(right)
+
+
+def test_what_the_page_says_of_more_experts_beside_the_tables_is_counted_in_their_rows():
+    rows = pd.read_parquet(MEASUREMENTS / "more_experts.parquet")
+    own = rows[(rows.policy == more_experts.EXPERTS) & (rows.status == "success")].groupby("task").size()
+    named = {"coffee-push": 8, "reach-wall": 7, "push": 6, "reach": 6, "pick-place": 4}
+    assert {task: own[f"metaworld/{task}-v3"] for task in named} == named
+    assert (own >= 9).sum() == len(own) - len(named) == 15
+    routed = json.loads((MEASUREMENTS / "more_experts_routing.json").read_text(encoding="utf-8"))["rows"]
+    blind = {row["router"]: row for row in routed if row["experts"] == 20}
+    names = [task.removeprefix("metaworld/").removesuffix("-v3") for task in blind["calibrated"]["tasks"]]
+    chosen = [names[ascii_lowercase.index(letter)] for letter in blind["calibrated"]["decisions, hidden"]]
+    wrong = [{name, names[place // 50]} for place, name in enumerate(chosen) if name != names[place // 50]]
+    pairs = ({"faucet-open", "faucet-close"}, {"reach", "pick-place"})
+    assert (len(wrong), *(wrong.count(pair) for pair in pairs)) == (127, 44, 43)
+    assert set(blind["paper-coded"]["decisions, hidden"]) == {ascii_lowercase[names.index("button-press")]}
 
 
 def test_rates_of_routers_under_shifts_are_those_of_the_committed_decisions():
