@@ -8,9 +8,10 @@ from robogauntlet.adapters.contract import UnknownTask
 from robogauntlet.adapters.robosuite.arms import ARMS, PANDA
 from robogauntlet.adapters.robosuite.simulation import SIMULATOR
 from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
+from robogauntlet.orchestrator.runs.plan import load_registry
 from robogauntlet.policies.oracles.robosuite import SLOWER_STEP, SLOWER_TURN
 from robogauntlet.suites.episode import RenderProfile, View
-from robogauntlet.suites.schema import expand_tasks
+from robogauntlet.suites.schema import expand_tasks, robots_of, with_robots
 from tests import ROOT
 from tests.adapters.control_steps import check_compiled, ours, played, robosuites
 from tests.policies.playing import steps_to_success
@@ -18,6 +19,14 @@ from tests.policies.playing import steps_to_success
 OTHERS = [arm for arm in ARMS if arm != PANDA]
 STEPS, STEP = 5, 0.01
 """Number and length (m) of the steps that are measured."""
+
+
+def test_suites_can_let_every_arm_play_lift_stack_and_door():
+    known = load_registry().tasks
+    for task in ("robosuite/Lift", "robosuite/Stack", "robosuite/Door"):
+        named = [task, *(f"{task}@{arm}" for arm in OTHERS)]
+        assert with_robots([task], ARMS, known) == named
+    assert robots_of("robosuite/PickPlaceCan", known) == {PANDA: "robosuite/PickPlaceCan"}
 
 
 @pytest.fixture(scope="module", params=OTHERS)
