@@ -171,6 +171,8 @@ class RunDocument(_Model):
     unsupported: tuple[Unsupported, ...] = ()
     instructions: dict[str, Text] = Field(default_factory=dict)
     """Task to its instruction."""
+    robots: dict[str, Text] = Field(default_factory=dict)
+    """Task to its robot, of tasks that several robots can play."""
     decided: tuple[Decided, ...] = ()
     workers: dict[str, Count] = Field(default_factory=dict)
     """Simulator to its number of workers in the last session; empty if all simulators shared `shared_workers`."""

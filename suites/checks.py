@@ -9,7 +9,7 @@ from robogauntlet.suites.axes import AXES, why_exclusive
 from robogauntlet.suites.episode import AT, CAMERAS, CLEAN, CONTROLS, Condition, ProtocolName
 from robogauntlet.suites.plugins import did_you_mean
 from robogauntlet.suites.registry import Registry
-from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, robots_of, with_robots
+from robogauntlet.suites.schema import Mistake, Suite, expand_tasks, robots_by_task, with_robots
 
 MOST_SEVERE = 5
 LIBERO = ("libero", "libero-plus")
@@ -67,15 +67,17 @@ def _check_tasks(suite: Suite, names: Registry) -> Iterator[Mistake]:
 
 
 def _check_robots(suite: Suite, names: Registry) -> Iterator[Mistake]:
+    tasks = [task for task in expand_tasks(suite.tasks, names.tasks) if task in names.tasks] if suite.robots else []
+    known = robots_by_task(names.tasks)
+    if named := [task for task in tasks if AT in task]:
+        yield ("robots",), f"expected tasks that name no robot beside robots, got '{named[0]}'"
+        return
     for i, robot in enumerate(suite.robots):
-        for task in (task for task in expand_tasks(suite.tasks, names.tasks) if task in names.tasks):
-            able = robots_of(task, names.tasks)
-            if AT in task:
-                yield ("robots", i), f"expected tasks that name no robot beside robots, got '{task}'"
-                return
+        for task in tasks:
+            able = known.get(task, {})
             if robot not in able:
-                known = did_you_mean(robot, able) if able else "; it has one robot only"
-                yield ("robots", i), f"'{robot}' cannot play '{task}'{known}"
+                others = did_you_mean(robot, able) if able else "; it has one robot only"
+                yield ("robots", i), f"'{robot}' cannot play '{task}'{others}"
                 break
 
 

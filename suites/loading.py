@@ -120,6 +120,7 @@ def _further_mistakes(
     except ValidationError:
         return
     unclear: set[str] = set() if "policies" in set(left) - set(kept) else set(ROLES)
+    unclear |= set() if "tasks" in left else {"robots"}
     for found, message in check(loaded):
         key = found[0]
         if key in left and key not in unclear and (len(found) > 1 or key not in kept):

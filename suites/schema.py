@@ -344,10 +344,13 @@ def expand_tasks(patterns: Iterable[str], known: Mapping[str, KnownTask]) -> lis
     return expanded
 
 
-def robots_of(task: str, known: Mapping[str, KnownTask]) -> dict[str, str]:
-    """Robot to the name of the task that it plays, of all that can play a task."""
-    named = (name for name in known if name.partition(AT)[0] == task.partition(AT)[0])
-    return {robot: name for name in named if (robot := known[name].robot)}
+def robots_by_task(known: Mapping[str, KnownTask]) -> dict[str, dict[str, str]]:
+    """Task without its robot, to the robots that play it and the names of the task with each."""
+    found: dict[str, dict[str, str]] = {}
+    for name, task in known.items():
+        if task.robot:
+            found.setdefault(name.partition(AT)[0], {})[task.robot] = name
+    return found
 
 
 def with_robots(tasks: Iterable[str], robots: Iterable[str], known: Mapping[str, KnownTask]) -> list[str]:
@@ -358,5 +361,6 @@ def with_robots(tasks: Iterable[str], robots: Iterable[str], known: Mapping[str,
     wanted = tuple(robots)
     if not wanted:
         return list(tasks)
-    able = [(robots_of(task, known), robot) for task in tasks for robot in wanted]
-    return [names[robot] for names, robot in able if robot in names]
+    able = robots_by_task(known)
+    named = (able.get(task.partition(AT)[0], {}).get(robot) for task in tasks for robot in wanted)
+    return [name for name in named if name]

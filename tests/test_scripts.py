@@ -72,7 +72,7 @@ def test_percent_uses_that_share_and_at_least_three_demonstrations(tmp_path: Pat
     assert {values["steps"] for values in options if "steps" in values} == {13, 15, 18, 32, 40, 50, 90, 120, 140}
 
 
-@pytest.mark.parametrize("script", ["zoo.sh", "training_controls.sh", "varied_experts.sh"])
+@pytest.mark.parametrize("script", ["zoo.sh", "training_controls.sh", "varied_experts.sh", "meta_world.sh"])
 @pytest.mark.parametrize("percent", ["0", "-1", "half", "1000", "1.5"])
 def test_a_share_that_is_no_whole_percent_is_refused_first(script: str, percent: str, tmp_path: Path) -> None:
     with pytest.raises(subprocess.CalledProcessError) as refused:

@@ -149,8 +149,9 @@ def make_plan(
     try:
         loaded = load_suite(path, names, text)
     except SuiteError as error:
-        if (rest := error.rest) is None:
+        if error.rest is None:
             raise
+        rest = error.rest.with_names(names)
         others = find_policies(rest, EnvironmentResolver(rest.environments), start=start)
         raise SuiteError([*error.problems, *others.problems(path, _text(path, text))], rest) from None
     whole, part = add_policies(loaded, part, path)

@@ -62,6 +62,7 @@ def create_or_continue(plan: Plan, folder: Path, store: str | None) -> RunDocume
         plan=plan.planned_cells(),
         unsupported=plan.unsupported,
         instructions={task: cards[task].instruction for task in plan.suite.tasks},
+        robots={task: robot for task in plan.suite.tasks if (robot := cards[task].robot)},
         workers=workers,
         skipped={name: shortened(reason) for name, reason in plan.unavailable.items()},
         provenance=_new_provenance(plan),

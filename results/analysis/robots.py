@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robogauntlet.results.analysis.tables import CellRow, Tables, Tally
 from robogauntlet.results.statistics.rates import Estimate, rate_difference
-from robogauntlet.suites.episode import AT
+from robogauntlet.suites.episode import AT, Condition
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,30 +18,32 @@ class RobotRow:
     task: str
     """Its name without the robot."""
     robot: str
-    """The part of its name behind the `@`; empty for the robot of a task that names none."""
+    """Its name in the simulator."""
     tally: Tally
     difference: Estimate | None
     """To the first robot of the plan; not paired, since few simulators place objects alike for robots with different
     numbers of joints. None for the first robot, or without a success or failure on a side."""
 
 
-def compare_robots(tables: Tables) -> tuple[RobotRow, ...]:
-    """Rows of every task that several robots play, under the first condition of the plan, by task and policy."""
-    first = tables.conditions[0] if tables.conditions else None
+def compare_robots(robots: Mapping[str, str], tables: Tables) -> tuple[RobotRow, ...]:
+    """Rows of every task that several robots play, of clean episodes, by task and policy.
+
+    `robots` has the robot of each task that several can play.
+    """
     played: dict[tuple[str, str], list[CellRow]] = {}
     for cell in tables.cells:
-        if cell.condition == first:
+        if cell.condition == Condition() and cell.task in robots:
             played.setdefault((cell.task.partition(AT)[0], cell.policy), []).append(cell)
     return tuple(
         RobotRow(
             policy,
             task,
-            cell.task.partition(AT)[2],
+            robots[cell.task],
             cell.tally,
             None if cell is cells[0] else rate_difference(_counts(cell.tally), _counts(cells[0].tally)),
         )
         for (task, policy), cells in played.items()
-        if len(cells) > 1
+        if len({cell.task for cell in cells}) > 1
         for cell in cells
     )
 

@@ -87,7 +87,7 @@ class Report:
     @cached_property
     def robots(self) -> tuple[RobotRow, ...]:
         """Success by robot in tasks that several play."""
-        return compare_robots(self.tables)
+        return compare_robots(self.document.robots, self.tables)
 
     @cached_property
     def findings(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from robogauntlet.results.statistics.rates import CONFIDENCE, wilson_intervals
+from robogauntlet.results.statistics.rates import CONFIDENCE, rate_difference
 
 STEP = 0.1
 """Distance of the boundaries between which the estimate decides."""
@@ -175,23 +175,11 @@ def is_below(perturbed: Trials, clean: Trials, share: float) -> bool:
 
 
 def excess(perturbed: Trials, clean: Trials, share: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Interval of success minus a share of clean success, from the Wilson intervals of both.
+    """The ends of `rate_difference` of success and a share of clean success; -1 and 1 without trials of either.
 
-    For a difference p1 - f p2 its ends are (p1 - f p2) - sqrt((p1 - l1)² + f² (u2 - p2)²) and (p1 - f p2) +
-    sqrt((u1 - p1)² + f² (p2 - l2)²): G. Y. Zou and A. Donner, "Construction of confidence limits about effect
-    measures", Statistics in Medicine 27 (2008) 1693-1702; for f = 1 it is Newcombe's. Both rates on the same seeds are
-    correlated upwards as a rule, which makes the interval wider than necessary.
-
-    Returns:
-        The lower and the upper end; -1 and 1 without trials of either.
+    Both rates on the same seeds are correlated upwards as a rule, which makes the interval wider than necessary.
     """
-    one, two = wilson_intervals(
-        [perturbed.successes, clean.successes], [perturbed.trials, clean.trials], confidence=confidence
-    )
-    if one is None or two is None:
-        return -1.0, 1.0
-    p1, p2 = perturbed.successes / perturbed.trials, clean.successes / clean.trials
-    value = p1 - share * p2
-    low = np.hypot(p1 - one.low, share * (two.high - p2))
-    high = np.hypot(one.high - p1, share * (p2 - two.low))
-    return float(value - low), float(value + high)
+    sides = (perturbed.successes, perturbed.trials), (clean.successes, clean.trials)
+    found = rate_difference(*sides, share, confidence)
+    ends = found.interval if found else None
+    return (ends.low, ends.high) if ends else (-1.0, 1.0)

@@ -46,19 +46,24 @@ class RateBounds:
     """From the lower Wilson end of `low` to the upper Wilson end of `high`."""
 
 
-def rate_difference(first: tuple[int, int], second: tuple[int, int]) -> Estimate | None:
-    """Rate of the first side minus rate of the second, each given as (successes, trials), with a 95 % interval.
+def rate_difference(
+    first: tuple[float, int], second: tuple[float, int], share: float = 1.0, confidence: float = CONFIDENCE
+) -> Estimate | None:
+    """Rate of the first side minus a share of that of the second, each given as (successes, trials), with an interval.
 
-    R. G. Newcombe, "Interval estimation for the difference between independent proportions", Statistics in Medicine 17
-    (1998) 873-890, method 10: with Wilson's intervals (l1, u1) and (l2, u2) of the rates p1 and p2, its ends are
-    p1 - p2 - sqrt((p1 - l1)² + (u2 - p2)²) and p1 - p2 + sqrt((u1 - p1)² + (p2 - l2)²). None if a side has no trials.
+    With Wilson's intervals (l1, u1) and (l2, u2) of the rates p1 and p2 and the share f, its ends are p1 - f p2 -
+    sqrt((p1 - l1)² + f² (u2 - p2)²) and p1 - f p2 + sqrt((u1 - p1)² + f² (p2 - l2)²): G. Y. Zou and A. Donner,
+    "Construction of confidence limits about effect measures", Statistics in Medicine 27 (2008) 1693-1702. For f = 1 it
+    is method 10 of R. G. Newcombe, Statistics in Medicine 17 (1998) 873-890. None if a side has no trials.
     """
-    one, other = wilson_interval(*first), wilson_interval(*second)
+    one, other = wilson_intervals([first[0], second[0]], [first[1], second[1]], confidence)
     if one is None or other is None:
         return None
     p1, p2 = first[0] / first[1], second[0] / second[1]
-    below, above = math.hypot(p1 - one.low, other.high - p2), math.hypot(one.high - p1, p2 - other.low)
-    return Estimate(p1 - p2, Interval(p1 - p2 - below, p1 - p2 + above))
+    value = p1 - share * p2
+    below = math.hypot(p1 - one.low, share * (other.high - p2))
+    above = math.hypot(one.high - p1, share * (p2 - other.low))
+    return Estimate(value, Interval(value - below, value + above))
 
 
 @lru_cache(maxsize=1 << 16)  # Pages need the same ones many times.

@@ -11,7 +11,7 @@ from robogauntlet.adapters.robosuite.tasks import WITH_PANDA
 from robogauntlet.orchestrator.runs.plan import load_registry
 from robogauntlet.policies.oracles.robosuite import SLOWER_STEP, SLOWER_TURN
 from robogauntlet.suites.episode import RenderProfile, View
-from robogauntlet.suites.schema import expand_tasks, robots_of, with_robots
+from robogauntlet.suites.schema import expand_tasks, robots_by_task, with_robots
 from tests import ROOT
 from tests.adapters.control_steps import check_compiled, ours, played, robosuites
 from tests.policies.playing import steps_to_success
@@ -26,7 +26,7 @@ def test_suites_can_let_every_arm_play_lift_stack_and_door():
     for task in ("robosuite/Lift", "robosuite/Stack", "robosuite/Door"):
         named = [task, *(f"{task}@{arm}" for arm in OTHERS)]
         assert with_robots([task], ARMS, known) == named
-    assert robots_of("robosuite/PickPlaceCan", known) == {PANDA: "robosuite/PickPlaceCan"}
+    assert robots_by_task(known)["robosuite/PickPlaceCan"] == {PANDA: "robosuite/PickPlaceCan"}
 
 
 @pytest.fixture(scope="module", params=OTHERS)

@@ -137,7 +137,10 @@ def _change(after: pd.Series, before: pd.Series) -> str:
     found = paired_difference(pooled(_by_task(after, before)))
     assert found is not None
     assert found.interval is not None
-    return f"{100 * found.value:+.0f} [{100 * found.interval.low:+.0f}, {100 * found.interval.high:+.0f}]"
+    value, low, high = (
+        f"{round(100 * part) + 0:+d}" for part in (found.value, found.interval.low, found.interval.high)
+    )
+    return f"{value} [{low}, {high}]"
 
 
 def folder_of_experts() -> Path:

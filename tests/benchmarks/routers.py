@@ -238,7 +238,7 @@ def observed(tasks: Sequence[str], view: View, seeds: Sequence[int] = SEEDS) -> 
     found = {}
     for task in tasks:
         path = file_of(folder, task)
-        if not path.exists():
+        if not path.exists() or not load_observations(path).covers(view, seeds):
             simulation = open_scene(task, view) if task in INSTRUCTIONS else open_task(task, view)
             images = []
             for seed in seeds:

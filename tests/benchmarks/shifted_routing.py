@@ -1,7 +1,7 @@
 """Accuracy of routers on first observations with sentences, light and cameras that no choice has looked at.
 
-No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, the shipped one last.
-A row has its decisions, as the experts' numbers in the order of their names, in the order of tasks, seeds and
+No episode is played. Routers are fitted to the demonstrations, the calibrated one in four ways, as the shipped one
+last. A row has its decisions, as the experts' numbers in the order of their names, in the order of tasks, seeds and
 sentences. `DEMONSTRATIONS=FOLDER python -m tests.benchmarks shifted_routing`
 """
 
@@ -13,7 +13,10 @@ from functools import partial
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from robogauntlet.orchestrator.episodes.first_observation import Snapshot, first_observation
+from robogauntlet.results.statistics.rates import clustered_rate
 from robogauntlet.suites.episode import Condition
 from robogauntlet.suites.episode import Perturbation as At
 from tests.benchmarks.routers import by_router, first_of_demonstrations, interval
@@ -130,11 +133,23 @@ def measure() -> list[dict[str, object]]:
 
 
 def rates(decisions: Mapping[str, str], experts: Sequence[str]) -> dict[str, str]:
-    """Shift to the share of decisions that name the task's expert, with Wilson's interval."""
+    """Shift to the share of decisions that name the task's expert, with its 95 % interval.
+
+    Where several sentences share an image, the interval is clustered by image and by sentence.
+    """
     found = {}
     for shift, chosen in decisions.items():
         each = len(chosen) // len(experts)
-        found[shift] = interval([int(choice) == place // each for place, choice in enumerate(chosen)])
+        right = [int(choice) == place // each for place, choice in enumerate(chosen)]
+        sentences = each // len(SEEDS)
+        if sentences == 1:
+            found[shift] = interval(right)
+            continue
+        trials = np.arange(len(chosen))
+        texts = trials // each * sentences + trials % sentences
+        share = clustered_rate(np.array(right, float), texts, trials // sentences)
+        assert share.interval is not None
+        found[shift] = f"{100 * share.value:.1f} % [{100 * share.interval.low:.0f}, {100 * share.interval.high:.0f}]"
     return found
 
 

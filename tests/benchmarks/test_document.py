@@ -103,6 +103,24 @@ def test_the_table_of_training_controls_counts_the_committed_episodes():
     assert training_controls.rows_of(pd.read_parquet(MEASUREMENTS / "training_controls.parquet")) == rows
 
 
+def test_controls_keep_the_committed_episodes_of_other_policies_only_if_they_were_played_whole():
+    committed = pd.read_parquet(MEASUREMENTS / "training_controls.parquet")
+    whole = committed[committed.policy == "quirks-paper-0"].assign(status="success")
+    mixed = training_controls.with_committed(whole, committed)
+    assert len(mixed) == len(committed)
+    assert set(mixed[mixed.policy == "quirks-paper-0"].status) == {"success"}
+    assert training_controls.with_committed(whole.head(3), committed).equals(whole.head(3))
+
+
+def test_the_page_names_the_machines_that_played_the_controls():
+    rows = pd.read_parquet(MEASUREMENTS / "training_controls.parquet")
+    earlier = rows.policy.str.match(r"cross-sigmoid-(fresh-)?(experts|signs|ta-s|paper)-\d")
+    assert rows[earlier].machine.unique().tolist() == ["2 cores of Intel(R) Xeon(R) Processor"]
+    assert rows[~earlier].machine.unique().tolist() == ["2 cores of AMD EPYC"]
+    page = (ROOT / "docs/mergevla.md").read_text(encoding="utf-8")
+    assert "the first eight rows on an Intel Xeon, the others on an AMD EPYC" in " ".join(page.split())
+
+
 def test_the_table_of_arms_counts_the_committed_episodes():
     rows = json.loads((MEASUREMENTS / "arms.json").read_text(encoding="utf-8"))["rows"]
     assert arms.rows_of(pd.read_parquet(MEASUREMENTS / "arms.parquet")) == rows

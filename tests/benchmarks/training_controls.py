@@ -1,7 +1,8 @@
 """Success by kind of training, way of merging and training seed. Needs the runs of `scripts/training_controls.sh`.
 
-`TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls` (default `runs/training-controls`). Kinds whose
-runs are not in the folder keep their committed episodes, so that one kind at a time can be trained.
+`TRAINING_CONTROLS=FOLDER python -m tests.benchmarks training_controls` (default `runs/training-controls`). Policies
+that are not in the folder keep their committed episodes, with the machine that played them, so that one kind at a time
+can be trained. A part of a training (`PERCENT`) is not mixed with them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import pandas as pd
 from scipy import stats
 
 from robogauntlet.results.api import open_run
-from tests.benchmarks.document import MEASUREMENTS, write_episodes
+from tests.benchmarks.document import MEASUREMENTS, machine, write_episodes
 from tests.benchmarks.shared import table_of
 
 REFERENCE = "cross-sigmoid"
@@ -48,14 +49,22 @@ def measure() -> list[dict[str, object]]:
     """A row for each kind of training and way of merging; writes the episodes beside the rows."""
     folder = Path(os.environ.get("TRAINING_CONTROLS", "runs/training-controls"))
     played = pd.concat([open_run(run).episodes(EPISODE) for run in sorted(folder.glob("run-*"))])
-    committed = pd.read_parquet(MEASUREMENTS / "training_controls.parquet")
-    frame = pd.concat([committed[~committed.policy.isin(played.policy)], played])
+    frame = with_committed(
+        played.assign(machine=machine()), pd.read_parquet(MEASUREMENTS / "training_controls.parquet")
+    )
     write_episodes("training_controls", frame, EPISODE[:3])
     rows = rows_of(frame)
     columns = {"training": "{title}", "way of merging": "{way}", "success by training seed (%)": "{seeds}"}
     columns |= {"mean": "{mean:.0f}", "to its experts (points)": "{to_experts}"}
     table_of(rows, columns | {f"to {KINDS[REFERENCE]} (points)": "{to_reference}"})
     return rows
+
+
+def with_committed(played: pd.DataFrame, committed: pd.DataFrame) -> pd.DataFrame:
+    """The episodes that were played, and those of other policies that are committed, if all have equally many."""
+    if set(played.groupby("policy").size()) != set(committed.groupby("policy").size()):
+        return played
+    return pd.concat([committed[~committed.policy.isin(played.policy)], played])
 
 
 def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
@@ -78,7 +87,9 @@ def rows_of(frame: pd.DataFrame) -> list[dict[str, object]]:
                 "seeds": " / ".join(f"{rate:.0f}" for rate in own.dropna()),
                 "mean": float(own.mean()),
                 "to_experts": "" if way == "experts" else _difference(own - experts),
-                "to_reference": "" if kind == REFERENCE else _difference(own - by_seed.loc[(REFERENCE, way)]),
+                "to_reference": ""
+                if kind == REFERENCE or (REFERENCE, way) not in by_seed.index
+                else _difference(own - by_seed.loc[(REFERENCE, way)]),
             }
         )
     return rows

@@ -101,6 +101,13 @@ def test_a_robot_that_cannot_play_is_refused_in_one_line(tmp_path, tasks, robots
     assert [problem.message for problem in refused.value.problems] == [message]
 
 
+def test_robots_are_not_checked_against_tasks_that_are_missing(tmp_path):
+    (path := tmp_path / "suite.yaml").write_text(SOUND.replace("tasks:", "robots: [Panda]\ntask:"))
+    with pytest.raises(SuiteError) as refused:
+        load_suite(path, ROBOTS)
+    assert not any("cannot play" in problem.message for problem in refused.value.problems)
+
+
 def test_a_valid_suite_has_the_documented_defaults(tmp_path):
     suite = load(tmp_path, SOUND)
     assert suite.all_conditions() == [Condition()]
